@@ -1,0 +1,1 @@
+"""structid: mass, damping and stiffness of a structure from vibration measurements."""

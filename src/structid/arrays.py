@@ -1,0 +1,47 @@
+"""Array hygiene: locked copies, shape checks, and complex numbers stacked as real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from structid.errors import InputError
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.int64]
+
+
+def locked(values: ArrayLike, dtype: Any = None) -> NDArray[Any]:
+    """A read-only copy of `values`, so that a frozen object stays what it was."""
+    array = np.array(values, dtype=dtype, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+def require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None], hint: str = "") -> None:
+    """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length."""
+    same_rank = array.ndim == len(shape)
+    if same_rank and all(want is None or want == got for want, got in zip(shape, array.shape, strict=True)):
+        return
+    wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    raise InputError(f"`{name}` must have shape {wanted}, got {array.shape}" + (f"; {hint}" if hint else ""))
+
+
+def require_finite(name: str, array: NDArray[Any], hint: str = "remove or repair these entries") -> None:
+    """Raise `InputError` that names the first NaN or infinite entry of `array`."""
+    bad = ~np.isfinite(array)
+    if not bad.any():
+        return
+    first = tuple(int(i) for i in np.argwhere(bad)[0])
+    raise InputError(
+        f"`{name}` must be finite, got {int(bad.sum())} NaN or infinite entries, the first at index {first}; {hint}"
+    )
+
+
+def stack_real(values: NDArray[Any]) -> FloatArray:
+    """Real numbers from complex ones along the first axis: all real parts, then all imaginary parts."""
+    return np.concatenate([values.real, values.imag], axis=0)

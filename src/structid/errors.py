@@ -1,0 +1,19 @@
+"""What structid raises: every error a user can cause names the place and the remedy."""
+
+from __future__ import annotations
+
+
+class StructidError(Exception):
+    """Base of every error that structid raises on purpose."""
+
+
+class InputError(StructidError, ValueError):
+    """Something given by the user cannot be used as it is; the message says where and what to do."""
+
+
+class FileError(InputError):
+    """A file cannot be read or written as asked; the message begins with its path."""
+
+
+class SingularModelError(StructidError, ArithmeticError):
+    """The model's matrices cannot be factorized where they must be (supports or mass are missing)."""

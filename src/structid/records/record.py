@@ -1,0 +1,323 @@
+"""What was measured: frequency response functions and time histories, in SI units, with their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+
+FrfKind = Literal["receptance", "mobility", "accelerance"]
+Quantity = Literal["displacement", "velocity", "acceleration", "force"]
+
+#: Number of time derivatives between displacement and the response of an FRF kind.
+DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: SI unit of an FRF with translations and forces only.
+FRF_UNITS: dict[str, str] = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
+#: SI unit of a time history at a translation, and at a rotation.
+QUANTITY_UNITS: dict[str, tuple[str, str]] = {
+    "displacement": ("m", "rad"),
+    "velocity": ("m/s", "rad/s"),
+    "acceleration": ("m/s^2", "rad/s^2"),
+    "force": ("N", "N m"),
+}
+
+
+def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
+    seen: set[Dof] = set()
+    for dof in dofs:
+        if dof in seen:
+            raise InputError(
+                f"`{name}` names {dof} twice; average repeated channels or give each its own node before use"
+            )
+        seen.add(dof)
+
+
+def _require_increasing(name: str, axis: FloatArray) -> None:
+    steps = np.diff(axis)
+    if (steps <= 0).any():
+        i = int(np.argmax(steps <= 0))
+        raise InputError(
+            f"`{name}` must increase, got {axis[i]:g} followed by {axis[i + 1]:g} at index {i + 1};"
+            " sort the lines and remove repeated ones"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FrfRecord:
+    """Frequency response functions between loads and sensors, in SI units.
+
+    Parameters
+    ----------
+    frequency : (n_frequencies,) float array
+        Frequency axis in Hz, increasing.
+    values : (n_frequencies, n_outputs, n_inputs) complex array
+        Response per unit force (or moment); SI units, the sense of each `Dof` included in the value.
+    outputs, inputs : tuple of Dof
+        Where each response was measured and each load acted.
+    kind : {"receptance", "mobility", "accelerance"}
+        Displacement, velocity or acceleration per unit force.
+    variance : (n_frequencies, n_outputs, n_inputs) float array, optional
+        E|error|^2 of each complex value; half of it belongs to the real and half to the imaginary part.
+    coherence : same shape, optional
+        Ordinary or multiple coherence, 0 to 1.
+    averages : int, optional
+        Number of independent averages behind each value.
+    noise_source : str
+        Where `variance` comes from: ``"coherence"``, ``"repeats"``, ``"declared"`` or ``"unknown"``.
+    source : str
+        File or procedure that the record comes from.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, the axis does not increase, a channel is doubled, or an entry is NaN or infinite.
+    """
+
+    frequency: FloatArray
+    values: ComplexArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    kind: FrfKind
+    variance: FloatArray | None = None
+    coherence: FloatArray | None = None
+    averages: int | None = None
+    noise_source: str = "unknown"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
+        object.__setattr__(self, "values", locked(self.values, np.complex128))
+        object.__setattr__(self, "outputs", parse_dofs(self.outputs))
+        object.__setattr__(self, "inputs", parse_dofs(self.inputs))
+        if self.kind not in DERIVATIVES:
+            raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {self.kind!r}")
+        require_shape("frequency", self.frequency, (None,))
+        if self.frequency.size == 0:
+            raise InputError("`frequency` must hold at least one line, got none; the record is empty")
+        require_finite("frequency", self.frequency)
+        if self.frequency[0] < 0:
+            raise InputError(f"`frequency` must not be negative, got {self.frequency[0]:g} Hz first")
+        _require_increasing("frequency", self.frequency)
+        _require_distinct("outputs", self.outputs)
+        _require_distinct("inputs", self.inputs)
+        shape = (self.frequency.size, len(self.outputs), len(self.inputs))
+        require_shape("values", self.values, shape, "one value per frequency, output and input")
+        require_finite("values", self.values, "remove these lines or channels, or repair the file")
+        for name in ("variance", "coherence"):
+            array = getattr(self, name)
+            if array is None:
+                continue
+            array = locked(array, np.float64)
+            object.__setattr__(self, name, array)
+            require_shape(name, array, shape)
+            require_finite(name, array)
+            if (array < 0).any() or (name == "coherence" and (array > 1 + 1e-9).any()):
+                raise InputError(f"`{name}` must be {'from 0 to 1' if name == 'coherence' else 'at least 0'}")
+
+    @property
+    def omega(self) -> FloatArray:
+        """Circular frequency in rad/s."""
+        return 2 * np.pi * self.frequency
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the values, for translations and forces."""
+        return FRF_UNITS[self.kind]
+
+    def band(self, low: float, high: float) -> FrfRecord:
+        """The lines from `low` to `high` Hz, both included."""
+        return self.lines(np.flatnonzero((self.frequency >= low) & (self.frequency <= high)))
+
+    def lines(self, keep: np.ndarray) -> FrfRecord:
+        """The lines at the indices (or where the mask) `keep`."""
+        keep = np.asarray(keep)
+        if not np.size(self.frequency[keep]):
+            raise InputError(
+                f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
+            )
+        return replace(
+            self,
+            frequency=self.frequency[keep],
+            values=self.values[keep],
+            variance=None if self.variance is None else self.variance[keep],
+            coherence=None if self.coherence is None else self.coherence[keep],
+        )
+
+    def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
+        """The same record with these outputs only, in this order."""
+        missing = [str(dof) for dof in outputs if dof not in self.outputs]
+        if missing:
+            raise InputError(f"the record has no output {', '.join(missing)}; it has {', '.join(map(str, self.outputs))}")
+        keep = [self.outputs.index(dof) for dof in outputs]
+        return replace(
+            self,
+            outputs=outputs,
+            values=self.values[:, keep],
+            variance=None if self.variance is None else self.variance[:, keep],
+            coherence=None if self.coherence is None else self.coherence[:, keep],
+        )
+
+    def as_kind(self, kind: FrfKind) -> FrfRecord:
+        """The same measurement as receptance, mobility or accelerance: multiplied by a power of i omega.
+
+        Raises
+        ------
+        InputError
+            If a line at 0 Hz would have to be divided by zero.
+        """
+        if kind not in DERIVATIVES:
+            raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {kind!r}")
+        power = DERIVATIVES[kind] - DERIVATIVES[self.kind]
+        if power == 0:
+            return self
+        if power < 0 and self.frequency[0] == 0:
+            raise InputError(f"{self.kind} at 0 Hz cannot become {kind}; drop that line first with `band`")
+        factor = (1j * self.omega) ** power
+        variance = None if self.variance is None else self.variance * (np.abs(factor) ** 2)[:, None, None]
+        return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance)
+
+
+def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: int) -> FloatArray:
+    """E|error|^2 of an FRF estimated from averages: |H|^2 (1 - g2) / (n g2).
+
+    The normalized random error of magnitude is sqrt((1 - g2) / (2 n g2)), and the phase has the same in rad.
+
+    Parameters
+    ----------
+    values : complex array
+        FRF estimate.
+    coherence : float array of the same shape
+        Coherence g2; values below 1e-6 count as 1e-6.
+    averages : int
+        Number n of independent averages.
+
+    References
+    ----------
+    Bendat and Piersol (2010), Random Data, 4th ed., Eqs. (9.90) and (9.91).
+    """
+    if averages < 1:
+        raise InputError(f"`averages` must be at least 1, got {averages}")
+    bounded = np.clip(coherence, 1e-6, 1.0)
+    return np.abs(values) ** 2 * (1 - bounded) / (averages * bounded)
+
+
+def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfRecord:
+    """`record` with its variance taken from its coherence and number of averages."""
+    count = averages if averages is not None else record.averages
+    if record.coherence is None or count is None:
+        raise InputError("noise from coherence needs `coherence` and `averages` in the record; declare the noise instead")
+    variance = coherence_variance(record.values, record.coherence, count)
+    return replace(record, variance=variance, averages=count, noise_source="coherence")
+
+
+def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: float = 0.0) -> FrfRecord:
+    """`record` with standard deviation sqrt((relative |H|)^2 + absolute^2) of each complex value.
+
+    Parameters
+    ----------
+    relative : float
+        Noise as a part of each value's magnitude.
+    absolute : float
+        Noise in the unit of the record.
+    """
+    if relative < 0 or absolute < 0 or relative + absolute == 0:
+        raise InputError("declared noise needs `relative` or `absolute` greater than 0, and none negative")
+    variance = (relative * np.abs(record.values)) ** 2 + absolute**2
+    return replace(record, variance=variance, noise_source="declared")
+
+
+def from_repeats(records: list[FrfRecord]) -> FrfRecord:
+    """The mean of repeated measurements, with the variance of that mean from their scatter.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two records, or their axes, channels or kinds differ.
+    """
+    if len(records) < 2:
+        raise InputError(f"noise from repeats needs at least 2 records, got {len(records)}")
+    first = records[0]
+    for other in records[1:]:
+        same = (
+            other.kind == first.kind
+            and other.outputs == first.outputs
+            and other.inputs == first.inputs
+            and np.array_equal(other.frequency, first.frequency)
+        )
+        if not same:
+            raise InputError(f"repeated records must share frequencies, channels and kind; {other.source!r} differs")
+    values = np.array([record.values for record in records])
+    variance = values.var(axis=0, ddof=1) / len(records)
+    return replace(first, values=values.mean(axis=0), variance=variance, noise_source="repeats", coherence=None)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeRecord:
+    """Time histories of motion and force, in SI units, sampled evenly.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second.
+    values : (n_times, n_channels) float array
+        SI units, the sense of each channel's `Dof` included in the value.
+    channels : tuple of Dof
+        Where each channel was measured or acted.
+    quantities : tuple of {"displacement", "velocity", "acceleration", "force"}
+        What each channel holds.
+    variance : (n_channels,) float array, optional
+        Noise variance of each channel.
+    start : float
+        Time of the first sample in s.
+    source : str
+        File or procedure that the record comes from.
+    """
+
+    sampling_rate: float
+    values: FloatArray
+    channels: tuple[Dof, ...]
+    quantities: tuple[Quantity, ...]
+    variance: FloatArray | None = None
+    start: float = 0.0
+    source: str = field(default="")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", locked(self.values, np.float64))
+        object.__setattr__(self, "channels", parse_dofs(self.channels))
+        object.__setattr__(self, "quantities", tuple(self.quantities))
+        if not np.isfinite(self.sampling_rate) or self.sampling_rate <= 0:
+            raise InputError(f"`sampling_rate` must be positive, got {self.sampling_rate!r} Hz")
+        require_shape("values", self.values, (None, len(self.channels)), "one column a channel")
+        if self.values.shape[0] == 0:
+            raise InputError("`values` must hold at least one sample, got none; the record is empty")
+        require_finite("values", self.values, "remove or repair these samples")
+        if len(self.quantities) != len(self.channels):
+            raise InputError(f"`quantities` must have {len(self.channels)} entries, got {len(self.quantities)}")
+        for quantity in self.quantities:
+            if quantity not in QUANTITY_UNITS:
+                raise InputError(f"`quantities` must be among {', '.join(QUANTITY_UNITS)}, got {quantity!r}")
+        for quantity in QUANTITY_UNITS:
+            same = tuple(c for c, q in zip(self.channels, self.quantities, strict=True) if q == quantity)
+            _require_distinct(f"{quantity} channels", same)
+        if self.variance is not None:
+            object.__setattr__(self, "variance", locked(self.variance, np.float64))
+            require_shape("variance", np.asarray(self.variance), (len(self.channels),))
+
+    @property
+    def time(self) -> FloatArray:
+        """Time axis in s."""
+        return self.start + np.arange(self.values.shape[0]) / self.sampling_rate
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each channel."""
+        pairs = zip(self.channels, self.quantities, strict=True)
+        return tuple(QUANTITY_UNITS[quantity][channel.is_rotation] for channel, quantity in pairs)
+
+
+Record = FrfRecord | TimeRecord
