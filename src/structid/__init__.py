@@ -1,1 +1,67 @@
 """structid: mass, damping and stiffness of a structure from vibration measurements."""
+
+from structid._version import __version__
+from structid.dof import Dof, parse_dof
+from structid.errors import FileError, InputError, StructidError
+from structid.estimation import Estimate, GaussNewton, LevenbergMarquardt, Status, estimate
+from structid.observation import FrfProblem
+from structid.parameters import Parameters, Prior, Unknown, parameters
+from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
+from structid.structure import (
+    Bar,
+    Beam,
+    Blocks,
+    Constraint,
+    Dashpot,
+    Friction,
+    MatrixGroup,
+    PointMass,
+    RigidLink,
+    RotaryInertia,
+    SpaceBeam,
+    Spring,
+    Structure,
+    from_matrices,
+)
+from structid.study.identification import Identification, IdentifyOptions, identify
+
+__all__ = [
+    "Bar",
+    "Beam",
+    "Blocks",
+    "Constraint",
+    "Dashpot",
+    "Dof",
+    "Estimate",
+    "FileError",
+    "FrfProblem",
+    "FrfRecord",
+    "Friction",
+    "GaussNewton",
+    "Identification",
+    "IdentifyOptions",
+    "InputError",
+    "LevenbergMarquardt",
+    "MatrixGroup",
+    "Parameters",
+    "PointMass",
+    "Prior",
+    "RigidLink",
+    "RotaryInertia",
+    "SpaceBeam",
+    "Spring",
+    "Status",
+    "Structure",
+    "StructidError",
+    "TimeRecord",
+    "Unknown",
+    "__version__",
+    "estimate",
+    "from_matrices",
+    "from_repeats",
+    "identify",
+    "parameters",
+    "parse_dof",
+    "with_coherence_noise",
+    "with_declared_noise",
+]

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from structid.errors import InputError
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.floating[Any]]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+IntArray = NDArray[np.integer[Any]]
 
 
 def locked(values: ArrayLike, dtype: Any = None) -> NDArray[Any]:

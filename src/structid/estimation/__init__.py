@@ -1,1 +1,21 @@
-"""To come."""
+"""Estimators: they see a problem through its protocol only, and give an `Estimate`."""
+
+from structid.estimation.estimate import Estimate, Status, estimate
+from structid.estimation.identifiability import Direction, Identifiability, identifiability
+from structid.estimation.least_squares import GaussNewton, LevenbergMarquardt, Minimum, minimize
+from structid.estimation.problem import Linearization, Problem
+
+__all__ = [
+    "Direction",
+    "Estimate",
+    "GaussNewton",
+    "Identifiability",
+    "LevenbergMarquardt",
+    "Linearization",
+    "Minimum",
+    "Problem",
+    "Status",
+    "estimate",
+    "identifiability",
+    "minimize",
+]

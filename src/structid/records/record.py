@@ -301,9 +301,9 @@ class TimeRecord:
         for quantity in self.quantities:
             if quantity not in QUANTITY_UNITS:
                 raise InputError(f"`quantities` must be among {', '.join(QUANTITY_UNITS)}, got {quantity!r}")
-        for quantity in QUANTITY_UNITS:
-            same = tuple(c for c, q in zip(self.channels, self.quantities, strict=True) if q == quantity)
-            _require_distinct(f"{quantity} channels", same)
+        for name in QUANTITY_UNITS:
+            same = tuple(c for c, q in zip(self.channels, self.quantities, strict=True) if q == name)
+            _require_distinct(f"{name} channels", same)
         if self.variance is not None:
             object.__setattr__(self, "variance", locked(self.variance, np.float64))
             require_shape("variance", np.asarray(self.variance), (len(self.channels),))

@@ -1,1 +1,39 @@
-"""To come."""
+"""What a structure is: nodes, elements, supports; it gives element matrices, never data."""
+
+from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.structure.elements import (
+    ELEMENT_TYPES,
+    Bar,
+    Beam,
+    Dashpot,
+    Friction,
+    MatrixGroup,
+    PointMass,
+    RotaryInertia,
+    SpaceBeam,
+    Spring,
+)
+from structid.structure.structure import Contribution, Property, Structure, from_matrices
+from structid.structure.supports import Constraint, RigidLink
+
+__all__ = [
+    "ELEMENT_TYPES",
+    "Bar",
+    "Beam",
+    "Blocks",
+    "Constraint",
+    "Contribution",
+    "Dashpot",
+    "ElementMatrices",
+    "Friction",
+    "MatrixBlocks",
+    "MatrixGroup",
+    "PointMass",
+    "Property",
+    "RigidLink",
+    "RotaryInertia",
+    "SpaceBeam",
+    "Spring",
+    "Structure",
+    "from_matrices",
+]

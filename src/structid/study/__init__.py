@@ -1,1 +1,1 @@
-"""To come."""
+"""A study from file to results folder."""

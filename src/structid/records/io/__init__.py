@@ -1,1 +1,77 @@
-"""To come."""
+"""Records read from and written to files: one format a module, chosen by the suffix of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+from structid.errors import FileError, InputError
+from structid.files import require_readable
+from structid.records.io import csv, hdf5, mat, npy, npz, uff
+from structid.records.io.geometry import Geometry, read_geometry
+from structid.records.io.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+#: Each has SUFFIXES, read(path, options) and write(path, record).
+FORMATS: tuple[ModuleType, ...] = (npz, hdf5, mat, csv, uff, npy)
+
+__all__ = ["FORMATS", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
+
+
+def _format(path: Path) -> ModuleType:
+    suffix = path.suffix.lower()
+    for module in FORMATS:
+        if suffix in module.SUFFIXES:
+            return module
+    known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
+    raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
+
+
+def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
+    """The record in the file at `path`, its format by the suffix, in SI units.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with one of the suffixes in `FORMATS`.
+    options : ReadOptions, optional
+        What the file does not say about itself; which channels to read.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or holds no record; the message begins with its path.
+    InputError
+        If an option is missing or contradicts the file, or the data are not usable (NaN, a frequency
+        axis that does not increase, a doubled channel); the message begins with the path.
+
+    Examples
+    --------
+    >>> options = ReadOptions(sampling_rate=100, channels="1Z+,2Z+", units="g")
+    >>> record = read_record("impact.npy", options)  # doctest: +SKIP
+    """
+    path = Path(path)
+    module = _format(path)
+    require_readable(path)
+    try:
+        record: FrfRecord | TimeRecord = module.read(path, ReadOptions() if options is None else options)
+    except InputError as error:
+        if str(error).startswith(f"{path}:"):
+            raise
+        raise type(error)(f"{path}: {error}") from error
+    return record
+
+
+def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
+    """Write `record` to `path`, whole or not at all; the format by the suffix.
+
+    NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
+    coherence and averages.
+
+    Raises
+    ------
+    FileError
+        If the suffix is not known or the file cannot be written; a file already there stays as it was.
+    """
+    path = Path(path)
+    _format(path).write(path, record)

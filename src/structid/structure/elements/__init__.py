@@ -1,1 +1,38 @@
-"""To come."""
+"""Element types, one a file: each gives its properties and one matrix an element for each property."""
+
+from structid.structure.elements.bar import Bar
+from structid.structure.elements.beam import Beam
+from structid.structure.elements.connector import Dashpot, Spring
+from structid.structure.elements.element import ElementSet, Kind, Term
+from structid.structure.elements.friction import Friction
+from structid.structure.elements.inertia import PointMass, RotaryInertia
+from structid.structure.elements.matrix_group import MatrixGroup
+from structid.structure.elements.space_beam import SpaceBeam
+
+#: Every element type by the name that a study file uses.
+ELEMENT_TYPES = {
+    "bar": Bar,
+    "beam": Beam,
+    "dashpot": Dashpot,
+    "friction": Friction,
+    "point_mass": PointMass,
+    "rotary_inertia": RotaryInertia,
+    "space_beam": SpaceBeam,
+    "spring": Spring,
+}
+
+__all__ = [
+    "ELEMENT_TYPES",
+    "Bar",
+    "Beam",
+    "Dashpot",
+    "ElementSet",
+    "Friction",
+    "Kind",
+    "MatrixGroup",
+    "PointMass",
+    "RotaryInertia",
+    "SpaceBeam",
+    "Spring",
+    "Term",
+]

@@ -1,0 +1,86 @@
+"""Natural frequencies, damping ratios and mode shapes of (mass, damping, stiffness)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import eigsh
+
+from structid.arrays import FloatArray
+
+_DENSE_UP_TO = 600
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Normal modes, with damping by first-order perturbation.
+
+    Attributes
+    ----------
+    frequency : (n_modes,) float array
+        Undamped natural frequency, Hz.
+    damping_ratio : (n_modes,) float array
+        Viscous damping ratio at resonance: (phi' C phi omega + phi' H phi) / (2 omega^2) for unit modal mass.
+    mode_shapes : (n_dofs, n_modes) float array
+        Mass-normalized, largest entry positive.
+    """
+
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    mode_shapes: FloatArray
+
+
+def modes(
+    mass: sparse.csc_array,
+    stiffness: sparse.csc_array,
+    damping: sparse.csc_array | None = None,
+    structural: sparse.csc_array | None = None,
+    n_modes: int | None = None,
+) -> Modes:
+    """The lowest modes of K phi = omega^2 M phi.
+
+    Parameters
+    ----------
+    mass, stiffness : (n_dofs, n_dofs) sparse arrays
+        Symmetric; degrees of freedom without mass follow the others statically.
+    damping, structural : the same, optional
+        Viscous damping, and imaginary part of the complex stiffness.
+    n_modes : int, optional
+        How many; all by default (up to 20 for more than 600 degrees of freedom).
+    """
+    n = mass.shape[0]
+    if n <= _DENSE_UP_TO:
+        eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
+        eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
+    else:
+        count = min(n_modes or 20, n - 2)
+        shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
+        start = np.ones(n)
+        eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=start)
+        order = np.argsort(eigenvalues)
+        eigenvalues, shapes = eigenvalues[order], shapes[:, order]
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
+    shapes = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])])
+    loss = np.zeros(len(omega))
+    if damping is not None:
+        loss += omega * np.einsum("ij,ij->j", shapes, damping @ shapes)
+    if structural is not None:
+        loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
+    ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
+    return Modes(omega / (2 * np.pi), ratio, shapes)
+
+
+def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Modes after degrees of freedom without mass have been condensed statically."""
+    heavy = np.diag(mass) > 0
+    if heavy.all():
+        return linalg.eigh(stiffness, mass)
+    light = ~heavy
+    follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+    condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
+    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])
+    full = np.zeros((len(mass), shapes.shape[1]))
+    full[heavy], full[light] = shapes, follow @ shapes
+    return eigenvalues, full

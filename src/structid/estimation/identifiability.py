@@ -1,0 +1,107 @@
+"""Which directions of the parameters the data determine, and in words which they do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A combination of parameters that the data determine worse than to a factor of e.
+
+    Attributes
+    ----------
+    vector : (n_params,) float array
+        Relative change of each parameter, unit length.
+    relative_std : float
+        Standard deviation along it; infinite where the data do not see it at all.
+    words : str
+        The same as a sentence.
+    """
+
+    vector: FloatArray
+    relative_std: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Rank and condition of the problem in relative parameters, and what is not determined.
+
+    Attributes
+    ----------
+    rank : int
+        Number of directions that the data alone determine to better than a factor of e.
+    condition : float
+        Largest over smallest singular value of the whitened Jacobian in relative parameters.
+    singular_values : (n_params,) float array
+        Inverse standard deviations of the relative directions, largest first.
+    directions : tuple of Direction
+        Those not determined.
+    """
+
+    rank: int
+    condition: float
+    singular_values: FloatArray
+    directions: tuple[Direction, ...]
+
+
+def identifiability(jacobian: FloatArray, values: FloatArray, names: tuple[str, ...], noise_scale: float = 1.0) -> Identifiability:
+    """What the data rows of a Jacobian with respect to relative parameters say about each direction.
+
+    Parameters
+    ----------
+    jacobian : (n_data, n_params) float array
+        Whitened derivative with respect to the logarithm of each parameter.
+    values : (n_params,) float array
+        Physical values, for the words.
+    names : tuple of str
+    noise_scale : float
+        Factor on the noise (root of chi-square per degree of freedom where the noise level is not known).
+    """
+    n_params = len(names)
+    singular = np.zeros(n_params)
+    if jacobian.shape[0]:
+        _, found, rows = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
+        singular[: len(found)] = found
+    else:
+        rows = np.eye(n_params)
+    largest = singular.max(initial=0.0)
+    floor = max(noise_scale, 1e-10 * largest)
+    directions = []
+    for value, vector in zip(singular[::-1], rows[::-1], strict=True):
+        if value > floor:
+            break
+        relative_std = noise_scale / value if value > 1e-10 * largest else np.inf
+        directions.append(Direction(vector, float(relative_std), direction_words(vector, values, names)))
+    smallest = singular.min(initial=np.inf)
+    condition = float(largest / smallest) if smallest > 0 else np.inf
+    return Identifiability(n_params - len(directions), condition, singular, tuple(directions))
+
+
+def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
+    """A sentence for an undetermined direction of relative changes.
+
+    Examples
+    --------
+    >>> direction_words(np.array([1.0, -1.0]), np.array([2.0, 2.0]), ("mass[a]", "mass[b]"))
+    'mass[a] and mass[b] only as a sum'
+    """
+    size = np.abs(vector) / np.abs(vector).max()
+    members = np.flatnonzero(size > 0.1)
+    listed = [names[i] for i in members]
+    if len(members) == 1:
+        return f"{listed[0]} not at all"
+    physical = vector[members] * values[members]
+    joined = ", ".join(listed[:-1]) + " and " + listed[-1]
+    same_kind = len({name.split("[")[0] for name in listed}) == 1
+    if same_kind and abs(physical.sum()) < 0.05 * np.abs(physical).sum():
+        return f"{joined} only as a sum"
+    if np.ptp(vector[members]) < 0.1 * np.abs(vector[members]).max():
+        return f"{joined} only as ratios: their common scale is free"
+    parts = " ".join(f"{'+' if v > 0 else '-'}{abs(v):.2f} {n}" for v, n in zip(vector[members], listed, strict=True))
+    return f"{joined} only in combination: free along the relative change {parts}"

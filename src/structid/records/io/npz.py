@@ -1,0 +1,72 @@
+"""NPZ archives of NumPy: structid's own layout, or bare arrays with `ReadOptions`."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.errors import FileError
+from structid.files import atomic_write, require_readable
+from structid.records.io.bare import Shapes, read_bare
+from structid.records.io.layout import MARK, Field, fields_of, record_from
+from structid.records.io.options import ReadOptions
+from structid.records.io.selection import selected
+from structid.records.record import FrfRecord, TimeRecord
+
+SUFFIXES: tuple[str, ...] = (".npz",)
+
+#: What NumPy and zipfile raise on damaged archives.
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError, RuntimeError,
+    NotImplementedError, OverflowError, MemoryError, TypeError, SyntaxError, IndexError,
+)  # fmt: skip
+
+
+def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """The record in the NPZ archive at `path`.
+
+    Raises
+    ------
+    FileError
+        If the file is not an archive, is damaged, or holds Python objects.
+    InputError
+        If it holds bare arrays and an option is missing.
+    """
+    path = require_readable(path)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: np.asarray(archive[name]) for name in archive.files}
+    except _DAMAGE as error:
+        if "allow_pickle" in str(error):
+            raise FileError(
+                f"{path}: holds Python objects, which can run code when read; save arrays of numbers only"
+            ) from error
+        raise FileError(f"{path}: is not a whole NPZ archive ({error}); copy or write it again") from error
+    if MARK in arrays:
+        return selected(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
+    shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
+    return read_bare(path, shapes, arrays.__getitem__, options)
+
+
+def _as_field(array: NDArray[Any]) -> Field:
+    if array.dtype.kind != "U":
+        return array
+    return str(array) if array.ndim == 0 else tuple(str(text) for text in array.ravel())
+
+
+def write(path: Path, record: FrfRecord | TimeRecord) -> None:
+    """Write `record` as an NPZ archive in structid's layout, complete.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    arrays = {name: np.asarray(field) for name, field in fields_of(record).items()}
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]  # numpy's stub reads ** as its own options

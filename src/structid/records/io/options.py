@@ -1,0 +1,94 @@
+"""What a file does not say about itself, and the user does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+from structid.errors import InputError
+
+_TEXTS = ("array", "frequency_array", "kind", "unit", "coherence_array")
+_LISTS = ("channels", "quantities", "units", "outputs", "inputs")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What is needed to read arrays that do not describe themselves, or a part of a file that does.
+
+    A list may also be given as one text with commas: ``channels="1Z+, 2Z+"``.
+    In a file that describes itself `outputs`, `inputs` and `channels` choose; the other options must
+    agree with the file where they are given.
+
+    Parameters
+    ----------
+    sampling_rate : float, optional
+        Samples per second of a bare time array.
+    channels : tuple of str
+        Degree of freedom of each column of a bare time array, such as ``12Z+``.
+    quantities : tuple of str
+        ``displacement``, ``velocity``, ``acceleration`` or ``force`` of each channel, or one for all.
+    units : tuple of str
+        Unit of each channel, such as ``mm/s^2``, or one for all; says the quantity too. SI if not given.
+    array : str
+        Name of the array (NPZ, MAT, HDF5); in a UFF file with both, ``frf`` or ``time``.
+    frequency_array : str
+        Name of the array of frequencies in Hz that belongs to a bare FRF array.
+    outputs, inputs : tuple of str
+        Degrees of freedom of a bare FRF array, shape (n_frequencies, n_outputs, n_inputs), or
+        (n_frequencies, n_outputs) with one input.
+    kind : str
+        ``receptance``, ``mobility`` or ``accelerance`` of a bare FRF array.
+    unit : str
+        Unit of a bare FRF array, such as ``g/lbf``; says the kind too. SI if not given.
+    coherence_array : str
+        Name of an array of coherences of the same shape.
+    averages : int, optional
+        Number of independent averages behind each FRF value.
+
+    Raises
+    ------
+    InputError
+        If an entry is of the wrong type.
+    """
+
+    sampling_rate: float | None = None
+    channels: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    array: str = ""
+    frequency_array: str = ""
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    kind: str = ""
+    unit: str = ""
+    coherence_array: str = ""
+    averages: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in _LISTS:
+            object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
+        for name in _TEXTS:
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"`{name}` must be a text, got {getattr(self, name)!r}")
+        if self.averages is not None and (not isinstance(self.averages, int) or self.averages < 1):
+            raise InputError(f"`averages` must be a whole number, at least 1, got {self.averages!r}")
+        if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
+            raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
+
+    def given(self) -> tuple[str, ...]:
+        """Names of the options that were set."""
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
+
+
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value) and value > 0
+
+
+def _as_texts(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return tuple(part.strip() for part in value.split(",") if part.strip())
+    try:
+        return tuple(str(part) for part in value)
+    except TypeError as error:
+        raise InputError(f"`{name}` must be a list of texts or one text with commas, got {value!r}") from error

@@ -1,0 +1,58 @@
+"""All matrices of a structure on one sparsity pattern, so that a sum of them is a sum of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray
+from structid.structure.structure import Structure
+
+BASIC_LAWS = ("inertia", "viscous", "elastic", "structural")
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """The union pattern of a structure's matrices and the maps from element weights to its entries.
+
+    Attributes
+    ----------
+    structure : Structure
+    laws : tuple of str
+        ``inertia viscous elastic structural`` and one ``friction:NAME`` for each friction element.
+    indices, indptr : int arrays
+        The pattern in compressed columns.
+    maps : tuple of (n_entries, n_elements) sparse arrays
+        One for each contribution of the structure.
+    """
+
+    structure: Structure
+    laws: tuple[str, ...]
+    indices: IntArray
+    indptr: IntArray
+    maps: tuple[sparse.csr_array, ...]
+
+    def data(self, values: FloatArray) -> FloatArray:
+        """Entries of mass, viscous damping, stiffness and so on, (n_laws, n_entries), in the order of `laws`."""
+        rows = np.zeros((len(self.laws), len(self.indices)))
+        for part, entries in zip(self.structure.contributions, self.maps, strict=True):
+            rows[self.laws.index(part.law)] += entries @ part.weights(values)
+        return rows
+
+
+def assembly(structure: Structure) -> Assembly:
+    """The `Assembly` of `structure`; made once, used for every set of values."""
+    n = structure.n_dofs
+    parts = [part.blocks.entries() for part in structure.contributions]
+    keys = [column * n + row for row, column, _, _ in parts]
+    diagonal = np.arange(n) * (n + 1)
+    pattern = np.unique(np.concatenate([*keys, diagonal]))
+    maps = []
+    for key, (_, _, element, value), part in zip(keys, parts, structure.contributions, strict=True):
+        shape = (len(pattern), part.blocks.n_elements)
+        maps.append(sparse.coo_array((value, (np.searchsorted(pattern, key), element)), shape).tocsr())
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(pattern // n, minlength=n))])
+    frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)
+    return Assembly(structure, (*BASIC_LAWS, *frictions), pattern % n, indptr.astype(np.int64), tuple(maps))

@@ -1,0 +1,174 @@
+"""What holds a structure or ties its degrees of freedom: supports, rigid links and multi-point constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray
+from structid.dof import DIRECTIONS, Dof, parse_dof
+from structid.errors import InputError
+from structid.structure.elements.element import dof_code, dof_of_code
+
+Equations = dict[int, dict[int, float]]
+
+
+class Tie(Protocol):
+    """Anything that makes degrees of freedom depend on others."""
+
+    @property
+    def name(self) -> str: ...
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """For each dependent code, the codes it depends on with their coefficients."""
+        ...
+
+
+@dataclass(frozen=True)
+class RigidLink:
+    """Nodes that move with a main node as one rigid body: u = u_main + rotation x (position - position_main).
+
+    Parameters
+    ----------
+    name : str
+        Name of the link.
+    main : int
+        Node that carries the motion.
+    dependents : tuple of int
+        Nodes that follow it in every active direction.
+    """
+
+    name: str
+    main: int
+    dependents: tuple[int, ...]
+
+    def __init__(self, name: str, main: int, dependents: int | Iterable[int]) -> None:
+        nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
+        if not nodes or main in nodes:
+            raise InputError(f"rigid link {name!r} needs dependent nodes other than its main node {main}, got {nodes}")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "main", int(main))
+        object.__setattr__(self, "dependents", nodes)
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """Dependent codes with the main node's codes and coefficients; see `Tie.equations`."""
+        found: Equations = {}
+        for node in self.dependents:
+            arm = np.zeros(3)
+            difference = positions[node] - positions[self.main]
+            arm[: len(difference)] = difference
+            motion = np.eye(6)
+            motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+            for direction in active:
+                row = motion[DIRECTIONS.index(direction)]
+                found[dof_code(node, direction)] = {
+                    dof_code(self.main, d): float(row[DIRECTIONS.index(d)]) for d in active if row[DIRECTIONS.index(d)]
+                }
+        return found
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One degree of freedom as a weighted sum of others (a multi-point constraint).
+
+    Parameters
+    ----------
+    name : str
+        Name of the constraint.
+    dependent : Dof
+        Degree of freedom that follows.
+    depends_on : tuple of (Dof, float)
+        Degrees of freedom that it follows, with their coefficients.
+    """
+
+    name: str
+    dependent: Dof
+    depends_on: tuple[tuple[Dof, float], ...]
+
+    def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
+        pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
+        if not all(np.isfinite(c) for _, c in pairs):
+            raise InputError(f"coefficients of constraint {name!r} must be finite, got {[c for _, c in pairs]}")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "dependent", parse_dof(dependent))
+        object.__setattr__(self, "depends_on", pairs)
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """The dependent code with the others' codes and coefficients; see `Tie.equations`."""
+        own = self.dependent
+        others: dict[int, float] = {}
+        for dof, coefficient in self.depends_on:
+            code = dof_code(dof.node, dof.direction)
+            others[code] = others.get(code, 0.0) + own.sign * dof.sign * coefficient
+        return {dof_code(own.node, own.direction): others}
+
+
+def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    """All equations of `ties` together.
+
+    Raises
+    ------
+    InputError
+        If two ties claim one degree of freedom.
+    """
+    together: Equations = {}
+    for tie in ties:
+        for code, others in tie.equations(positions, active).items():
+            if code in together:
+                raise InputError(f"{dof_of_code(code).unsigned} depends twice, the second time by {tie.name!r}; drop one")
+            together[code] = others
+    return together
+
+
+def transformation(codes: Sequence[int], held: frozenset[int], equations: Equations) -> tuple[sparse.csr_array, list[int]]:
+    """The map u = T q from free degrees of freedom to all of them.
+
+    Parameters
+    ----------
+    codes : sequence of int
+        All codes in order, n_all of them.
+    held : frozenset of int
+        Codes at zero.
+    equations : mapping
+        Dependent codes with what they depend on; a dependent may depend on another dependent.
+
+    Returns
+    -------
+    (n_all, n_free) sparse array, and the codes of the free degrees of freedom.
+    """
+    for code in held & equations.keys():
+        raise InputError(f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows")
+    free = [code for code in codes if code not in held and code not in equations]
+    column = {code: i for i, code in enumerate(free)}
+    resolved: dict[int, dict[int, float]] = {code: {code: 1.0} for code in free}
+    resolved.update({code: {} for code in held})
+    for code in codes:
+        _resolve(code, equations, resolved, ())
+    rows, columns, values = [], [], []
+    for i, code in enumerate(codes):
+        for other, coefficient in resolved[code].items():
+            rows.append(i)
+            columns.append(column[other])
+            values.append(coefficient)
+    return sparse.csr_array((values, (rows, columns)), shape=(len(codes), len(free))), free
+
+
+def _resolve(
+    code: int, equations: Equations, resolved: dict[int, dict[int, float]], path: tuple[int, ...]
+) -> dict[int, float]:
+    """`code` in terms of free codes only, kept in `resolved`."""
+    if code in resolved:
+        return resolved[code]
+    if code in path:
+        loop = " -> ".join(str(dof_of_code(c)) for c in (*path, code))
+        raise InputError(f"constraints run in a circle: {loop}; remove one of them")
+    total: dict[int, float] = {}
+    for other, coefficient in equations[code].items():
+        for free, inner in _resolve(other, equations, resolved, (*path, code)).items():
+            total[free] = total.get(free, 0.0) + coefficient * inner
+    resolved[code] = total
+    return total
