@@ -88,7 +88,9 @@ def parse_dof(text: str | Dof) -> Dof:
     if number:
         direction = DIRECTIONS[int(number["component"]) - 1]
         return Dof(int(number["node"]), direction, -1 if number["after"] == "-" else 1)
-    raise InputError(f"cannot read {text!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-")
+    raise InputError(
+        f"cannot read {text!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-"
+    )
 
 
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import special
 
 from structid.arrays import FloatArray, IntArray
 from structid.estimation.problem import Linearization, Problem
@@ -57,7 +58,9 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
     along the frequency or time axis (four correlation lengths long, at least ten of them) and, where there are
     four channels or more, a second sum with channels as blocks. Priors add their own information unchanged.
-    It needs no noise level, but no error that is the same in all blocks can show in it.
+    Few blocks make a rough variance: each sum is scaled so that 1.96 standard deviations are the 95 % interval of
+    Student's t with one degree of freedom less than there are blocks. It needs no noise level, but no error that is
+    the same in all blocks can show in it.
 
     References
     ----------
@@ -78,9 +81,12 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1)."""
+    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1) and the squared ratio of t to normal quantiles."""
     _, block = np.unique(block, return_inverse=True)
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])
-    return scores.T @ scores * (n_blocks / max(n_blocks - 1, 1))
+    if n_blocks < 2:
+        return np.full((jacobian.shape[1],) * 2, np.nan)
+    wider = special.stdtrit(n_blocks - 1, 0.975) / special.ndtri(0.975)
+    return scores.T @ scores * (n_blocks / (n_blocks - 1)) * wider**2

@@ -50,7 +50,9 @@ class Identifiability:
     directions: tuple[Direction, ...]
 
 
-def identifiability(jacobian: FloatArray, values: FloatArray, names: tuple[str, ...], noise_scale: float = 1.0) -> Identifiability:
+def identifiability(
+    jacobian: FloatArray, values: FloatArray, names: tuple[str, ...], noise_scale: float = 1.0
+) -> Identifiability:
     """What the data rows of a Jacobian with respect to relative parameters say about each direction.
 
     Parameters

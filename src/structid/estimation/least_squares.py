@@ -89,7 +89,9 @@ class Minimum:
     message: str
 
 
-def minimize(problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None) -> Minimum:
+def minimize(
+    problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
+) -> Minimum:
     """The nearest minimum of the sum of squared residuals that `method` reaches from `theta`.
 
     Parameters

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.errors import InputError
@@ -140,7 +141,7 @@ class FrfProblem:
         variance = 0.5 * (self.model_error * np.abs(self.record.values)) ** 2
         return np.sqrt(variance if self.record.variance is None else variance + 0.5 * self.record.variance)
 
-    def _whitened(self, h: ComplexArray, dh: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+    def _whitened(self, h: ComplexArray, dh: ComplexArray | None) -> tuple[NDArray[Any], NDArray[Any]]:
         """Complex residual and its derivative; `dh` None where only the residual is wanted."""
         m, s = self.record.values, self._deviation
         change = np.zeros((*h.shape, 0), dtype=np.complex128) if dh is None else dh
@@ -154,9 +155,7 @@ class FrfProblem:
         data = (h - m) / size
         return data / relative, (change / size[..., None] - data[..., None] * growth) / relative[..., None]
 
-    def _equation(
-        self, theta: FloatArray, h: ComplexArray, dh: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray]:
+    def _equation(self, theta: FloatArray, h: ComplexArray, dh: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
         weight = self.model.sensor_gram(self.physical(theta))
         factor = np.linalg.cholesky(weight)

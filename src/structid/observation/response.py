@@ -14,7 +14,7 @@ from structid.errors import InputError
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
-from structid.structure import Friction, Structure
+from structid.structure import Contribution, Friction, Structure
 from structid.structure.assembly import Assembly, assembly
 from structid.structure.blocks import ElementMatrices
 
@@ -58,6 +58,16 @@ def law_coefficients(laws: tuple[str, ...], frequency: FloatArray, sliding: dict
     }
     table.update({f"friction:{name}": 1j / amplitude for name, amplitude in sliding.items()})
     return np.stack([table[law] for law in laws], axis=1)
+
+
+def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
+    """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
+    design = unknown.design.tocsr()
+    own = design[part.value]
+    if part.factor is None:
+        return own
+    other = design[part.factor].multiply(values[part.value][:, None])
+    return sparse.csr_array(own.multiply(values[part.factor][:, None]) + other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +129,11 @@ class Response:
     def _add_group(
         self, derivative: ComplexArray, group: _Sensitive, weights: FloatArray, x: ComplexArray, y: ComplexArray
     ) -> None:
-        slopes = [(member, self._weight_slope(member, group.rows, weights)) for member in group.members]
+        contributions = self.assembled.structure.contributions
+        slopes = [
+            (contributions[m], weight_slope(contributions[m], self.parameters, weights)[group.rows])
+            for m in group.members
+        ]
         n_lines, _, n_inputs = x.shape
         n_outputs = y.shape[2]
         per_line = 16 * len(group.rows) * (n_outputs + 2 * n_inputs) * 12
@@ -128,25 +142,16 @@ class Response:
             part = slice(first, min(first + step, n_lines))
             forms = group.blocks.bilinear(y[part], x[part])
             flat = np.moveaxis(forms, 1, -1).reshape(-1, len(group.rows))
-            for member, slope in slopes:
-                law = self.assembled.laws.index(self.assembled.structure.contributions[member].law)
+            for contribution, slope in slopes:
+                law = self.assembled.laws.index(contribution.law)
                 change = (slope.T @ flat.T).T.reshape(-1, n_outputs, n_inputs, slope.shape[1])
                 derivative[part] -= self.coefficients[part, law, None, None, None] * change
 
-    def _weight_slope(self, member: int, rows: IntArray, values: FloatArray) -> sparse.csr_array:
-        """Derivative of the weights of elements `rows` of one contribution, (n_rows, n_params)."""
-        part = self.assembled.structure.contributions[member]
-        design = self.parameters.design.tocsr()
-        own = design[part.value][rows]
-        if part.factor is None:
-            return own
-        return sparse.csr_array(
-            own.multiply(values[part.factor][rows][:, None]) + design[part.factor][rows].multiply(values[part.value][rows][:, None])
-        )
-
     def _fields(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
         data = self.assembled.data(self.parameters.values(physical))
-        return harmonic_fields(self.assembled.indices, self.assembled.indptr, data, self.coefficients, loads, self.frequency)
+        return harmonic_fields(
+            self.assembled.indices, self.assembled.indptr, data, self.coefficients, loads, self.frequency
+        )
 
     def _read(self, x: ComplexArray) -> ComplexArray:
         """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""

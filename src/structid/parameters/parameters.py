@@ -194,7 +194,9 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         design = sparse.csc_array((len(offset), 0))
     kinds = tuple(_transform(g) for g in free)
     limits = [_limits(g) for g in free]
-    transforms = Transforms(kinds, locked([low for low, _ in limits], float), locked([high for _, high in limits], float))
+    transforms = Transforms(
+        kinds, locked([low for low, _ in limits], float), locked([high for _, high in limits], float)
+    )
     priors = [g.unknown.prior for g in free]
     for group, prior in zip(free, priors, strict=True):
         if prior is not None and not (np.isfinite(prior.mean) and prior.std > 0):
@@ -284,7 +286,9 @@ def _base(structure: Structure, group: _Group) -> FloatArray:
     if not _is_factor(structure, group):
         return np.ones(len(nominal))
     if not nominal.any():
-        raise InputError(f"{group.name} is a factor on nominal values that are all 0; set nominal values or `factor = false`")
+        raise InputError(
+            f"{group.name} is a factor on nominal values that are all 0; set nominal values or `factor = false`"
+        )
     return nominal
 
 
@@ -301,7 +305,10 @@ def _leader(group: _Group, groups: list[_Group], names: list[str]) -> tuple[_Gro
         target = group.unknown.tied_to
         if target not in names:
             near = difflib.get_close_matches(target, names, 1, 0.0)
-            raise InputError(f"{group.name} is tied to {target!r}, which is no parameter" + (f"; the nearest is {near[0]!r}" if near else ""))
+            raise InputError(
+                f"{group.name} is tied to {target!r}, which is no parameter"
+                + (f"; the nearest is {near[0]!r}" if near else "")
+            )
         ratio *= group.unknown.ratio
         group = groups[names.index(target)]
         if group.name in seen:

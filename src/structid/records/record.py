@@ -152,7 +152,9 @@ class FrfRecord:
         """The same record with these outputs only, in this order."""
         missing = [str(dof) for dof in outputs if dof not in self.outputs]
         if missing:
-            raise InputError(f"the record has no output {', '.join(missing)}; it has {', '.join(map(str, self.outputs))}")
+            raise InputError(
+                f"the record has no output {', '.join(missing)}; it has {', '.join(map(str, self.outputs))}"
+            )
         keep = [self.outputs.index(dof) for dof in outputs]
         return replace(
             self,
@@ -210,7 +212,9 @@ def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfR
     """`record` with its variance taken from its coherence and number of averages."""
     count = averages if averages is not None else record.averages
     if record.coherence is None or count is None:
-        raise InputError("noise from coherence needs `coherence` and `averages` in the record; declare the noise instead")
+        raise InputError(
+            "noise from coherence needs `coherence` and `averages` in the record; declare the noise instead"
+        )
     variance = coherence_variance(record.values, record.coherence, count)
     return replace(record, variance=variance, averages=count, noise_source="coherence")
 

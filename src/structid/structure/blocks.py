@@ -99,9 +99,7 @@ class Blocks:
         products = np.einsum("eij,ej->ei", self.local, self._gather(x[:, None])[..., 0])
         keep = self.dofs >= 0
         element = np.broadcast_to(np.arange(self.n_elements)[:, None], self.dofs.shape)
-        columns = sparse.coo_array(
-            (products[keep], (self.dofs[keep], element[keep])), (self.n_dofs, self.n_elements)
-        )
+        columns = sparse.coo_array((products[keep], (self.dofs[keep], element[keep])), (self.n_dofs, self.n_elements))
         return columns.tocsc()
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:

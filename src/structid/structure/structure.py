@@ -193,7 +193,9 @@ class Structure:
                 raise InputError(f"{dof} is at node {dof.node}, which the structure does not have (nearest: {near[0]})")
             if code not in order:
                 here = [str(dof_of_code(c).unsigned) for c in self._codes if c // 6 == dof.node]
-                raise InputError(f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}")
+                raise InputError(
+                    f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
+                )
             row = matrix[[order[code]], :]
             if row.nnz == 0:
                 raise InputError(f"{dof} is held at zero by the supports; move the sensor or load, or free it")
@@ -312,7 +314,10 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
     if simple[position].all():
         dofs = np.where(counts[position] == 1, np.resize(first, counts.shape)[position], -1).astype(np.int64)
         return Blocks(dofs, local, n_free)
-    tied = [_tied_element(row[row >= 0], block[np.ix_(row >= 0, row >= 0)], matrix) for row, block in zip(position, local, strict=True)]
+    tied = [
+        _tied_element(row[row >= 0], block[np.ix_(row >= 0, row >= 0)], matrix)
+        for row, block in zip(position, local, strict=True)
+    ]
     size = max(len(free) for free, _ in tied)
     dofs = -np.ones((len(tied), size), dtype=np.int64)
     blocks = np.zeros((len(tied), size, size))
@@ -368,5 +373,5 @@ def from_matrices(
     """
     elements = [MatrixGroup(name, dofs, **matrices) for name, matrices in groups.items()]
     labels = {parse_dof(d).node for d in dofs}
-    positions = {label: (0.0, 0.0, 0.0) for label in sorted(labels)} if nodes is None else nodes
+    positions = dict.fromkeys(sorted(labels), (0.0, 0.0, 0.0)) if nodes is None else nodes
     return Structure(positions, elements, fixed)

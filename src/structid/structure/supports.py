@@ -119,12 +119,16 @@ def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], acti
     for tie in ties:
         for code, others in tie.equations(positions, active).items():
             if code in together:
-                raise InputError(f"{dof_of_code(code).unsigned} depends twice, the second time by {tie.name!r}; drop one")
+                raise InputError(
+                    f"{dof_of_code(code).unsigned} depends twice, the second time by {tie.name!r}; drop one"
+                )
             together[code] = others
     return together
 
 
-def transformation(codes: Sequence[int], held: frozenset[int], equations: Equations) -> tuple[sparse.csr_array, list[int]]:
+def transformation(
+    codes: Sequence[int], held: frozenset[int], equations: Equations
+) -> tuple[sparse.csr_array, list[int]]:
     """The map u = T q from free degrees of freedom to all of them.
 
     Parameters
@@ -141,7 +145,9 @@ def transformation(codes: Sequence[int], held: frozenset[int], equations: Equati
     (n_all, n_free) sparse array, and the codes of the free degrees of freedom.
     """
     for code in held & equations.keys():
-        raise InputError(f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows")
+        raise InputError(
+            f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows"
+        )
     free = [code for code in codes if code not in held and code not in equations]
     column = {code: i for i, code in enumerate(free)}
     resolved: dict[int, dict[int, float]] = {code: {code: 1.0} for code in free}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from structid.dynamics import Modes, modes
 from structid.estimation import Estimate, Status, estimate
 from structid.estimation.estimate import StageProgress
 from structid.estimation.least_squares import LevenbergMarquardt, Method
-from structid.observation import Form, FrfProblem
+from structid.observation import Form, FrfProblem, measures_everything, one_step_values
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure
@@ -149,6 +149,8 @@ def identify(
     """
     chosen = options or IdentifyOptions()
     problem, warnings = prepared_problem(structure, unknown, record, chosen)
+    if measures_everything(structure, problem.record):
+        problem = _started_by_one_step(problem)
     stages = [("pole-free", problem.with_form("pole_free"))] if chosen.pole_free_start else []
     found = estimate(problem, chosen.method, stages, progress=progress)
     values = unknown.values(found.values)
@@ -157,7 +159,7 @@ def identify(
         problem=problem,
         measured=record,
         estimate=found,
-        predicted_initial=problem.predicted(problem.theta_start),
+        predicted_initial=problem.predicted(unknown.theta_start),
         predicted=problem.predicted(found.theta),
         modes_initial=structure_modes(structure, unknown.values(unknown.start), chosen.n_modes),
         modes=structure_modes(structure, values, chosen.n_modes),
@@ -169,10 +171,20 @@ def identify(
     )
 
 
+def _started_by_one_step(problem: FrfProblem) -> FrfProblem:
+    """The same problem from the one-step linear solve, where that gives a value inside a parameter's range."""
+    unknown = problem.parameters
+    solved = one_step_values(problem.structure, unknown, problem.record)
+    inside = (solved > unknown.transforms.lower) & (solved < unknown.transforms.upper)
+    return replace(problem, parameters=unknown.started_at(np.where(inside, solved, unknown.start)))
+
+
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The lowest modes of `structure` with the property values `values`; friction is left out."""
-    laws = [structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")]
-    return modes(*laws, n_modes=n_modes)
+    mass, stiffness, damping, structural = (
+        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    return modes(mass, stiffness, damping, structural, n_modes)
 
 
 def _estimate_warnings(found: Estimate) -> tuple[str, ...]:

@@ -5,15 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
+import structid.records.io.csv as _csv
+import structid.records.io.hdf5 as _hdf5
+import structid.records.io.mat as _mat
+import structid.records.io.npy as _npy
+import structid.records.io.npz as _npz
+import structid.records.io.uff as _uff
 from structid.errors import FileError, InputError
 from structid.files import require_readable
-from structid.records.io import csv, hdf5, mat, npy, npz, uff
 from structid.records.io.geometry import Geometry, read_geometry
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
 #: Each has SUFFIXES, read(path, options) and write(path, record).
-FORMATS: tuple[ModuleType, ...] = (npz, hdf5, mat, csv, uff, npy)
+FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
 
 __all__ = ["FORMATS", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
 

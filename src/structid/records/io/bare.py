@@ -112,9 +112,7 @@ def channel_units(
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
         for quantity in quantities:
             if quantity not in QUANTITY_UNITS:
-                raise InputError(
-                    f"{path}: `quantities` must be among {', '.join(QUANTITY_UNITS)}, got {quantity!r}"
-                )
+                raise InputError(f"{path}: `quantities` must be among {', '.join(QUANTITY_UNITS)}, got {quantity!r}")
         return cast(tuple[Quantity, ...], quantities), np.ones(len(channels))
     units = [parse_unit(text) for text in _per_channel(path, "units", options.units, len(channels))]
     for dof, unit in zip(channels, units, strict=True):
@@ -123,7 +121,9 @@ def channel_units(
         declared = _per_channel(path, "quantities", options.quantities, len(channels))
         for dof, unit, quantity in zip(channels, units, declared, strict=True):
             if unit.quantity != quantity:
-                raise InputError(f"{path}: channel {dof} has a unit of {unit.quantity}, but `quantities` says {quantity}")
+                raise InputError(
+                    f"{path}: channel {dof} has a unit of {unit.quantity}, but `quantities` says {quantity}"
+                )
     return tuple(unit.quantity for unit in units), np.array([unit.factor for unit in units])
 
 
@@ -132,7 +132,8 @@ def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates
     if dof_rotates != unit_rotates:
         words = ("translation", "rotation")
         raise InputError(
-            f"{path}: {name} is a {words[dof_rotates]} but its unit belongs to a {words[unit_rotates]}; correct one of them"
+            f"{path}: {name} is a {words[dof_rotates]} but its unit belongs to a {words[unit_rotates]}; "
+            "correct one of them"
         )
 
 

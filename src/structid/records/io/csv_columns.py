@@ -150,7 +150,9 @@ def frf_record(table: Table) -> FrfRecord:
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
-        raise FileError(f"{table.path}: line 1: one table holds one kind, got {', '.join(sorted(kinds))}; split the table")
+        raise FileError(
+            f"{table.path}: line 1: one table holds one kind, got {', '.join(sorted(kinds))}; split the table"
+        )
     return kinds.pop()
 
 
@@ -162,7 +164,8 @@ def _require_complete(
             for b, load in enumerate(inputs):
                 if part not in parts or np.isnan(parts[part][:, a, b]).any():
                     raise FileError(
-                        f"{table.path}: line 1: no column {output}/{load} {part}; every output needs one for every input"
+                        f"{table.path}: line 1: no column {output}/{load} {part}; every output needs one "
+                        "for every input"
                     )
 
 

@@ -81,7 +81,8 @@ def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...], decimal_
     for i, row in enumerate(rows):
         if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
             raise FileError(
-                f"{path}: line {i + 2} has {len(row)} cells, but the header has {len(names)}; complete or remove the line"
+                f"{path}: line {i + 2} has {len(row)} cells, but the header has {len(names)}; complete or "
+                "remove the line"
             )
         cells = [cell.replace(",", ".") for cell in row] if decimal_comma else row
         try:

@@ -166,9 +166,7 @@ def _array(path: Path, fields: Mapping[str, Field], name: str) -> NDArray[Any]:
     return value
 
 
-def _optional(
-    path: Path, fields: Mapping[str, Field], name: str, shape: tuple[int, ...]
-) -> NDArray[np.float64] | None:
+def _optional(path: Path, fields: Mapping[str, Field], name: str, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     return _in_shape(_array(path, fields, name), shape) if name in fields else None
 
 

@@ -59,7 +59,8 @@ def _read_5(path: Path) -> dict[str, Field]:
         zlib.error, NotImplementedError, OverflowError, MemoryError, AttributeError, UnboundLocalError,
     )  # fmt: skip
     try:
-        loaded = loadmat(path, appendmat=False)
+        with path.open("rb") as stream:
+            loaded = loadmat(stream)
     except damage as error:
         raise FileError(f"{path}: is not a whole MAT file ({error}); copy or save it again") from error
     found: dict[str, Field] = {}

@@ -39,7 +39,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """
     path = require_readable(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: np.asarray(archive[name]) for name in archive.files}
     except _DAMAGE as error:
         if "allow_pickle" in str(error):

@@ -21,7 +21,9 @@ def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -
     InputError
         If a chosen channel is not there, or an option contradicts what the file says.
     """
-    return _selected_frf(path, record, options) if isinstance(record, FrfRecord) else _selected_time(path, record, options)
+    return (
+        _selected_frf(path, record, options) if isinstance(record, FrfRecord) else _selected_time(path, record, options)
+    )
 
 
 def _contradiction(path: Path, name: str, given: object, found: object) -> InputError:

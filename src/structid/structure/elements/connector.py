@@ -122,9 +122,7 @@ class Dashpot:
     viscous_damping: FloatArray
     nodes: IntArray
 
-    def __init__(
-        self, name: str, first: Ends, second: Ends | None = None, *, viscous_damping: ArrayLike
-    ) -> None:
+    def __init__(self, name: str, first: Ends, second: Ends | None = None, *, viscous_damping: ArrayLike) -> None:
         start, end = connector_ends(name, first, second)
         values = property_values(name, "viscous_damping", viscous_damping, len(start))
         set_fields(self, name=name, first=start, second=end, viscous_damping=values, nodes=connector_nodes(start, end))

@@ -44,9 +44,7 @@ class PointMass:
     mass: FloatArray
     directions: tuple[str, ...] | None
 
-    def __init__(
-        self, name: str, nodes: ArrayLike, mass: ArrayLike, directions: tuple[str, ...] | None = None
-    ) -> None:
+    def __init__(self, name: str, nodes: ArrayLike, mass: ArrayLike, directions: tuple[str, ...] | None = None) -> None:
         table = node_table(name, nodes, 1)
         if directions is not None and not set(directions) <= set(TRANSLATIONS):
             raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")

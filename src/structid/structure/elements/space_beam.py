@@ -114,7 +114,14 @@ class SpaceBeam:
             Term("bending_stiffness_y", "stiffness", "N m^2", self.bending_stiffness_y, codes, about_y),
             Term("bending_stiffness_z", "stiffness", "N m^2", self.bending_stiffness_z, codes, about_z),
             Term("axial_stiffness", "stiffness", "N", self.axial_stiffness, codes, rotated(rod, maps["along"])),
-            Term("torsional_stiffness", "stiffness", "N m^2", self.torsional_stiffness, codes, rotated(rod, maps["twist"])),
+            Term(
+                "torsional_stiffness",
+                "stiffness",
+                "N m^2",
+                self.torsional_stiffness,
+                codes,
+                rotated(rod, maps["twist"]),
+            ),
             Term("loss_factor", "loss_factor", "1", self.loss_factor),
             Term("mass_damping", "viscous_damping", "N s/m^2", self.mass_damping, codes, mass),
         )
@@ -136,7 +143,9 @@ class SpaceBeam:
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
     """Maps from the twelve global coordinates of each element to its axial, twist and bending coordinates."""
     n = len(axes)
-    maps = {key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))}
+    maps: dict[str, FloatArray] = {
+        key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))
+    }
     x, y, z = axes[:, 0], axes[:, 1], axes[:, 2]
     for end in (0, 1):
         shift, turn = slice(6 * end, 6 * end + 3), slice(6 * end + 3, 6 * end + 6)

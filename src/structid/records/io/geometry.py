@@ -1,0 +1,78 @@
+"""Where the nodes of a test are and how lines join them: datasets 15, 2411 and 82 of universal files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from structid.errors import FileError, InputError
+from structid.records.io.uff_blocks import datasets
+from structid.records.io.uff_scales import unit_factors
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Nodes of a test and the lines that draw it.
+
+    Parameters
+    ----------
+    nodes : dict of int to (x, y, z)
+        Position of each node label in m.
+    lines : tuple of tuple of int
+        Trace lines: node labels to join in order; 0 lifts the pen.
+
+    Raises
+    ------
+    InputError
+        If a line names a node that is not there.
+    """
+
+    nodes: dict[int, Point]
+    lines: tuple[tuple[int, ...], ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for line in self.lines:
+            unknown = [node for node in line if node != 0 and node not in self.nodes]
+            if unknown:
+                raise InputError(f"a trace line joins node {unknown[0]}, which has no position; add it to `nodes`")
+
+
+def read_geometry(path: str | Path) -> Geometry:
+    """Nodes (datasets 15 and 2411) and trace lines (82) of the universal file at `path`, in m.
+
+    A node in both 15 and 2411 is taken from 2411, which has more digits. Local coordinate systems are not applied.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, has no nodes, or defines one node twice in different places.
+    """
+    path = Path(path)
+    found = datasets(path)
+    factors = unit_factors(path, found)
+    scale = 1.0 if factors is None else 1 / factors.length
+    nodes: dict[int, Point] = {}
+    for number in (15, 2411):
+        nodes.update(_nodes(path, [d for d in found if d["type"] == number], scale))
+    if not nodes:
+        raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
+    lines = tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82)
+    try:
+        return Geometry(nodes, lines)
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def _nodes(path: Path, tables: list[dict[str, Any]], scale: float) -> dict[int, Point]:
+    nodes: dict[int, Point] = {}
+    for table in tables:
+        if not len(table["node_nums"]) == len(table["x"]) == len(table["y"]) == len(table["z"]):
+            raise FileError(f"{path}: dataset {table['type']} ends within a node; export the geometry again")
+        for label, x, y, z in zip(table["node_nums"], table["x"], table["y"], table["z"], strict=True):
+            point = (float(x) * scale, float(y) * scale, float(z) * scale)
+            if nodes.setdefault(int(label), point) != point:
+                raise FileError(f"{path}: dataset {table['type']} gives node {int(label)} two positions; keep one")
+    return nodes

@@ -1,0 +1,144 @@
+"""What a dataset 58 measures, where, and the factor of its values to SI."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from structid.dof import DIRECTIONS, Dof
+from structid.errors import FileError, InputError
+from structid.units import parse_frf_unit, parse_unit
+
+#: Specific data types of dataset 58 that structid reads, and the one it writes for each quantity.
+QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force"}
+DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}
+_UNKNOWN = (0, 1)
+
+
+class Factors(NamedTuple):
+    """Units of a universal file by dataset 164: numbers are divided by these to become m and N."""
+
+    length: float
+    force: float
+
+
+def unit_factors(path: Path, datasets: list[dict[str, Any]]) -> Factors | None:
+    """The unit factors of the file, or None where it has no dataset 164.
+
+    Raises
+    ------
+    FileError
+        If a factor is not positive, or two datasets 164 differ.
+    """
+    found = {Factors(float(d["length"]), float(d["force"])) for d in datasets if d["type"] == 164}
+    for factors in found:
+        if not all(math.isfinite(factor) and factor > 0 for factor in factors):
+            raise FileError(f"{path}: dataset 164 has unit factors {tuple(factors)}; they must be positive")
+    if len(found) > 1:
+        raise FileError(
+            f"{path}: has several datasets 164 with different units; export the parts to files of their own"
+        )
+    return found.pop() if found else None
+
+
+def dof_of(path: Path, node: int, direction: int, role: str) -> Dof:
+    """The degree of freedom of UFF direction `direction` (1 to 3 translations, 4 to 6 rotations, signed).
+
+    Raises
+    ------
+    FileError
+        If the direction is 0 (a scalar) or larger than 6.
+    """
+    if not 1 <= abs(direction) <= 6:
+        raise FileError(
+            f"{path}: the {role} at node {node} has direction {direction}; it must be 1 to 6 or -1 to -6, "
+            "set it in the export"
+        )
+    return Dof(node, DIRECTIONS[abs(direction) - 1], 1 if direction > 0 else -1)
+
+
+def direction_of(dof: Dof) -> int:
+    """UFF direction of `dof`: 1 to 6, negative for a negative sense."""
+    return dof.sign * (dof.axis + 1)
+
+
+def _label(dataset: dict[str, Any], side: str) -> str:
+    text = str(dataset.get(f"{side}_axis_units_lab", "")).strip()
+    return "" if text.upper() in ("NONE", "NULL", "UNKNOWN") else text
+
+
+def _label_unit(text: str) -> tuple[str, float] | None:
+    """Quantity and factor of a unit label, or None where it cannot be read."""
+    try:
+        unit = parse_unit(text)
+    except InputError:
+        return None
+    return unit.quantity, unit.factor
+
+
+def _file_factor(factors: Factors, quantity: str, dof: Dof) -> float:
+    """Factor to SI of a `quantity` at `dof` by the units of the file."""
+    if quantity == "force":
+        return 1 / (factors.force * (factors.length if dof.is_rotation else 1.0))
+    return 1.0 if dof.is_rotation else 1 / factors.length
+
+
+def channel_scale(
+    path: Path, dataset: dict[str, Any], side: str, dof: Dof, factors: Factors | None
+) -> tuple[str, float]:
+    """Quantity and factor to SI of one side of a dataset 58.
+
+    Parameters
+    ----------
+    side : {"ordinate", "orddenom"}
+        Ordinate (numerator) or ordinate denominator.
+    factors : Factors, optional
+        Units by dataset 164; without them the label decides, and without a label SI is meant.
+
+    Raises
+    ------
+    FileError
+        If neither data type nor label says the quantity, or label and dataset 164 contradict each other.
+    """
+    number = int(dataset.get(f"{side}_spec_data_type", 0))
+    text = _label(dataset, side)
+    label = _label_unit(text)
+    if number in QUANTITIES:
+        quantity = QUANTITIES[number]
+    elif number in _UNKNOWN and label is not None:
+        quantity = label[0]
+    else:
+        raise FileError(
+            f"{path}: the data of {dof} are of type {number} and not of displacement (8), velocity (11), "
+            "acceleration (12) "
+            "or force (13); set the type in the export"
+        )
+    if label is not None and label[0] != quantity:
+        raise FileError(
+            f"{path}: the data of {dof} are of {quantity} by their type but {label[0]} by their unit {text!r}"
+        )
+    if factors is None:
+        return quantity, label[1] if label is not None else 1.0
+    factor = _file_factor(factors, quantity, dof)
+    if label is not None and not math.isclose(label[1], factor, rel_tol=1e-4):
+        raise FileError(
+            f"{path}: the data of {dof} have unit {text!r} (factor {label[1]:g} to SI), but dataset 164 "
+            f"says {factor:g}; "
+            "tell which is right with ReadOptions(unit=...) for FRFs or ReadOptions(units=...) for time histories"
+        )
+    return quantity, factor
+
+
+def ordinate_is_ratio(dataset: dict[str, Any]) -> bool:
+    """Whether the ordinate's label is of a whole FRF, such as `(m/s^2)/N`, and not of its numerator."""
+    try:
+        parse_frf_unit(_label(dataset, "ordinate"))
+    except InputError:
+        return False
+    return True
+
+
+def without_labels(dataset: dict[str, Any]) -> dict[str, Any]:
+    """`dataset` with its unit labels left out, so that data types and dataset 164 decide."""
+    return {**dataset, "ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}

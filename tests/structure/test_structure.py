@@ -1,0 +1,133 @@
+"""Supports, ties and selections of a structure."""
+
+import numpy as np
+import pytest
+
+from structid import (
+    Beam,
+    Constraint,
+    Dashpot,
+    InputError,
+    PointMass,
+    RigidLink,
+    RotaryInertia,
+    SpaceBeam,
+    Spring,
+    Structure,
+    from_matrices,
+    parse_dof,
+)
+from structid.dynamics import modes
+
+CLAMP = [f"1{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
+
+
+def test_cantilever_frequencies_are_those_of_the_continuous_beam():
+    """Euler-Bernoulli cantilever, (beta L)^2 = 3.51602, 22.0345, 61.6972; cubics on 20 elements are within 2e-5."""
+    n = 20
+    beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
+    structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
+    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=3)
+    assert 2 * np.pi * found.frequency == pytest.approx([3.516015, 22.03449, 61.69721], rel=2e-5)
+
+
+def test_rigid_link_adds_mass_where_the_parallel_axis_theorem_puts_it():
+    arm = np.array([0.3, -0.2, 0.5])
+    structure = Structure(
+        {1: (0, 0, 0), 2: arm}, [RotaryInertia("i", [1], 1.0, "RZ"), PointMass("m", [2], 4.0)], ties=[RigidLink("r", 1, 2)]
+    )
+    mass = structure.matrix("inertia").toarray()
+    about = {d.direction: i for i, d in enumerate(structure.dofs)}
+    assert all(d.node == 1 for d in structure.dofs)
+    assert mass[about["RZ"], about["RZ"]] == pytest.approx(1.0 + 4.0 * (arm[0] ** 2 + arm[1] ** 2))
+    assert mass[about["RX"], about["RY"]] == pytest.approx(-4.0 * arm[0] * arm[1])
+    assert mass[about["X"], about["RY"]] == pytest.approx(4.0 * arm[2])
+
+
+def test_selection_reads_through_a_link_with_its_sign():
+    structure = Structure(
+        {1: (0, 0, 0), 2: (0, 0, 1), 3: (0.1, 0.2, 1)},
+        [SpaceBeam("c", [1, 2], 1.0, 1.0, 1.0, 1.0, 1.0)],
+        CLAMP,
+        [RigidLink("r", 2, 3)],
+    )
+    reading = structure.selection([parse_dof("3X-")]).toarray()[:, 0]
+    expected = {"2X+": -1.0, "2RZ+": 0.2}
+    assert {str(d): v for d, v in zip(structure.dofs, reading, strict=True) if v} == expected
+
+
+def test_constraint_equals_a_very_stiff_spring():
+    parts = [PointMass("m", [1, 2, 3], [1.0, 2.0, 3.0]), Spring("k", ["1X", "2X"], ["2X", "3X"], stiffness=[50.0, 70.0])]
+    ground = Spring("g", "1X", stiffness=10.0)
+    nodes = {1: 0.0, 2: 1.0, 3: 2.0}
+    tied = Structure(nodes, [*parts, ground], ties=[Constraint("c", "3X", [("1X", 1.0)])])
+    stiff = Structure(nodes, [*parts, ground, Spring("s", "3X", "1X", stiffness=1e9)])
+    frequencies = [modes(s.matrix("inertia"), s.matrix("elastic")).frequency for s in (tied, stiff)]
+    assert len(frequencies[0]) == 2
+    assert frequencies[0] == pytest.approx(frequencies[1][:2], rel=1e-6)
+
+
+def test_chained_ties_resolve_and_circles_are_refused():
+    nodes = {1: 0.0, 2: 1.0, 3: 2.0}
+    mass = PointMass("m", [1, 2, 3], 1.0, directions=("X",))
+    chain = [Constraint("a", "2X", [("1X", 2.0)]), Constraint("b", "3X", [("2X", 3.0)])]
+    assert Structure(nodes, [mass], ties=chain).matrix("inertia").toarray() == pytest.approx(np.array([[1 + 4 + 36.0]]))
+    circle = [Constraint("a", "2X", [("1X", 1.0)]), Constraint("b", "1X", [("2X", 1.0)])]
+    with pytest.raises(InputError, match="circle"):
+        Structure(nodes, [mass], ties=circle)
+
+
+def test_from_matrices_equals_the_same_elements():
+    beam = Beam("beam", [[0, 1], [1, 2]], [2.0, 3.0], [5.0, 7.0])
+    whole = Structure({0: 0.0, 1: 1.0, 2: 2.0}, [beam])
+    groups = {
+        f"part {e}": {
+            "mass": whole.contributions[0].blocks.assemble(np.eye(2)[e] * beam.mass),
+            "stiffness": whole.contributions[1].blocks.assemble(np.eye(2)[e] * beam.bending_stiffness),
+        }
+        for e in range(2)
+    }
+    imported = from_matrices(groups, whole.dofs, fixed=["0Y", "0RZ"])
+    direct = Structure(whole.nodes, [beam], ["0Y", "0RZ"])
+    assert imported.dofs == direct.dofs
+    for law in ("inertia", "elastic"):
+        assert imported.matrix(law).toarray() == pytest.approx(direct.matrix(law).toarray())
+    assert imported.mass_of(direction="Y") == pytest.approx(5.0)
+
+
+def test_dashpot_enters_the_damping_matrix_only():
+    structure = Structure({1: 0.0, 2: 1.0}, [Dashpot("d", "1X", "2X-", viscous_damping=3.0)])
+    assert structure.matrix("viscous").toarray() == pytest.approx(np.array([[3.0, 3.0], [3.0, 3.0]]))
+    assert structure.matrix("elastic").nnz == 0
+
+
+NODES = {1: (0.0, 0.0), 2: (1.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("make", "fragment"),
+    [
+        (lambda: Structure({}, []), "at least one node"),
+        (lambda: Structure({1: 0.0, 2: (1.0, 2.0)}, []), "1, 2 or 3 coordinates"),
+        (lambda: Structure({1: np.nan}, []), "finite"),
+        (lambda: Structure(NODES, [Beam("a", [[1, 5]], 1.0, 1.0)]), "uses node 5"),
+        (lambda: Structure(NODES, [PointMass("a", [1], 1.0), PointMass("a", [2], 1.0)]), "called 'a'"),
+        (lambda: Structure(NODES, [PointMass("a", [1], 1.0)], ["7X"]), "node 7"),
+        (lambda: Structure(NODES, [PointMass("a", [1, 2], 1.0)]).selection([parse_dof("12X+")]), "node 12"),
+        (lambda: Structure(NODES, [PointMass("a", [1], 1.0)]).selection([parse_dof("1Z+")]), "moves in 1X\\+, 1Y\\+"),
+        (lambda: Structure(NODES, [PointMass("a", [1], 1.0)], ["1X"]).selection([parse_dof("1X+")]), "held at zero"),
+        (
+            lambda: Structure(NODES, [PointMass("a", [1, 2], 1.0)], ["2X"], [RigidLink("r", 1, 2)]),
+            "fixed and also depends",
+        ),
+        (
+            lambda: Structure(NODES, [PointMass("a", [1, 2], 1.0)], ties=[RigidLink("r", 1, 2), RigidLink("s", 1, 2)]),
+            "depends twice",
+        ),
+        (lambda: from_matrices({"g": {"mass": [[1.0, 2.0], [0.0, 1.0]]}}, ["1X", "2X"]), "symmetric"),
+        (lambda: from_matrices({"g": {"mass": np.eye(3)}}, ["1X", "2X"]), r"\(2, 2\)"),
+    ],
+)
+def test_bad_structures_are_refused_with_the_place(make, fragment):
+    with pytest.raises(InputError, match=fragment):
+        make()
