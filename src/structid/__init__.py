@@ -4,7 +4,7 @@ from structid._version import __version__
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, LevenbergMarquardt, Status, estimate
-from structid.observation import FrfProblem
+from structid.observation import FrfProblem, simulated_record
 from structid.parameters import Parameters, Prior, Unknown, parameters
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.structure import (
@@ -62,6 +62,7 @@ __all__ = [
     "identify",
     "parameters",
     "parse_dof",
+    "simulated_record",
     "with_coherence_noise",
     "with_declared_noise",
 ]

@@ -12,7 +12,7 @@ from structid.dynamics import Modes, modes
 from structid.estimation import Estimate, Status, estimate
 from structid.estimation.estimate import StageProgress
 from structid.estimation.least_squares import LevenbergMarquardt, Method
-from structid.observation import Form, FrfProblem, measures_everything, one_step_values
+from structid.observation import Form, FrfProblem, measures_everything, one_step_values, response
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure
@@ -43,6 +43,9 @@ class IdentifyOptions:
         Translation of the total mass; the first that has mass by default.
     n_modes : int
         How many modes of the identified model are given.
+    evaluation_band : (float, float), optional
+        Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
+        does on lines that had no part in the fit.
     """
 
     band: tuple[float, float] | None = None
@@ -53,6 +56,7 @@ class IdentifyOptions:
     method: Method = field(default_factory=LevenbergMarquardt)
     direction: str | None = None
     n_modes: int = 12
+    evaluation_band: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,10 @@ class Identification:
     estimate : Estimate
     predicted_initial, predicted : (n_frequencies, n_outputs, n_inputs) complex arrays
         The model's FRF at the used lines, with initial and with identified parameters.
+    evaluation : FrfRecord
+        The lines on which the fit is judged.
+    evaluation_initial, evaluation_predicted : (n_evaluated, n_outputs, n_inputs) complex arrays
+        The model's FRF there.
     modes_initial, modes : Modes
         Of the initial and of the identified model.
     total_mass, total_mass_std : float
@@ -81,6 +89,9 @@ class Identification:
     estimate: Estimate
     predicted_initial: ComplexArray
     predicted: ComplexArray
+    evaluation: FrfRecord
+    evaluation_initial: ComplexArray
+    evaluation_predicted: ComplexArray
     modes_initial: Modes
     modes: Modes
     total_mass: float
@@ -89,9 +100,9 @@ class Identification:
 
     @property
     def relative_error(self) -> FloatArray:
-        """abs(predicted - measured) / abs(measured) of every line and channel."""
-        measured = self.problem.record.values
-        return np.abs(self.predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)
+        """abs(predicted - measured) / abs(measured), (n_evaluated, n_outputs, n_inputs)."""
+        measured = self.evaluation.values
+        return np.abs(self.evaluation_predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)
 
 
 def prepared_problem(
@@ -153,6 +164,8 @@ def identify(
         problem = _started_by_one_step(problem)
     stages = [("pole-free", problem.with_form("pole_free"))] if chosen.pole_free_start else []
     found = estimate(problem, chosen.method, stages, progress=progress)
+    judged = record.band(*chosen.evaluation_band) if chosen.evaluation_band else problem.record
+    judge = response(structure, unknown, judged)
     values = unknown.values(found.values)
     gradient = structure.mass_gradient(chosen.direction) @ unknown.design
     return Identification(
@@ -161,6 +174,9 @@ def identify(
         estimate=found,
         predicted_initial=problem.predicted(unknown.theta_start),
         predicted=problem.predicted(found.theta),
+        evaluation=judged,
+        evaluation_initial=judge.values_at(unknown.start),
+        evaluation_predicted=judge.values_at(found.values),
         modes_initial=structure_modes(structure, unknown.values(unknown.start), chosen.n_modes),
         modes=structure_modes(structure, values, chosen.n_modes),
         total_mass=structure.mass_of(values, chosen.direction),

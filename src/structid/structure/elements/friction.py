@@ -31,9 +31,9 @@ class Friction:
     friction_force : float
         r, N of friction (first harmonic) per N of drive: 4/pi times the sliding force over the drive amplitude.
     measured_by : sequence of degrees of freedom
-        Sensors whose mean gives the sliding motion, signs honoured.
+        Sensors whose mean gives the sliding motion along their axes; the senses in the record are honoured.
     smoothing : int
-        Number of neighbouring lines over which the measured amplitude is averaged (geometric mean).
+        Number of neighbouring lines over which the measured amplitude is averaged (geometric mean); 1 for none.
 
     References
     ----------
@@ -56,7 +56,7 @@ class Friction:
         *,
         friction_force: ArrayLike,
         measured_by: Ends,
-        smoothing: int = 5,
+        smoothing: int = 1,
     ) -> None:
         start, end = connector_ends(name, parse_dof(first), None if second is None else parse_dof(second))
         sensors = parse_dofs([measured_by] if isinstance(measured_by, str | Dof) else measured_by)

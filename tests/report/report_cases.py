@@ -1,0 +1,171 @@
+"""Identifications that the report is tried on: small, seeded, each with a feature of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import structid as si
+from structid.observation import response
+from structid.records import FrfRecord
+from structid.study.identification import Identification, IdentifyOptions, identify
+
+
+def synthetic_record(
+    structure: si.Structure,
+    unknown: si.Parameters,
+    frequency: np.ndarray,
+    outputs: list[str],
+    inputs: list[str],
+    noise: float,
+    kind: str = "accelerance",
+) -> FrfRecord:
+    """What `structure` answers with the start values of `unknown`, with complex noise in proportion."""
+    shape = (len(frequency), len(outputs), len(inputs))
+    record = FrfRecord(frequency, np.ones(shape, complex), outputs, inputs, kind, source="synthetic")
+    free = {e.name: np.full(len(frequency), np.inf) for e in structure.elements if isinstance(e, si.Friction)}
+    for sliding in [free, *[None] * (8 if free else 0)]:
+        values = response(structure, unknown, record, sliding).values_at(unknown.start)
+        record = replace(record, values=values)
+    random = np.random.default_rng(7)
+    error = (random.standard_normal(shape) + 1j * random.standard_normal(shape)) / np.sqrt(2)
+    noisy = replace(record, values=record.values * (1 + noise * error))
+    return si.with_declared_noise(noisy, relative=noise)
+
+
+def cantilever(n_lines: int = 300) -> Identification:
+    """A 6-element cantilever, damaged: mass and bending stiffness of each element and one loss factor."""
+    nodes = {i: 0.2 * i for i in range(7)}
+    table = [[i, i + 1] for i in range(6)]
+
+    def built(mass: np.ndarray, stiffness: np.ndarray, loss: float) -> tuple[si.Structure, si.Parameters]:
+        beam = si.Beam("beam", table, mass, stiffness, loss_factor=loss)
+        structure = si.Structure(nodes, [beam], fixed=["0Y", "0RZ"])
+        unknown = [
+            si.Unknown("mass", "beam", each=True, factor=False, prior=si.Prior(2.0, 0.2)),
+            si.Unknown("bending_stiffness", "beam", each=True, factor=False),
+            si.Unknown("loss_factor", "beam"),
+        ]
+        return structure, si.parameters(structure, unknown)
+
+    change = np.array([1.0, 1.0, 0.75, 1.0, 1.1, 1.0])
+    true = built(2.0 * np.array([1, 1, 1, 1.05, 1, 1]), 80.0 * change, 0.012)
+    frequency = np.linspace(2.0, 160.0, n_lines)
+    record = synthetic_record(*true, frequency, ["3Y+", "6Y+"], ["6Y+"], 0.01)
+    coherence = np.clip(1 - 0.02 * np.random.default_rng(1).random(record.values.shape), 0, 1)
+    return identify(
+        *built(np.full(6, 2.0), np.full(6, 80.0), 0.02),
+        replace(record, coherence=coherence, averages=20),
+        IdentifyOptions(band=(5.0, 150.0), exclude=[(60.0, 66.0)], n_modes=6),
+    )
+
+
+def _frame_nodes() -> dict[int, list[float]]:
+    nodes = {}
+    for floor in range(4):
+        z = 0.18 * floor
+        nodes[10 * floor] = [0.15, 0.125, z]
+        for corner, (x, y) in enumerate([(0, 0), (0.3, 0), (0.3, 0.25), (0, 0.25)], start=1):
+            nodes[10 * floor + corner] = [x, y, z]
+    return nodes
+
+
+def frame_model(scale: float = 1.0, loss: float = 0.01, force: float = 0.02) -> tuple[si.Structure, si.Parameters]:
+    """Four plates on columns, the base on a ground spring, dashpot and slide with friction."""
+    plates = [si.PointMass(f"plate {i}", [10 * i], 6.5 * scale) for i in range(4)]
+    inertias = [
+        si.RotaryInertia(f"inertia {d.lower()}", [0, 10, 20, 30], 0.07, d) for d in ("RX", "RY", "RZ")
+    ]
+    columns = [
+        si.SpaceBeam(
+            f"story {i}",
+            [[10 * (i - 1) + c, 10 * i + c] for c in range(1, 5)],
+            mass=0.42,
+            bending_stiffness_y=9.0 / scale,
+            bending_stiffness_z=150.0,
+            axial_stiffness=5e6,
+            torsional_stiffness=10.0,
+            loss_factor=loss,
+        )
+        for i in range(1, 4)
+    ]
+    base = [
+        si.Spring("base spring", "0X", stiffness=3.0e3 / scale),
+        si.Dashpot("base dashpot", "0X", viscous_damping=20.0 * scale),
+        si.Spring("rocking", "0RY", stiffness=4.0e4),
+        si.Friction("slide", "0X", friction_force=force, measured_by=["1X", "2X"]),
+        si.Dashpot("damper", "10X", "20X", viscous_damping=5.0 * scale),
+    ]
+    ties = [si.RigidLink(f"floor {i}", 10 * i, [10 * i + c for c in range(1, 5)]) for i in range(4)]
+    structure = si.Structure(
+        _frame_nodes(), [*plates, *inertias, *columns, *base], fixed=["0Y", "0Z", "0RX", "0RZ"], ties=ties
+    )
+    unknown = [si.Unknown("mass", f"plate {i}", prior=si.Prior(6.5, 1.0)) for i in range(4)]
+    unknown += [si.Unknown("bending_stiffness_y", f"story {i}") for i in range(1, 4)]
+    unknown += [
+        si.Unknown("loss_factor", ["story 1", "story 2", "story 3"], name="stories"),
+        si.Unknown("stiffness", "base spring"),
+        si.Unknown("viscous_damping", "base dashpot"),
+        si.Unknown("viscous_damping", "damper"),
+        si.Unknown("friction_force", "slide"),
+    ]
+    return structure, si.parameters(structure, unknown)
+
+
+def frame() -> Identification:
+    """The 3-D frame from starts 20 % off."""
+    structure, true = frame_model()
+    frequency = np.linspace(3.0, 85.0, 250)
+    outputs = ["1X-", "2X+", "11X-", "12X+", "21X-", "22X+", "31X-", "32X+", "0X+"]
+    record = synthetic_record(structure, true, frequency, outputs, ["2X+"], 0.02)
+    return identify(*frame_model(1.2, 0.015, 0.03), record, IdentifyOptions(band=(4.5, 80.0), n_modes=8))
+
+
+def springs_in_series() -> Identification:
+    """Two springs in series with no sensor (and no mass) between: only their sum of flexibilities shows."""
+
+    def built(stiffness: float) -> tuple[si.Structure, si.Parameters]:
+        parts = [
+            si.Spring("lower <1>", "1X", stiffness=stiffness),
+            si.Spring("upper & outer", "1X", "2X", stiffness=stiffness),
+            si.Dashpot("damper", "2X", viscous_damping=0.5),
+            si.PointMass("block", [2], 2.0),
+            si.PointMass("second", [3], 1.0),
+            si.Spring("link", "2X", "3X", stiffness=4.0e3, loss_factor=0.01),
+        ]
+        structure = si.Structure({1: 0.1, 2: 0.2, 3: 0.3}, parts, active=["X"])
+        names = ["lower <1>", "upper & outer", "link"]
+        unknown = [si.Unknown("stiffness", name) for name in names] + [si.Unknown("mass", ["block"])]
+        return structure, si.parameters(structure, unknown)
+
+    structure, true = built(1000.0)
+    record = synthetic_record(structure, true, np.linspace(0.5, 20.0, 120), ["2X", "3X"], ["2X"], 0.01, "receptance")
+    return identify(*built(1200.0), record)
+
+
+def many() -> Identification:
+    """A beam of 58 elements with 60 parameters and 40 channels."""
+    n = 58
+    nodes = {i: 0.05 * i for i in range(n + 1)}
+    table = [[i, i + 1] for i in range(n)]
+
+    def built(stiffness: np.ndarray, mass: float, loss: float) -> tuple[si.Structure, si.Parameters]:
+        beam = si.Beam("beam", table, mass, stiffness, loss_factor=loss)
+        structure = si.Structure(nodes, [beam], fixed=["0Y", "0RZ", f"{n}Y"])
+        unknown = [
+            si.Unknown("bending_stiffness", "beam", each=True, factor=False),
+            si.Unknown("mass", "beam"),
+            si.Unknown("loss_factor", "beam"),
+        ]
+        return structure, si.parameters(structure, unknown)
+
+    change = np.ones(n)
+    change[20:24] = 0.7
+    true = built(400.0 * change, 3.0, 0.01)
+    sensors = [f"{i}Y{'+' if i % 2 else '-'}" for i in range(1, 58)][:40]
+    record = synthetic_record(*true, np.linspace(3.0, 250.0, 220), sensors, ["17Y+"], 0.01)
+    return identify(*built(np.full(n, 420.0), 3.1, 0.015), record, IdentifyOptions(n_modes=10))
+
+
+CASES = {"cantilever": cantilever, "frame": frame, "series": springs_in_series, "many": many}
