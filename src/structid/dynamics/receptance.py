@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.errors import SingularModelError
@@ -46,6 +45,8 @@ def harmonic_fields(
     SingularModelError
         If Z cannot be factorized at one of the frequencies.
     """
+    from threadpoolctl import threadpool_limits
+
     n = len(indptr) - 1
     right = loads.toarray().astype(np.complex128)
     fields = np.empty((len(frequency), n, right.shape[1]), dtype=np.complex128)

@@ -68,6 +68,8 @@ class Estimate:
     residual_correlation : float
         Correlation length of the residual in lines; about 1 for noise.
     n_iterations : int
+    n_starts, n_agreeing : int
+        How many starts were tried, and how many of them ended at this minimum.
     theta : (n_params,) float array
         Free variables at the end.
     history : (n_iterations + 1, n_params) float array
@@ -90,6 +92,8 @@ class Estimate:
     degrees_of_freedom: int
     residual_correlation: float
     n_iterations: int
+    n_starts: int
+    n_agreeing: int
     theta: FloatArray
     history: FloatArray
 
@@ -141,6 +145,8 @@ def estimate(
     method: Method | None = None,
     stages: Sequence[tuple[str, Problem]] = (),
     misfit_probability: float = 1e-3,
+    restarts: int = 0,
+    seed: int = 0,
     progress: StageProgress | None = None,
 ) -> Estimate:
     """Parameters that minimize the problem's sum of squares, with their uncertainty.
@@ -156,16 +162,52 @@ def estimate(
     misfit_probability : float
         Below this probability of its chi-square the fit is taken to hold model error, and the standard deviations
         are those that carry it.
+    restarts : int
+        How many more starts are tried where the fit misses the noise by that measure: each a random point about 20 %
+        from the given start. The lowest minimum is kept.
+    seed : int
+        Of the random starts.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
     """
-    chosen = method or LevenbergMarquardt()
-    theta, iterations = np.array(problem.theta_start), 0
+    start = np.array(problem.theta_start)
+    minima = [_staged(problem, method or LevenbergMarquardt(), stages, start, progress)]
+    rng = np.random.default_rng(seed)
+    for attempt in range(restarts):
+        if not _misfits(problem, minima[0][0].linearization, misfit_probability):
+            break
+        spread = 0.2 * np.abs(problem.physical(start)) / problem.slope(start)
+        again = start + spread * rng.standard_normal(len(start))
+        minima.append(
+            _staged(problem, method or LevenbergMarquardt(), stages, again, progress, f"start {attempt + 2}, ")
+        )
+    best = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
+    same = sum(m[0].converged and m[0].costs[-1] <= best[0].costs[-1] * (1 + 1e-6) + 1e-12 for m in minima)
+    return _complete(problem, best[0], best[1], misfit_probability, (len(minima), same))
+
+
+def _staged(
+    problem: Problem,
+    method: Method,
+    stages: Sequence[tuple[str, Problem]],
+    theta: FloatArray,
+    progress: StageProgress | None,
+    prefix: str = "",
+) -> tuple[Minimum, int]:
+    """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
+    iterations = 0
     for name, stage in stages:
-        minimum = minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta, _named(progress, name))
+        minimum = minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta, _named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
-    minimum = minimize(problem, chosen, theta, _named(progress, "final"))
-    return _complete(problem, minimum, iterations + len(minimum.costs) - 1, misfit_probability)
+    minimum = minimize(problem, method, theta, _named(progress, prefix + "final"))
+    return minimum, iterations + len(minimum.costs) - 1
+
+
+def _misfits(problem: Problem, at: Linearization, probability: float) -> bool:
+    """Whether chi-square is larger than noise alone would make it with this probability."""
+    data = at.residual[: problem.n_data]
+    freedom = len(at.residual) - at.jacobian.shape[1]
+    return freedom > 0 and bool(special.gammaincc(freedom / 2, float(data @ data) / 2) < probability)
 
 
 def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
@@ -182,7 +224,9 @@ def _named(progress: StageProgress | None, name: str) -> Callable[[int, float], 
     return lambda iteration, cost: report(name, iteration, cost)
 
 
-def _complete(problem: Problem, minimum: Minimum, n_iterations: int, misfit_probability: float) -> Estimate:
+def _complete(
+    problem: Problem, minimum: Minimum, n_iterations: int, misfit_probability: float, starts: tuple[int, int]
+) -> Estimate:
     theta, at = minimum.theta, minimum.linearization
     values, slope = problem.physical(theta), problem.slope(theta)
     data = at.residual[: problem.n_data]
@@ -190,8 +234,9 @@ def _complete(problem: Problem, minimum: Minimum, n_iterations: int, misfit_prob
     freedom = max(len(at.residual) - len(values), 0)
     noise = inverse_information(at.jacobian) * np.outer(slope, slope)
     model = model_error_covariance(problem, at) * np.outer(slope, slope)
-    misfit = freedom > 0 and special.gammaincc(freedom / 2, chi_square / 2) < misfit_probability
-    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names)
+    misfit = _misfits(problem, at, misfit_probability)
+    noise_scale = float(np.sqrt(chi_square / freedom)) if misfit else 1.0
+    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale)
     adopted = np.sqrt(np.diag(model if misfit else noise))
     identified = adopted <= np.abs(values)
     if not minimum.converged:
@@ -217,6 +262,8 @@ def _complete(problem: Problem, minimum: Minimum, n_iterations: int, misfit_prob
         degrees_of_freedom=freedom,
         residual_correlation=correlation_length(data, problem.lines, problem.series),
         n_iterations=n_iterations,
+        n_starts=starts[0],
+        n_agreeing=starts[1],
         theta=locked(theta),
         history=locked(np.array([problem.physical(t) for t in minimum.history])),
     )

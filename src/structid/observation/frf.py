@@ -15,7 +15,7 @@ from structid.estimation.problem import Linearization
 from structid.observation.response import Response, response
 from structid.parameters import Parameters
 from structid.records import FrfRecord
-from structid.structure import Structure
+from structid.structure import Friction, Structure
 
 Form = Literal["output", "log", "pole_free", "equation"]
 
@@ -42,6 +42,8 @@ class FrfProblem:
     form : Form
     model_error : float
         Error of the model itself, as a part of each value's magnitude; added in quadrature to the noise.
+    measured_sliding : bool
+        Whether friction slides with measured amplitudes, for poor starts; see `Friction`.
     """
 
     structure: Structure
@@ -49,6 +51,7 @@ class FrfProblem:
     record: FrfRecord
     form: Form = "output"
     model_error: float = 0.0
+    measured_sliding: bool = False
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -101,11 +104,14 @@ class FrfProblem:
     @cached_property
     def model(self) -> Response:
         """The structure's response at the record's lines, sensors and loads."""
-        return response(self.structure, self.parameters, self.record)
+        return response(self.structure, self.parameters, self.record, self.measured_sliding)
 
-    def with_form(self, form: Form) -> FrfProblem:
-        """The same problem with another residual."""
-        return replace(self, form=form)
+    def stages(self) -> tuple[tuple[str, FrfProblem], ...]:
+        """Easier forms of the problem, for poor starts: pole-free residual first, measured sliding of friction."""
+        first = replace(self, form="pole_free", measured_sliding=True)
+        if not any(isinstance(e, Friction) and e.measured_by for e in self.structure.elements):
+            return (("pole-free", first),)
+        return ("pole-free", first), ("measured sliding", replace(self, measured_sliding=True))
 
     def physical(self, theta: FloatArray) -> FloatArray:
         return self.parameters.transforms.physical(theta)

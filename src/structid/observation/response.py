@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -11,6 +12,7 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof
 from structid.dynamics import harmonic_fields
 from structid.errors import InputError
+from structid.observation.friction import add_amplitude_change, balanced_amplitudes
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
@@ -19,10 +21,11 @@ from structid.structure.assembly import Assembly, assembly
 from structid.structure.blocks import ElementMatrices
 
 _CHUNK_BYTES = 48_000_000
+_STUCK = 1e-4
 
 
 def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
-    """Sliding amplitude per unit drive of every friction element, from the receptance that `record` measured.
+    """Measured sliding amplitude per unit drive of the friction elements that name sensors.
 
     Raises
     ------
@@ -31,10 +34,9 @@ def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, Flo
     """
     amplitudes = {}
     for element in structure.elements:
-        if not isinstance(element, Friction):
+        if not isinstance(element, Friction) or not element.measured_by:
             continue
-        if len(record.inputs) != 1:
-            raise InputError(f"friction {element.name!r} needs a record with one load, got {len(record.inputs)}")
+        _require_one_load(element, record)
         measured = record.channels(_as_recorded(element.measured_by, record)).as_kind("receptance")
         signs = np.array([dof.sign for dof in measured.outputs])
         amplitudes[element.name] = element.sliding(measured.values[:, :, 0] * signs)
@@ -48,7 +50,10 @@ def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
 
 
 def law_coefficients(laws: tuple[str, ...], frequency: FloatArray, sliding: dict[str, FloatArray]) -> ComplexArray:
-    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): -omega^2, i omega, 1, i, i / amplitude."""
+    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): -omega^2, i omega, 1, i, i / amplitude.
+
+    Friction with no amplitude in `sliding` gets 0.
+    """
     omega = 2 * np.pi * frequency
     table = {
         "inertia": -(omega**2) + 0j,
@@ -57,7 +62,8 @@ def law_coefficients(laws: tuple[str, ...], frequency: FloatArray, sliding: dict
         "structural": np.full_like(omega, 1j, dtype=complex),
     }
     table.update({f"friction:{name}": 1j / amplitude for name, amplitude in sliding.items()})
-    return np.stack([table[law] for law in laws], axis=1)
+    zero = np.zeros_like(omega) + 0j
+    return np.stack([table.get(law, zero) for law in laws], axis=1)
 
 
 def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
@@ -80,28 +86,42 @@ class _Sensitive:
 
 
 @dataclass(frozen=True, eq=False)
+class _Contact:
+    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
+
+    law: int
+    value: int
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """Frequency response of a parametrized structure at fixed frequencies, sensors and loads.
 
-    Made by `response`; `values_at` and `derivatives_at` are pure functions of the physical parameters.
+    Made by `response`; `values_at` and `derivatives_at` are pure functions of the physical parameters. The last
+    outputs are the sliding motions of `contacts`, which are not handed out.
     """
 
     assembled: Assembly
     parameters: Parameters
-    coefficients: ComplexArray
+    fixed_coefficients: ComplexArray
     frequency: FloatArray
     kind_factor: ComplexArray
     columns: sparse.csc_array
     outputs: tuple[IntArray, FloatArray]
     inputs: tuple[IntArray, FloatArray]
     sensitive: tuple[_Sensitive, ...]
+    contacts: tuple[_Contact, ...]
+
+    @property
+    def n_outputs(self) -> int:
+        return len(self.outputs[0]) - len(self.contacts)
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
         used, sign = np.unique(self.inputs[0]), self.inputs[1]
-        fields = self._fields(physical, self.columns[:, used])[:, :, np.searchsorted(used, self.inputs[0])]
-        read = self._read(fields * sign)
-        return read * self.kind_factor[:, None, None]
+        fields = self._fields(physical, self._coefficients(physical), self.columns[:, used])
+        read = self._read(fields[:, :, np.searchsorted(used, self.inputs[0])] * sign)
+        return read[:, : self.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The FRF and its derivative with respect to the physical parameters, (..., n_params).
@@ -109,26 +129,66 @@ class Response:
         By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
         -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it.
         """
-        fields = self._fields(physical, self.columns)
+        coefficients = self._coefficients(physical)
+        fields = self._fields(physical, coefficients, self.columns)
         x = fields[:, :, self.inputs[0]] * self.inputs[1]
         y = fields[:, :, self.outputs[0]] * self.outputs[1]
         values = self._read(x)
-        shape = (len(self.frequency), len(self.outputs[0]), len(self.inputs[0]), self.parameters.n_params)
-        derivative = np.zeros(shape, dtype=np.complex128)
+        derivative = np.zeros((*values.shape, self.parameters.n_params), dtype=np.complex128)
         weights = self.parameters.values(physical)
         for group in self.sensitive:
-            self._add_group(derivative, group, weights, x, y)
+            self._add_group(derivative, group, weights, coefficients, x, y)
+        if self.contacts:
+            reach = self._read(y[:, :, self.n_outputs :])
+            force = weights[[contact.value for contact in self.contacts]]
+            size = (1j / coefficients[:, [contact.law for contact in self.contacts]]).real
+            motion = values[:, self.n_outputs :, 0]
+            derivative = add_amplitude_change(derivative[:, :, 0], motion, reach, force, size)[:, :, None]
         factor = self.kind_factor[:, None, None]
-        return values * factor, derivative * factor[..., None]
+        return values[:, : self.n_outputs] * factor, derivative[:, : self.n_outputs] * factor[..., None]
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
         """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
-        y = self._fields(physical, self.columns)[:, :, self.outputs[0]] * self.outputs[1]
+        index, sign = self.outputs[0][: self.n_outputs], self.outputs[1][: self.n_outputs]
+        y = self._fields(physical, self._coefficients(physical), self.columns)[:, :, index] * sign
         return np.swapaxes(y, 1, 2) @ np.conj(y)
 
+    def _coefficients(self, physical: FloatArray) -> ComplexArray:
+        """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
+        if not self.contacts:
+            return self.fixed_coefficients
+        free, flexibility = self._contact_receptances(physical)
+        force = self.parameters.values(physical)[[c.value for c in self.contacts]]
+        amplitude = balanced_amplitudes(flexibility, free, force, self._stuck_amplitude)
+        coefficients = np.array(self.fixed_coefficients)
+        coefficients[:, [c.law for c in self.contacts]] = 1j / amplitude
+        return coefficients
+
+    @cached_property
+    def _stuck_amplitude(self) -> FloatArray:
+        """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
+        free, _ = self._contact_receptances(self.parameters.start)
+        return np.maximum(_STUCK * np.abs(free), np.finfo(float).tiny)
+
+    def _contact_receptances(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Motion of the contacts under the drive, and under unit forces at the contacts, all without their friction."""
+        columns, signs = self.outputs[0][self.n_outputs :], self.outputs[1][self.n_outputs :]
+        used = np.unique(np.concatenate([self.inputs[0], columns]))
+        fields = self._fields(physical, self.fixed_coefficients, self.columns[:, used])
+        drive = fields[:, :, np.searchsorted(used, self.inputs[0])] * self.inputs[1]
+        contact = fields[:, :, np.searchsorted(used, columns)] * signs
+        return self._read(drive)[:, self.n_outputs :, 0], self._read(contact)[:, self.n_outputs :]
+
     def _add_group(
-        self, derivative: ComplexArray, group: _Sensitive, weights: FloatArray, x: ComplexArray, y: ComplexArray
+        self,
+        derivative: ComplexArray,
+        group: _Sensitive,
+        weights: FloatArray,
+        coefficients: ComplexArray,
+        x: ComplexArray,
+        y: ComplexArray,
     ) -> None:
+        """Subtract y' (dZ/dp) x of one family of element matrices, in stretches of lines that fit in memory."""
         contributions = self.assembled.structure.contributions
         slopes = [
             (contributions[m], weight_slope(contributions[m], self.parameters, weights)[group.rows])
@@ -145,13 +205,11 @@ class Response:
             for contribution, slope in slopes:
                 law = self.assembled.laws.index(contribution.law)
                 change = (slope.T @ flat.T).T.reshape(-1, n_outputs, n_inputs, slope.shape[1])
-                derivative[part] -= self.coefficients[part, law, None, None, None] * change
+                derivative[part] -= coefficients[part, law, None, None, None] * change
 
-    def _fields(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
+    def _fields(self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array) -> ComplexArray:
         data = self.assembled.data(self.parameters.values(physical))
-        return harmonic_fields(
-            self.assembled.indices, self.assembled.indptr, data, self.coefficients, loads, self.frequency
-        )
+        return harmonic_fields(self.assembled.indices, self.assembled.indptr, data, coefficients, loads, self.frequency)
 
     def _read(self, x: ComplexArray) -> ComplexArray:
         """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""
@@ -161,12 +219,7 @@ class Response:
         return np.moveaxis((sensors.T @ flat).reshape(len(index), x.shape[0], x.shape[2]), 0, 1)
 
 
-def response(
-    structure: Structure,
-    unknown: Parameters,
-    record: FrfRecord,
-    sliding: dict[str, FloatArray] | None = None,
-) -> Response:
+def response(structure: Structure, unknown: Parameters, record: FrfRecord, measured_sliding: bool = False) -> Response:
     """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
 
     Parameters
@@ -175,28 +228,55 @@ def response(
     unknown : Parameters
         Parameters of that structure.
     record : FrfRecord
-        Its values serve only for the sliding amplitude of friction elements.
-    sliding : mapping of name to (n_frequencies,) array, optional
-        Sliding amplitudes; from the record by default.
+        Its values serve only for measured sliding amplitudes.
+    measured_sliding : bool
+        Whether friction elements that name sensors slide with the amplitude that those measured.
+
+    Raises
+    ------
+    InputError
+        If a sensor or load is not part of the structure, or there is friction and the record has several loads.
     """
     assembled = assembly(structure)
-    amplitude = sliding_amplitudes(structure, record) if sliding is None else sliding
-    coefficients = law_coefficients(assembled.laws, record.frequency, amplitude)
+    measured = sliding_amplitudes(structure, record) if measured_sliding else {}
+    fixed = law_coefficients(assembled.laws, record.frequency, measured)
+    contacts, slides = _contacts(structure, assembled.laws, record, set(measured))
     loads, sensors = structure.selection(record.inputs), structure.selection(record.outputs)
-    columns, places = _distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors])))
+    columns, places = _distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     n_inputs = len(record.inputs)
     index, sign = np.array([p for p, _ in places]), np.array([s for _, s in places])
     return Response(
         assembled=assembled,
         parameters=unknown,
-        coefficients=coefficients,
+        fixed_coefficients=fixed,
         frequency=record.frequency,
         kind_factor=(1j * record.omega) ** DERIVATIVES[record.kind],
         columns=columns,
         outputs=(index[n_inputs:], sign[n_inputs:]),
         inputs=(index[:n_inputs], sign[:n_inputs]),
         sensitive=_sensitive(structure, unknown),
+        contacts=contacts,
     )
+
+
+def _contacts(
+    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
+) -> tuple[tuple[_Contact, ...], sparse.csc_array]:
+    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
+    contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
+    for element in structure.elements:
+        if isinstance(element, Friction) and element.name not in measured:
+            _require_one_load(element, record)
+            value = next(p.values.start for p in structure.properties if p.element == element.name)
+            contacts.append(_Contact(laws.index(f"friction:{element.name}"), value))
+            slide = structure.selection(element.first)
+            columns.append(slide if element.second is None else slide - structure.selection(element.second))
+    return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
+
+
+def _require_one_load(element: Friction, record: FrfRecord) -> None:
+    if len(record.inputs) != 1:
+        raise InputError(f"friction {element.name!r} needs a record with one load, got {len(record.inputs)}")
 
 
 def _distinct_columns(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:

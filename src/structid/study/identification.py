@@ -36,7 +36,12 @@ class IdentifyOptions:
     model_error : float
         Error of the model as a part of each value's magnitude, added to the noise.
     pole_free_start : bool
-        Whether a search on the pole-free residual comes first, for starts far from the answer.
+        Whether a search on easier forms of the residual comes first, for starts far from the answer.
+    restarts : int
+        How many more starts, each about 20 % from the given one, are tried where the fit from it does not reach the
+        noise; the best fit is kept.
+    seed : int
+        Of those starts.
     method : Method
         Search of the last stage.
     direction : str, optional
@@ -53,6 +58,8 @@ class IdentifyOptions:
     residual: Form = "output"
     model_error: float = 0.0
     pole_free_start: bool = True
+    restarts: int = 2
+    seed: int = 0
     method: Method = field(default_factory=LevenbergMarquardt)
     direction: str | None = None
     n_modes: int = 12
@@ -162,8 +169,8 @@ def identify(
     problem, warnings = prepared_problem(structure, unknown, record, chosen)
     if measures_everything(structure, problem.record):
         problem = _started_by_one_step(problem)
-    stages = [("pole-free", problem.with_form("pole_free"))] if chosen.pole_free_start else []
-    found = estimate(problem, chosen.method, stages, progress=progress)
+    stages = problem.stages() if chosen.pole_free_start else ()
+    found = estimate(problem, chosen.method, stages, restarts=chosen.restarts, seed=chosen.seed, progress=progress)
     judged = record.band(*chosen.evaluation_band) if chosen.evaluation_band else problem.record
     judge = response(structure, unknown, judged)
     values = unknown.values(found.values)

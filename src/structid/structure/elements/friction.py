@@ -19,8 +19,8 @@ class Friction:
 
     A friction force of constant amplitude, in phase with the sliding velocity, has the dynamic stiffness
     i r / \\|x\\|, where r is the amplitude of its first harmonic per unit of drive amplitude and \\|x\\| the sliding
-    amplitude per unit drive. \\|x\\| is taken from the measured response, so the model stays linear in r. It holds
-    while the drive amplitude is the same at all frequencies and one load acts at a time.
+    amplitude per unit drive: the model's own, by harmonic balance. It holds while the drive amplitude is the same at
+    all frequencies and one load acts at a time. Where r exceeds the force that reaches the contact, it sticks.
 
     Parameters
     ----------
@@ -31,9 +31,10 @@ class Friction:
     friction_force : float
         r, N of friction (first harmonic) per N of drive: 4/pi times the sliding force over the drive amplitude.
     measured_by : sequence of degrees of freedom
-        Sensors whose mean gives the sliding motion along their axes; the senses in the record are honoured.
+        Sensors whose mean along their axes is the sliding motion. Searches from poor starts take the amplitude from
+        them, which keeps the model linear; the last stage takes the model's own.
     smoothing : int
-        Number of neighbouring lines over which the measured amplitude is averaged (geometric mean); 1 for none.
+        Number of neighbouring lines over which a measured amplitude is averaged (geometric mean); 1 for none.
 
     References
     ----------
@@ -55,7 +56,7 @@ class Friction:
         second: str | Dof | None = None,
         *,
         friction_force: ArrayLike,
-        measured_by: Ends,
+        measured_by: Ends = (),
         smoothing: int = 1,
     ) -> None:
         start, end = connector_ends(name, parse_dof(first), None if second is None else parse_dof(second))
@@ -70,7 +71,7 @@ class Friction:
         return (Term("friction_force", "friction", "N/N", self.friction_force, codes, local),)
 
     def sliding(self, receptance: np.ndarray) -> FloatArray:
-        """Smoothed sliding amplitude, (n_frequencies,), from the receptance of the `measured_by` sensors.
+        """Smoothed measured sliding amplitude, (n_frequencies,), from the receptance of the `measured_by` sensors.
 
         Parameters
         ----------

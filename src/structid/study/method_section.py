@@ -1,0 +1,38 @@
+"""The ``[method]`` of a study file as `IdentifyOptions`."""
+
+from __future__ import annotations
+
+from structid.estimation import GaussNewton, LevenbergMarquardt
+from structid.study.identification import IdentifyOptions
+from structid.study.section import BOOLEAN, COUNT, NOT_NEGATIVE, RANGE, RANGES, Section, choice
+
+_SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
+_KINDS = {
+    "band": RANGE,
+    "evaluation_band": RANGE,
+    "exclude": RANGES,
+    "residual": choice("output", "log", "pole_free"),
+    "model_error": NOT_NEGATIVE,
+    "pole_free_start": BOOLEAN,
+    "search": choice(*_SEARCHES),
+    "max_iterations": COUNT,
+    "total_mass_direction": choice("X", "Y", "Z"),
+    "n_modes": COUNT,
+}
+
+
+def read_method(section: Section | None) -> IdentifyOptions:
+    """The options that ``[method]`` gives; the defaults where there is none."""
+    if section is None:
+        return IdentifyOptions()
+    given = section.values(_KINDS)
+    search = _SEARCHES[given.pop("search", "levenberg_marquardt")]
+    limits = {"max_iterations": given.pop("max_iterations")} if "max_iterations" in given else {}
+    if "total_mass_direction" in given:
+        given["direction"] = given.pop("total_mass_direction")
+    for key in ("band", "evaluation_band"):
+        if key in given:
+            given[key] = (float(given[key][0]), float(given[key][1]))
+    if "exclude" in given:
+        given["exclude"] = tuple((float(low), float(high)) for low, high in given["exclude"])
+    return IdentifyOptions(method=search(**limits), **given)
