@@ -6,6 +6,8 @@ import math
 import re
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from structid.errors import InputError
 
 Quantity = Literal["displacement", "velocity", "acceleration", "force"]
@@ -66,12 +68,12 @@ def _normalized(text: str) -> str:
 
 
 def _without_brackets(text: str) -> str:
-    """`text` without a pair of brackets around the whole of it."""
+    """`text` without the brackets around the whole of it."""
     while text.startswith("(") and text.endswith(")"):
-        inner = text[1:-1]
-        if "(" in inner or ")" in inner:
+        depths = np.cumsum([(letter == "(") - (letter == ")") for letter in text])
+        if (depths[:-1] == 0).any():
             break
-        text = inner
+        text = text[1:-1]
     return text
 
 

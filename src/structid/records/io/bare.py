@@ -9,6 +9,7 @@ from typing import Any, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from structid.arrays import require_finite
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.records.io.options import ReadOptions
@@ -162,6 +163,7 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
         hint = "the array is turned: store samples along rows" if turned else "name every column in `channels`"
         raise InputError(f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}")
     quantities, factors = channel_units(path, channels, options)
+    require_finite("values", values, "remove or repair these samples")
     scaled = np.asarray(values, dtype=np.float64) * factors
     return TimeRecord(float(options.sampling_rate or 0.0), scaled, channels, quantities, source=str(path))
 
@@ -221,6 +223,7 @@ def frf_from_array(
             require_same_rotation(path, f"output {dof}", dof.is_rotation, unit.output_rotation)
         for dof in inputs:
             require_same_rotation(path, f"input {dof}", dof.is_rotation, unit.input_rotation)
+    require_finite("values", values, "remove these lines or channels, or repair the file")
     shape = (frequency.size, len(outputs), len(inputs))
     return FrfRecord(
         frequency=frequency.ravel().astype(np.float64),

@@ -44,6 +44,8 @@ def read_table(path: Path) -> Table:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
     if "\0" in text:
         raise FileError(f"{path}: holds null characters, so it is not a CSV text; save it as CSV UTF-8")
+    if not text.endswith(("\n", "\r")):
+        raise FileError(f"{path}: its last line has no end, so it may be truncated; copy it again or end the line")
     separator = _separator(text)
     try:
         rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))

@@ -22,6 +22,8 @@ from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".mat",)
 _LARGEST = 2**31 - 1
+_COMPRESSED = 15
+_TOP_TYPES = (14, _COMPRESSED)
 _HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
@@ -50,17 +52,44 @@ def _is_73(path: Path) -> bool:
     return head.startswith((b"MATLAB 7.3", _HDF5_START)) or head[512:] == _HDF5_START
 
 
+def _require_whole_5(path: Path) -> None:
+    """Raise unless every variable of a version 5 file ends within it and its checksum fits.
+
+    scipy checks neither, and can end the whole process on a damaged file.
+    """
+    data = path.read_bytes()
+    if len(data) < 128 or data[126:128] not in (b"IM", b"MI") or data[124:126] not in (b"\x00\x01", b"\x01\x00"):
+        return  # version 4, or no MAT file: scipy tells
+    order = "<" if data[126:128] == b"IM" else ">"
+    at = 128
+    while at < len(data):
+        if at + 8 > len(data):
+            raise FileError(f"{path}: ends within a variable; the file is truncated, copy or save it again")
+        kind, size = struct.unpack(f"{order}II", data[at : at + 8])
+        at += 8 + size
+        if at > len(data) or kind not in _TOP_TYPES:
+            raise FileError(f"{path}: ends within a variable; the file is truncated or damaged, copy or save it again")
+        if kind == _COMPRESSED:
+            try:
+                zlib.decompress(data[at - size : at])
+            except zlib.error as error:
+                raise FileError(f"{path}: a variable is damaged ({error}); copy or save it again") from error
+
+
 def _read_5(path: Path) -> dict[str, Field]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError, MatReadWarning
 
     damage = (
-        MatReadError, MatReadWarning, ValueError, TypeError, KeyError, IndexError, OSError, EOFError, struct.error,
+        MatReadError, MatReadWarning, UserWarning, ValueError, TypeError, KeyError, IndexError, OSError, EOFError, struct.error,
         zlib.error, NotImplementedError, OverflowError, MemoryError, AttributeError, UnboundLocalError,
     )  # fmt: skip
     try:
+        _require_whole_5(path)
         with path.open("rb") as stream:
             loaded = loadmat(stream)
+    except FileError:
+        raise
     except damage as error:
         raise FileError(f"{path}: is not a whole MAT file ({error}); copy or save it again") from error
     found: dict[str, Field] = {}
@@ -140,7 +169,9 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
     if record.values.nbytes > _LARGEST:
         raise FileError(f"{path}: a MAT file of version 5 holds 2 GB an array at most; write .h5 instead")
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
-        savemat(stream, {name: _as_matlab(field) for name, field in fields.items()}, oned_as="column")
+        savemat(
+            stream, {name: _as_matlab(field) for name, field in fields.items()}, oned_as="column", do_compression=True
+        )
 
 
 def _as_matlab(field: Field) -> Any:

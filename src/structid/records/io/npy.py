@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,10 @@ from structid.records.record import FrfRecord, TimeRecord
 SUFFIXES: tuple[str, ...] = (".npy",)
 
 #: What NumPy raises on damaged arrays.
-_DAMAGE = (EOFError, OSError, ValueError, KeyError, OverflowError, MemoryError, TypeError, SyntaxError, IndexError)
+_DAMAGE = (
+    EOFError, OSError, ValueError, KeyError, OverflowError, MemoryError, TypeError, SyntaxError, IndexError,
+    tokenize.TokenError,
+)  # fmt: skip
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -24,6 +25,7 @@ SUFFIXES: tuple[str, ...] = (".npz",)
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError, RuntimeError,
     NotImplementedError, OverflowError, MemoryError, TypeError, SyntaxError, IndexError,
+    tokenize.TokenError, AttributeError,
 )  # fmt: skip
 
 

@@ -1,0 +1,124 @@
+"""Tables as spreadsheets write them, and complaints that name line and column."""
+
+import numpy as np
+import pytest
+
+from structid.errors import FileError
+from structid.records import read_record, write_record
+
+TIME = "time_s,12Z+ [mm/s^2],3Z- [kN]\n0.0,1,2\n0.1,3,4\n0.2,5,6\n"
+FRF = (
+    "frequency_hz,1X/3Z- [g/lbf] re,1X/3Z- [g/lbf] im,1X/3Z- coherence,1X/3Z- [g/lbf] std\n"
+    "1,1,2,0.5,0.1\n2,3,4,0.25,0.2\n"
+)
+
+
+def read(tmp_path, text, encoding="utf-8"):
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode(encoding))
+    return read_record(path)
+
+
+VARIANTS = {
+    "plain": TIME,
+    "windows": TIME.replace("\n", "\r\n"),
+    "mark": "\ufeff" + TIME,
+    "blank lines": TIME + "\n,,\n\n",
+    "blank columns": TIME.replace("\n", ",,\n"),
+    "quoted": TIME.replace("12Z+ [mm/s^2]", '"12Z+ [mm/s^2]"'),
+    "spaces": TIME.replace(",", " , "),
+    "tabs": TIME.replace(",", "\t"),
+    "tabs and decimal comma": TIME.replace(",", "\t").replace("0.", "0,"),
+    "semicolons": TIME.replace(",", ";"),
+    "semicolons and decimal comma": TIME.replace(",", ";").replace("0.", "0,"),
+    "other header": TIME.replace("time_s", "Time [s]"),
+    "other unit forms": TIME.replace("mm/s^2", "mm/s²"),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_time_table(tmp_path, name):
+    record = read(tmp_path, VARIANTS[name])
+    np.testing.assert_allclose(record.values, [[1e-3, 2e3], [3e-3, 4e3], [5e-3, 6e3]], rtol=1e-15)
+    assert [str(d) for d in record.channels] == ["12Z+", "3Z-"]
+    assert record.quantities == ("acceleration", "force")
+    assert record.sampling_rate == pytest.approx(10, rel=1e-14)
+    assert record.start == 0
+
+
+def test_frf_table(tmp_path):
+    record = read(tmp_path, FRF)
+    factor = 9.80665 / 4.4482216152605
+    np.testing.assert_allclose(record.values.ravel(), np.array([1 + 2j, 3 + 4j]) * factor, rtol=1e-15)
+    np.testing.assert_allclose(record.variance.ravel(), (np.array([0.1, 0.2]) * factor) ** 2, rtol=1e-14)
+    np.testing.assert_array_equal(record.coherence.ravel(), [0.5, 0.25])
+    assert (record.kind, record.noise_source) == ("accelerance", "declared")
+    assert [str(d) for d in (*record.outputs, *record.inputs)] == ["1X+", "3Z-"]
+
+
+@pytest.mark.parametrize(
+    "old, new, word",
+    [
+        ("3,4", "3,x", r"line 3, column 3 \(3Z- \[kN\]\) must be a number, got 'x'"),
+        ("3,4", "3,", "line 3, column 3"),
+        ("3,4", "3", "line 3 has 2 cells"),
+        ("3,4", "3,4,5", "line 3 has 4 cells"),
+        ("3,4", "nan,4", "line 3, column 2 .*NaN"),
+        ("3,4", "inf,4", "line 3, column 2 .*NaN or infinite"),
+        ("0.1,", "0.1000003,", "line 3, column 1: time must be even"),
+        ("0.2,", "0.1,", "column 1: time must be even"),
+        ("0.2,", "-0.2,", "time must increase"),
+        ("time_s", "t", "line 1, column 1 must be headed time_s"),
+        ("mm/s^2", "furlong", "line 1, column 2 .*furlong"),
+        (" [mm/s^2]", "", "line 1, column 2 .*with degree of freedom and unit"),
+        ("12Z+", "12Q", "line 1, column 2 .*12Q"),
+        ("12Z+", "12RZ+", "line 1, column 2 .*rotation"),
+        ("12Z+ [mm/s^2]", "3Z- [N]", "twice"),
+        ("12Z+", '"12Z+', "not a CSV table|line 1"),
+        ("0.1,3,4\n0.2,5,6\n", "", "sampling rate"),
+    ],
+)
+def test_time_table_complaint(tmp_path, old, new, word):
+    assert TIME.count(old) == 1
+    with pytest.raises(FileError if word != "twice" else ValueError, match=word) as caught:
+        read(tmp_path, TIME.replace(old, new))
+    assert str(caught.value).startswith(str(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(
+    "old, new, word",
+    [
+        (" re,", " real,", "line 1, column 2 .*re .or im"),
+        ("1X/3Z- [g/lbf] im", "1X/4Z- [g/lbf] im", r"no column 1X\+/4Z- re"),
+        ("1X/3Z- [g/lbf] im", "1X/3Z- [g/lbf] re", "twice"),
+        ("1X/3Z- [g/lbf] im", "1X/3Z- [mm/lbf] im", "one kind"),
+        ("1X/3Z- coherence", "2X/3Z- coherence", r"no column 2X\+/3Z- re"),
+        ("\n2,", "\n1,", "must increase"),
+        ("0.25", "1.25", "from 0 to 1"),
+    ],
+)
+def test_frf_table_complaint(tmp_path, old, new, word):
+    with pytest.raises(ValueError, match=word) as caught:
+        read(tmp_path, FRF.replace(old, new))
+    assert str(caught.value).startswith(str(tmp_path / "a.csv"))
+
+
+def test_time_is_even_to_the_written_tolerance(tmp_path):
+    assert read(tmp_path, TIME.replace("0.1,", "0.10000005,")).sampling_rate == pytest.approx(10)
+
+
+def test_latin_text_is_refused(tmp_path):
+    with pytest.raises(FileError, match="save it as CSV UTF-8"):
+        read(tmp_path, TIME.replace("mm", "µm"), "latin-1")
+
+
+def test_written_headers(tmp_path, frf, history):
+    path = tmp_path / "a.csv"
+    write_record(path, history)
+    assert path.read_text().splitlines()[0] == "time_s,1X- [m/s^2],2RZ+ [rad/s],1X- [N]"
+    write_record(path, frf)
+    header = path.read_text().splitlines()[0].split(",")
+    assert header[:5] == ["frequency_hz", "1X-/3Z- [(m/s)/N] re", "1X-/3Z- [(m/s)/N] im", "1X-/3Z- coherence",
+                          "1X-/3Z- [(m/s)/N] std"]  # fmt: skip
+    assert header[-4] == "12Z-/4RX+ [(m/s)/(N m)] re"
+    assert header[13] == "2RZ+/4RX+ [(rad/s)/(N m)] re"

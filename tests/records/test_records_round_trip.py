@@ -1,0 +1,177 @@
+"""What is written is what is read, for every format and any record."""
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from structid.dof import DIRECTIONS, Dof
+from structid.errors import FileError, InputError
+from structid.records import FrfRecord, ReadOptions, TimeRecord, read_record, write_record
+from structid.records.io import FORMATS
+
+COMPLETE = (".npz", ".h5", ".hdf5", ".mat")
+PARTIAL = (".csv", ".txt", ".tsv", ".uff", ".unv")
+#: What each kind of file loses by its nature, as its documentation says.
+LOST = {
+    ".csv": {"variance", "averages", "noise_source", "source"},
+    ".uff": {"variance", "noise_source", "source"},
+}
+LOST |= {".txt": LOST[".csv"], ".tsv": LOST[".csv"], ".unv": LOST[".uff"]}
+
+dofs = st.builds(Dof, st.integers(0, 999_999_999), st.sampled_from(DIRECTIONS), st.sampled_from((1, -1)))
+numbers = st.floats(-1e12, 1e12, allow_subnormal=False)
+parts = st.floats(0, 1, allow_subnormal=False)
+texts = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=12)
+
+
+@st.composite
+def frf_records(draw):
+    outputs = tuple(draw(st.lists(dofs, min_size=1, max_size=3, unique=True)))
+    inputs = tuple(draw(st.lists(dofs, min_size=1, max_size=2, unique=True)))
+    lines = draw(st.integers(1, 4))
+    shape = (lines, len(outputs), len(inputs))
+    steps = draw(arrays(float, lines, elements=st.sampled_from((0.25, 1.0, 1 / 3))))
+    has = draw(st.tuples(st.booleans(), st.booleans(), st.booleans()))
+    return FrfRecord(
+        frequency=np.cumsum(steps) if lines > 1 else np.array([0.5]),
+        values=draw(arrays(float, shape, elements=numbers)) + 1j * draw(arrays(float, shape, elements=numbers)),
+        outputs=outputs,
+        inputs=inputs,
+        kind=draw(st.sampled_from(("receptance", "mobility", "accelerance"))),
+        variance=draw(arrays(float, shape, elements=parts)) if has[0] else None,
+        coherence=draw(arrays(float, shape, elements=parts)) if has[1] else None,
+        averages=draw(st.integers(1, 10**6)) if has[2] else None,
+        noise_source=draw(st.sampled_from(("coherence", "repeats", "declared", "unknown"))),
+        source=draw(texts),
+    )
+
+
+@st.composite
+def time_records(draw):
+    channels = tuple(draw(st.lists(dofs, min_size=1, max_size=3, unique=True)))
+    quantities = draw(
+        st.lists(
+            st.sampled_from(("displacement", "velocity", "acceleration", "force")),
+            min_size=len(channels),
+            max_size=len(channels),
+        )
+    )
+    samples = draw(st.integers(2, 6))
+    return TimeRecord(
+        sampling_rate=draw(st.sampled_from((1.0, 100.0, 1200.0, 3.0, 51200.0, 1 / 7))),
+        values=draw(arrays(float, (samples, len(channels)), elements=numbers)),
+        channels=channels,
+        quantities=tuple(quantities),
+        variance=draw(arrays(float, len(channels), elements=parts)) if draw(st.booleans()) else None,
+        start=draw(st.sampled_from((0.0, 0.25, 1 / 3, -2.0))),
+        source=draw(texts),
+    )
+
+
+def differences(first, second):
+    """Names of the fields that are not the same to the last bit."""
+    assert type(first) is type(second)
+    names = []
+    for field in dataclasses.fields(first):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        both = isinstance(a, np.ndarray) and isinstance(b, np.ndarray)
+        if not (a.tobytes() == b.tobytes() and a.shape == b.shape if both else type(a) is type(b) and a == b):
+            names.append(field.name)
+    return set(names)
+
+
+def through(suffix, record):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"record{suffix}"
+        write_record(path, record)
+        assert [entry.name for entry in Path(folder).iterdir()] == [path.name]
+        return read_record(path)
+
+
+def test_every_format_is_tested():
+    assert {s for module in FORMATS for s in module.SUFFIXES} == {*COMPLETE, *PARTIAL, ".npy", ".uf", ".ufb"}
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(record=st.one_of(frf_records(), time_records()))
+def test_complete_formats_keep_everything(suffix, record):
+    assert differences(record, through(suffix, record)) == set()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".uff"])
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(record=st.one_of(frf_records(), time_records()))
+def test_partial_formats_keep_the_measurement(suffix, record):
+    back = through(suffix, record)
+    changed = differences(record, back) - LOST[suffix]
+    # the axis goes through a column of times or a step of six digits: rounding only
+    assert changed <= {"frequency", "sampling_rate", "start", "coherence" if suffix == ".uff" else ""}
+    if isinstance(record, FrfRecord):
+        np.testing.assert_allclose(back.frequency, record.frequency, rtol=1e-13)
+        if record.coherence is not None:
+            np.testing.assert_array_equal(back.coherence, record.coherence)
+        if suffix == ".csv" and record.variance is not None:
+            np.testing.assert_allclose(back.variance, record.variance, rtol=1e-14)
+    else:
+        assert back.sampling_rate == pytest.approx(record.sampling_rate, rel=1e-11)
+        assert back.start == pytest.approx(record.start, rel=1e-15)
+
+
+@pytest.mark.parametrize("suffix", [*COMPLETE, *PARTIAL])
+def test_all_suffixes_keep_signs_and_rotations(suffix, frf, history):
+    back = through(suffix, frf)
+    assert [str(d) for d in back.outputs] == ["1X-", "2RZ+", "12Z-"]
+    assert [str(d) for d in back.inputs] == ["3Z-", "4RX+"]
+    assert differences(frf, back) == LOST.get(suffix, set())
+    assert differences(history, through(suffix, history)) <= {"variance", "source", "sampling_rate"} & (
+        LOST.get(suffix, set()) | {"sampling_rate"}
+    )
+
+
+def test_suffix_of_no_format(tmp_path, frf):
+    for call in (lambda p: read_record(p), lambda p: write_record(p, frf)):
+        with pytest.raises(FileError, match=r"record\.xlsx: the suffix '\.xlsx' .*\.npz .*\.uff"):
+            call(tmp_path / "record.xlsx")
+
+
+def test_upper_case_suffix(tmp_path, frf):
+    write_record(tmp_path / "A.NPZ", frf)
+    assert read_record(str(tmp_path / "A.NPZ")).averages == 12
+
+
+def test_npy_is_read_only(tmp_path, history):
+    with pytest.raises(FileError, match=r"a\.npy: .*write \.npz"):
+        write_record(tmp_path / "a.npy", history)
+
+
+@pytest.mark.parametrize("suffix", [*COMPLETE, ".csv", ".uff"])
+def test_options_choose_channels(tmp_path, suffix, frf, history):
+    path = tmp_path / f"f{suffix}"
+    write_record(path, frf)
+    part = read_record(path, ReadOptions(outputs="12Z-,1X-", inputs="4RX+"))
+    np.testing.assert_array_equal(part.values, frf.values[:, [2, 0]][:, :, [1]])
+    np.testing.assert_array_equal(part.coherence, frf.coherence[:, [2, 0]][:, :, [1]])
+    with pytest.raises(InputError, match=r"asks for 9Z\+.*it has 1X-"):
+        read_record(path, ReadOptions(outputs="9Z"))
+    with pytest.raises(InputError, match="kind"):
+        read_record(path, ReadOptions(kind="receptance"))
+    write_record(path, history)
+    part = read_record(path, ReadOptions(channels="2RZ+"))
+    np.testing.assert_array_equal(part.values, history.values[:, [1]])
+    assert read_record(path, ReadOptions(channels=["1X-"])).quantities == ("acceleration", "force")
+    with pytest.raises(InputError, match=r"leave it out|leave the option out"):
+        read_record(path, ReadOptions(sampling_rate=1000))
+
+
+@pytest.mark.parametrize("suffix", COMPLETE)
+def test_text_a_format_cannot_keep(tmp_path, suffix, history):
+    with pytest.raises(InputError, match="plain text"):
+        write_record(tmp_path / f"a{suffix}", dataclasses.replace(history, source="a\0b"))
+    assert not list(tmp_path.iterdir())

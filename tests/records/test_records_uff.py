@@ -1,0 +1,251 @@
+"""Universal files against files that pyuff writes and reads: ASCII, signs, units, geometry, gaps."""
+
+import numpy as np
+import pytest
+import pyuff
+
+from structid.errors import FileError, InputError
+from structid.records import Geometry, ReadOptions, read_geometry, read_record
+from structid.records.io import uff
+
+FREQUENCY = np.arange(4, 14) * 0.25
+
+
+def function(response, reference, data, func_type=4, x=FREQUENCY, ordinate=12, denominator=13, **more):
+    """A dataset 58 as `pyuff` takes it; `response` and `reference` are (node, direction)."""
+    return {
+        "type": 58, "binary": 0, "func_type": func_type, "rsp_node": response[0], "rsp_dir": response[1],
+        "ref_node": reference[0], "ref_dir": reference[1], "data": np.asarray(data), "x": x, "abscissa_spacing": 1,
+        "id1": "a", "id2": "", "id3": "", "id4": "", "id5": "", "load_case_id": 0, "func_id": 0, "ver_num": 0,
+        "ordinate_spec_data_type": ordinate, "orddenom_spec_data_type": denominator, **more,
+    }  # fmt: skip
+
+
+def units(length=1.0, force=1.0):
+    return {"type": 164, "units_code": 9, "units_description": "x", "temp_mode": 1, "length": length, "force": force,
+            "temp": 1.0, "temp_offset": 0.0}  # fmt: skip
+
+
+def header():
+    return {"type": 151, "model_name": "m", "description": "d", "db_app": "x", "program": "p"}
+
+
+def write(path, datasets):
+    pyuff.UFF(str(path)).write_sets(datasets, mode="add")
+    return path
+
+
+@pytest.fixture
+def values(rng):
+    return rng.normal(size=(10, 2, 2)) + 1j * rng.normal(size=(10, 2, 2))
+
+
+def frfs(values, **more):
+    outputs, inputs = [(1, -3), (7, 5)], [(2, 1), (2, -6)]
+    return [function(o, i, values[:, a, b], **more) for a, o in enumerate(outputs) for b, i in enumerate(inputs)]
+
+
+def test_reads_what_pyuff_writes(tmp_path, values):
+    path = write(tmp_path / "a.uff", [header(), units(), *frfs(values)])
+    record = read_record(path)
+    assert [str(d) for d in (*record.outputs, *record.inputs)] == ["1Z-", "7RY+", "2X+", "2RZ-"]
+    np.testing.assert_allclose(record.values, values, rtol=1e-11)  # ASCII has 12 digits
+    np.testing.assert_allclose(record.frequency, FREQUENCY, rtol=1e-14)
+    assert record.kind == "accelerance"
+
+
+def test_reads_without_header_and_units(tmp_path, values):
+    np.testing.assert_allclose(read_record(write(tmp_path / "a.unv", frfs(values))).values, values, rtol=1e-11)
+
+
+def test_reads_uneven_axis_and_unknown_datasets(tmp_path, values):
+    axis = np.array([1, 2, 4, 7, 8, 9, 10, 20, 21, 22.0])
+    path = write(tmp_path / "a.uff", frfs(values, x=axis, abscissa_spacing=0))
+    path.write_text("    -1\n  9999\nsome other thing\n    -1\n" + path.read_text())
+    record = read_record(path)
+    np.testing.assert_allclose(record.frequency, axis, rtol=1e-14)
+    np.testing.assert_allclose(record.values, values, rtol=1e-11)
+
+
+def test_pyuff_reads_what_is_written(tmp_path, frf):
+    path = tmp_path / "a.uff"
+    uff.write(path, frf)
+    sets = pyuff.UFF(str(path)).read_sets()
+    pairs = {(d["rsp_node"], d["rsp_dir"], d["ref_node"], d["ref_dir"]): d for d in sets if d.get("func_type") == 4}
+    assert set(pairs) == {(o, od, i, id_) for o, od in ((1, -1), (2, 6), (12, -3)) for i, id_ in ((3, -3), (4, 4))}
+    dataset = pairs[12, -3, 4, 4]
+    np.testing.assert_array_equal(dataset["data"], frf.values[:, 2, 1])
+    np.testing.assert_array_equal(dataset["x"], frf.frequency)
+    assert (dataset["ord_data_type"], dataset["ordinate_spec_data_type"], dataset["binary"]) == (6, 11, 1)
+    assert dataset["n_bytes"] == 16 * frf.frequency.size
+    assert dataset["orddenom_axis_units_lab"] == "N m"
+
+
+def test_mm_and_kn_become_si(tmp_path, values):
+    """Dataset 164: numbers are divided by its factors; moments by both, rotations by none."""
+    record = read_record(write(tmp_path / "a.uff", [units(length=1e3, force=1e-3), *frfs(values)]))
+    per_force, per_moment = 1 / 1e3, 1 / 1e3 * 1e3  # N per kN, then N m per (kN mm)
+    expected = values * [[1e-3 * per_force, 1e-3 / (1e3 * 1e-3)], [per_force, 1 / (1e3 * 1e-3)]]
+    assert per_moment == 1
+    np.testing.assert_allclose(record.values, expected, rtol=1e-11)
+
+
+def test_labels_give_units_without_164(tmp_path, values):
+    data = [function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="g", orddenom_axis_units_lab="kN")]
+    np.testing.assert_allclose(
+        read_record(write(tmp_path / "a.uff", data)).values[:, 0, 0], values[:, 0, 0] * 9.80665e-3, rtol=1e-11
+    )
+    data = [function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="mm/N", ordinate=0, denominator=0)]
+    record = read_record(write(tmp_path / "b.uff", data))
+    assert record.kind == "receptance"
+    np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 1e-3, rtol=1e-11)
+
+
+def test_contradicting_units_are_not_guessed(tmp_path, values):
+    data = [units(), function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="g")]
+    path = write(tmp_path / "a.uff", data)
+    with pytest.raises(FileError, match=r"unit 'g'.*ReadOptions\(unit="):
+        read_record(path)
+    record = read_record(path, ReadOptions(unit="g/N"))
+    np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 9.80665, rtol=1e-11)
+
+
+@pytest.mark.parametrize("ordinate, kind", [(8, "receptance"), (11, "mobility"), (12, "accelerance")])
+def test_kind_by_data_type(tmp_path, values, ordinate, kind):
+    path = write(tmp_path / "a.uff", [function((1, 3), (2, 3), values[:, 0, 0], ordinate=ordinate)])
+    assert read_record(path).kind == kind
+
+
+def test_time_responses(tmp_path, rng):
+    time = 0.5 + np.arange(20) * 0.002
+    data = rng.normal(size=(20, 3))
+    sets = [units(length=1e3)] + [
+        function(place, (0, 0), data[:, i], 1, time, quantity, 0)
+        for i, (place, quantity) in enumerate([((1, 3), 12), ((1, 3), 8), ((2, -1), 13)])
+    ]
+    record = read_record(write(tmp_path / "a.uff", sets))
+    np.testing.assert_allclose(record.values, data * [1e-3, 1e-3, 1], rtol=1e-10)
+    assert record.quantities == ("acceleration", "displacement", "force")
+    assert [str(c) for c in record.channels] == ["1Z+", "1Z+", "2X-"]
+    assert record.sampling_rate == pytest.approx(500, rel=1e-12)
+    assert record.start == 0.5
+
+
+def test_six_digit_step_may_be_stated_exactly(tmp_path, rng):
+    path = write(tmp_path / "a.uff", [function((1, 3), (0, 0), rng.normal(size=9), 1, np.arange(9) / 1200, 12, 0)])
+    assert read_record(path).sampling_rate == pytest.approx(1200, rel=1e-5)
+    assert read_record(path).sampling_rate != 1200
+    assert read_record(path, ReadOptions(sampling_rate=1200)).sampling_rate == 1200
+    with pytest.raises(InputError, match="1300"):
+        read_record(path, ReadOptions(sampling_rate=1300))
+
+
+def test_frf_and_time_in_one_file_are_chosen(tmp_path, values):
+    path = write(tmp_path / "a.uff", [*frfs(values), function((1, 3), (0, 0), np.ones(9), 1, np.arange(9) / 8, 12, 0)])
+    with pytest.raises(InputError, match="array='frf'"):
+        read_record(path)
+    assert read_record(path, ReadOptions(array="frf")).kind == "accelerance"
+    assert read_record(path, ReadOptions(array="time")).sampling_rate == 8
+
+
+def test_coherence_and_averages(tmp_path, values, rng):
+    g2 = rng.uniform(size=(10, 2, 2))
+    sets = frfs(values, id4="Hanning, averages: 25")
+    path = write(tmp_path / "a.uff", [*sets, *frfs(g2, func_type=6, ordinate=0, denominator=0)])
+    record = read_record(path)
+    np.testing.assert_allclose(record.coherence, g2, rtol=1e-11)
+    assert record.averages == 25
+    path = write(tmp_path / "b.uff", [*sets, *frfs(g2, func_type=6, ordinate=0, denominator=0)[:3]])
+    assert read_record(path).coherence is None
+
+
+def test_missing_and_doubled_pairs_are_named(tmp_path, values):
+    with pytest.raises(FileError, match=r"no FRF of 7RY\+/2X\+ \(output/input\)"):
+        read_record(write(tmp_path / "a.uff", [d for i, d in enumerate(frfs(values)) if i != 2]))
+    part = read_record(tmp_path / "a.uff", ReadOptions(outputs="1Z-"))
+    np.testing.assert_allclose(part.values, values[:, :1], rtol=1e-11)
+    with pytest.raises(FileError, match=r"1Z-/2X\+ twice"):
+        read_record(write(tmp_path / "b.uff", [*frfs(values), frfs(values)[0]]))
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        ({"func_type": 2}, "only auto spectrum"), ({"func_type": 12}, "only spectrum"), ({"func_type": 9}, "power spectral"),
+        ({"func_type": 3}, "cross spectrum"), ({"rsp_dir": 0}, "direction 0"), ({"ordinate_spec_data_type": 3}, "type 3"),
+        ({"ordinate_spec_data_type": 13}, "force per force"), ({"orddenom_spec_data_type": 12}, "per acceleration"),
+        ({"ordinate_axis_units_lab": "mm"}, "acceleration by their type but displacement"),
+    ],
+)  # fmt: skip
+def test_unusable_functions_are_refused(tmp_path, values, change, word):
+    data = function((1, 3), (2, 3), values[:, 0, 0]) | change
+    path = write(tmp_path / "a.uff", [data | {"func_type": min(data["func_type"], 9)}])
+    if data["func_type"] == 12:  # which pyuff does not write
+        path.write_text(path.read_text().replace("\n    9         0", "\n   12         0"))
+    with pytest.raises(FileError, match=word):
+        read_record(path)
+
+
+def test_other_frequencies_are_refused(tmp_path, values):
+    sets = frfs(values)
+    sets[3]["x"] = FREQUENCY + 0.25
+    with pytest.raises(FileError, match=r"7RY\+/2RZ- has other frequencies"):
+        read_record(write(tmp_path / "a.uff", sets))
+
+
+@pytest.mark.parametrize("end", ["junk", "    -1\n", "    -1\n    58\n", "-1\n", "\n 5 \n"])
+def test_trailing_junk_is_refused(tmp_path, values, end):
+    path = write(tmp_path / "a.uff", frfs(values))
+    read_record(path)
+    path.write_text(path.read_text() + end)
+    with pytest.raises(FileError, match=f"^{path}"):
+        read_record(path)
+    path.write_text(path.read_text()[: -len(end)] + " \n\x1a")  # blanks and an end-of-file mark are harmless
+    read_record(path)
+
+
+def test_truncated_ascii(tmp_path, values):
+    path = write(tmp_path / "a.uff", [header(), units(), *frfs(values)])
+    data = path.read_bytes()
+    for cut in np.linspace(1, len(data) - 3, 40).astype(int):
+        path.write_bytes(data[:cut])
+        with pytest.raises(FileError, match=f"^{path}"):
+            read_record(path)
+
+
+def test_too_few_points_in_ascii(tmp_path, values):
+    path = write(tmp_path / "a.uff", [function((1, 3), (2, 3), values[:, 0, 0])])
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:-2] + lines[-1:]))
+    with pytest.raises(FileError, match="8 of its 10 points"):
+        read_record(path)
+
+
+NODES = {1: (0.0, 1 / 3, -2.5), 12: (1e-3, 2e3, 0.1), 300: (-1.0, -1 / 7, 1.0)}
+
+
+def test_geometry_round_trip(tmp_path, frf):
+    geometry = Geometry(NODES, ((1, 12, 300), (12, 0, 300, 1)))
+    uff.write(tmp_path / "a.uff", frf, geometry)
+    back = read_geometry(tmp_path / "a.uff")
+    assert back.nodes == NODES
+    assert back.lines == geometry.lines
+    np.testing.assert_array_equal(read_record(tmp_path / "a.uff").values, frf.values)
+
+
+def test_geometry_from_pyuff_in_mm(tmp_path):
+    nodes = {"type": 15, "node_nums": [1, 2], "x": [1.0, 2.0], "y": [3.0, 4.0], "z": [5.0, -6.0]}
+    line = {"type": 82, "trace_num": 1, "nodes": np.array([1, 2])}
+    back = read_geometry(write(tmp_path / "a.uff", [units(length=1e3), nodes, line]))
+    assert back.nodes == {1: (1e-3, 3e-3, 5e-3), 2: (2e-3, 4e-3, -6e-3)}
+    assert back.lines == ((1, 2),)
+    with pytest.raises(FileError, match="no frequency response function"):
+        read_record(tmp_path / "a.uff")
+    with pytest.raises(FileError, match="joins node 2"):
+        read_geometry(write(tmp_path / "b.uff", [dict(nodes, node_nums=[1, 3]), line]))
+
+
+def test_no_geometry(tmp_path, frf):
+    uff.write(tmp_path / "a.uff", frf)
+    with pytest.raises(FileError, match="has no nodes"):
+        read_geometry(tmp_path / "a.uff")

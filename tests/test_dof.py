@@ -1,0 +1,55 @@
+"""Names of degrees of freedom: every form, and the sense kept."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from structid.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
+from structid.errors import InputError
+
+dofs = st.builds(Dof, st.integers(0, 10**9), st.sampled_from(DIRECTIONS), st.sampled_from((1, -1)))
+
+
+@pytest.mark.parametrize(
+    "text, node, direction, sign",
+    [
+        ("12Z+", 12, "Z", 1), ("12Z", 12, "Z", 1), ("12Z-", 12, "Z", -1), ("12:+Z", 12, "Z", 1), ("12:-Z", 12, "Z", -1),
+        ("12_z", 12, "Z", 1), ("12_-z", 12, "Z", -1), (" 3 RX- ", 3, "RX", -1), ("3rx", 3, "RX", 1), ("12-Z", 12, "Z", -1),
+        ("12.1", 12, "X", 1), ("12.03", 12, "Z", 1), ("12.04", 12, "RX", 1), ("12.6-", 12, "RZ", -1), ("120.3", 120, "Z", 1),
+    ],
+)  # fmt: skip
+def test_parse_dof_reads_form(text, node, direction, sign):
+    assert parse_dof(text) == Dof(node, direction, sign)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "Z", "12", "12Q", "12RW", "-3Z", "12Z++", "12:-Z+", "12.7", "12.0", "1.5.2", "x12Z"]
+)
+def test_parse_dof_refuses_with_example(text):
+    with pytest.raises(InputError, match="12Z"):
+        parse_dof(text)
+
+
+@given(dofs)
+def test_dof_text_round_trips(dof):
+    assert parse_dof(str(dof)) == dof
+    assert parse_dof(f"{dof.node}:{'+' if dof.sign > 0 else '-'}{dof.direction.lower()}") == dof
+    assert parse_dof(f"{dof.node}.0{dof.axis + 1}{'+' if dof.sign > 0 else '-'}") == dof
+
+
+def test_dof_unsigned_and_rotation():
+    dof = Dof(4, "RY", -1)
+    assert dof.unsigned == Dof(4, "RY", 1)
+    assert dof.is_rotation
+    assert not Dof(4, "Y").is_rotation
+    assert [Dof(1, d).axis for d in DIRECTIONS] == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("arguments", [(1, "Q"), (1, "z"), (1, "Z", 0), (1, "Z", 2)])
+def test_dof_refuses(arguments):
+    with pytest.raises(InputError, match="must be"):
+        Dof(*arguments)
+
+
+def test_parse_dofs_keeps_order():
+    assert [str(dof) for dof in parse_dofs(["3Z-", Dof(1, "X"), "2.2"])] == ["3Z-", "1X+", "2Y+"]
