@@ -1,0 +1,1 @@
+"""Modes from records: one method a file, Record to ModalRecord."""

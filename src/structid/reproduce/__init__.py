@@ -1,0 +1,1 @@
+"""The dissertation's tables and figures, computed beside the printed numbers: one module a chapter."""

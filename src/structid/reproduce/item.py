@@ -1,0 +1,115 @@
+"""One table or figure of the dissertation: what is printed, what is computed, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from structid.arrays import FloatArray, locked, require_shape
+
+
+class Verdict(Enum):
+    """How a printed table or figure stands; the value is what files and pages show."""
+
+    AGREES = "agrees to the printed digits"
+    MISPRINT = "misprint, with the correction"
+    READING = "agrees under this reading"
+    REFUTED = "does not hold, with the evidence"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Printed beside computed numbers.
+
+    Attributes
+    ----------
+    rows, columns : tuple of str
+        Headings; units in brackets.
+    printed : (n_rows, n_columns) float array
+        NaN where the dissertation prints nothing.
+    computed : (n_rows, n_columns) float array
+    """
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    printed: FloatArray
+    computed: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("printed", "computed"):
+            object.__setattr__(self, name, locked(getattr(self, name), np.float64))
+            require_shape(name, getattr(self, name), (len(self.rows), len(self.columns)))
+
+    @property
+    def difference(self) -> FloatArray:
+        """Computed minus printed; NaN where nothing is printed."""
+        return self.computed - self.printed
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A line of a figure, with a 5-95 % band where it is a median over seeds.
+
+    Attributes
+    ----------
+    label : str
+    x, y : (n_points,) float arrays
+    low, high : (n_points,) float arrays, optional
+    """
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A set of axes with its curves."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    log_y: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One table or figure.
+
+    Attributes
+    ----------
+    name : str
+        As the dissertation calls it, such as ``Table 3.4``.
+    title : str
+    verdict : Verdict
+    note : str
+        What agrees and what does not, the reading taken, the evidence, and the seeds of random studies.
+    tables : tuple of Table
+        The first one holds the printed numbers, others what supports the verdict.
+    panels : tuple of Panel
+        Of a figure.
+    """
+
+    name: str
+    title: str
+    verdict: Verdict
+    note: str
+    tables: tuple[Table, ...] = ()
+    panels: tuple[Panel, ...] = ()
+
+    @property
+    def max_abs_difference(self) -> float | None:
+        """Largest difference in the first table between computed and printed numbers; None where nothing is printed."""
+        if not self.tables or not np.isfinite(self.tables[0].difference).any():
+            return None
+        return float(np.nanmax(np.abs(self.tables[0].difference)))
+
+
+#: Called with the name of the item in work and the part of the chapter that is done, 0 to 1.
+Progress = Callable[[str, float], None]
