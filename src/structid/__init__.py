@@ -6,7 +6,17 @@ from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, LevenbergMarquardt, Status, estimate
 from structid.observation import FrfProblem, simulated_record
 from structid.parameters import Parameters, Prior, Unknown, parameters
-from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
+from structid.records import (
+    FrfRecord,
+    ReadOptions,
+    TimeRecord,
+    frf_from_time,
+    from_repeats,
+    read_record,
+    with_coherence_noise,
+    with_declared_noise,
+    write_record,
+)
 from structid.structure import (
     Bar,
     Beam,
@@ -24,6 +34,7 @@ from structid.structure import (
     from_matrices,
 )
 from structid.study.identification import Identification, IdentifyOptions, identify
+from structid.study.run import load_study, run_study
 
 __all__ = [
     "Bar",
@@ -46,6 +57,7 @@ __all__ = [
     "Parameters",
     "PointMass",
     "Prior",
+    "ReadOptions",
     "RigidLink",
     "RotaryInertia",
     "SpaceBeam",
@@ -57,12 +69,17 @@ __all__ = [
     "Unknown",
     "__version__",
     "estimate",
+    "frf_from_time",
     "from_matrices",
     "from_repeats",
     "identify",
+    "load_study",
     "parameters",
     "parse_dof",
+    "read_record",
+    "run_study",
     "simulated_record",
     "with_coherence_noise",
     "with_declared_noise",
+    "write_record",
 ]

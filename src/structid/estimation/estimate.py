@@ -137,6 +137,14 @@ class Estimate:
         return float(self.values[index]), float(self.std[index])
 
 
+    def __str__(self) -> str:
+        """One line a parameter, after the status."""
+        rows = zip(self.names, self.values, self.std, self.units, strict=True)
+        width = max((len(name) for name in self.names), default=0)
+        lines = [f"{name:{width}}  {value:12.6g} +- {std:.2g} {unit}" for name, value, std, unit in rows]
+        return "\n".join([f"{self.status.value}; standard deviations from {self.covariance_basis}", *lines])
+
+
 StageProgress = Callable[[str, int, float], None]
 
 
