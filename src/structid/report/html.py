@@ -1,0 +1,143 @@
+"""The report: one page that needs no network, and its figures as PNG files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from plotly.offline import get_plotlyjs
+
+from structid._version import __version__
+from structid.errors import FileError
+from structid.estimation import Status
+from structid.files import atomic_write
+from structid.report import tables
+from structid.report.drawing import Picture, picture
+from structid.report.figures_data import Responses, mode_rows, responses
+from structid.report.interactive import page_figures
+from structid.report.png import write_figures
+from structid.study.identification import Identification
+
+#: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
+_REPEATED = re.compile(r"is not identified: its standard deviation is larger than its value$")
+_MOST_REPEATED = 4
+
+
+def write_report(
+    identification: Identification, folder: Path, title: str = "", provenance: Mapping[str, Any] | None = None
+) -> Path:
+    """Path of ``report.html`` in `folder`, written with the PNG figures in ``figures``.
+
+    Parameters
+    ----------
+    identification : Identification
+        What was identified; also one that failed or is not determined.
+    folder : Path
+        Made where it does not exist. Files of the same names are replaced, each whole or not at all.
+    title : str
+        Heading of the page.
+    provenance : mapping, optional
+        Versions, digests of input files, settings: shown as they are at the end.
+
+    Returns
+    -------
+    Path
+        The page. The same identification gives the same bytes.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    figures = folder / "figures"
+    try:
+        figures.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{figures}: cannot be made ({error.strerror or error}); choose another folder") from error
+    drawn = picture(identification)
+    data = responses(identification)
+    write_figures(identification, data, drawn, figures)
+    path = folder / "report.html"
+    text = page(identification, data, drawn, title, provenance)
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def page(
+    identification: Identification,
+    data: Responses,
+    drawn: Picture,
+    title: str = "",
+    provenance: Mapping[str, Any] | None = None,
+) -> str:
+    """The page as text."""
+    found, problem = identification.estimate, identification.problem
+    figures = page_figures(identification, data, drawn)
+    warnings, repeated = sorted_warnings(identification)
+    return _template().render(
+        title=title or "Structural identification",
+        version=__version__,
+        status=found.status.value,
+        status_words=_status_warning(identification),
+        is_good=found.status is Status.CONVERGED and not identification.warnings,
+        warnings=warnings,
+        repeated=repeated,
+        directions=tables.direction_table(found),
+        summary=tables.summary_facts(identification),
+        record=tables.record_facts(identification),
+        structure=tables.structure_facts(problem.structure),
+        elements=tables.element_table(problem.structure),
+        parameters=tables.parameter_table(identification),
+        modes=tables.mode_table(mode_rows(identification), data.band),
+        provenance=tables.provenance_facts(provenance),
+        channels=[channel.label for channel in data.channels],
+        notes=drawn.notes,
+        figures=figures,
+        structure_figures=[name for name in figures if name.startswith("structure")],
+        is_wide=drawn.is_wide,
+        is_long=tables.is_long,
+        plotly=get_plotlyjs(),
+        described=_embedded({name: figure.described() for name, figure in figures.items()}),
+    )
+
+
+def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Warnings of `identification` that stand apart, and those that say the same of one parameter after another.
+
+    The status and the undetermined directions have places of their own and are in neither.
+    """
+    found = identification.estimate
+    elsewhere = {f"the data determine {d.words}" for d in found.identifiability.directions}
+    elsewhere.add(_status_warning(identification))
+    rest = [w for w in identification.warnings if w not in elsewhere]
+    repeated = [w for w in rest if _REPEATED.search(w)]
+    if len(repeated) <= _MOST_REPEATED:
+        return tuple(rest), ()
+    return tuple(w for w in rest if w not in repeated), tuple(repeated)
+
+
+def _status_warning(identification: Identification) -> str:
+    found = identification.estimate
+    return f"{found.status.words} ({found.message})"
+
+
+def _embedded(value: Any) -> str:
+    """`value` as JSON that cannot end a script element."""
+    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+@cache
+def _template() -> Any:
+    environment = Environment(
+        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.get_template("report.html.j2")

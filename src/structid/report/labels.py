@@ -1,0 +1,81 @@
+"""Labels of a drawing, placed so that none covers another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Label:
+    """A text wanted near `anchor`, away from it in the direction `away`; `role` picks its colour."""
+
+    text: str
+    anchor: FloatArray
+    away: FloatArray
+    role: str
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A text centred at `at`."""
+
+    text: str
+    at: FloatArray
+    role: str
+
+
+def place(
+    wanted: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
+) -> tuple[tuple[Placed, ...], int]:
+    """Labels that find a place, first come first served, and the number of those left out.
+
+    Of the places that no other label covers, the one with the fewest obstacles behind the text is taken.
+
+    Parameters
+    ----------
+    wanted : sequence of Label
+        The important ones first.
+    character : (float, float)
+        Width and height of one character, in the units of the drawing.
+    gap : float
+        Distance between anchor and text.
+    obstacles : (n, 2) float array
+        Points of the drawing that a text should not cover.
+    """
+    boxes = np.zeros((0, 4))
+    placed, lost = [], 0
+    for label in wanted:
+        half = 0.5 * np.array([len(label.text) * character[0], 1.25 * character[1]])
+        best, fewest = None, np.inf
+        for centre in _candidates(label, half, gap):
+            box = np.concatenate([centre - half, centre + half])
+            clear = (boxes[:, 2:] <= box[:2]) | (boxes[:, :2] >= box[2:])
+            if not clear.any(axis=1).all():
+                continue
+            covered = int(((obstacles > box[:2]) & (obstacles < box[2:])).all(axis=1).sum())
+            if covered < fewest:
+                best, fewest = centre, covered
+            if covered == 0:
+                break
+        if best is None:
+            lost += 1
+            continue
+        boxes = np.vstack([boxes, np.concatenate([best - half, best + half])])
+        placed.append(Placed(label.text, best, label.role))
+    return tuple(placed), lost
+
+
+def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:
+    """Centres to try: in the wanted direction, then turned by up to 135 degrees, then the same farther out."""
+    found = []
+    for distance in (1.0, 2.5, 4.5):
+        for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75):
+            c, s = np.cos(np.pi * turn), np.sin(np.pi * turn)
+            way = np.array([c * label.away[0] - s * label.away[1], s * label.away[0] + c * label.away[1]])
+            found.append(label.anchor + distance * gap * way + half * way / max(float(np.abs(way).max()), 1e-12))
+    return found

@@ -1,0 +1,116 @@
+"""Numbers and units as a reader wants them: a value with its standard deviation, to matching digits."""
+
+from __future__ import annotations
+
+import math
+import re
+
+_SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_POWER = re.compile(r"\^(-?\d+)")
+MINUS, TIMES, DASH = "\u2212", "\u00d7", "\u2013"
+#: What stands where there is no number.
+NOTHING = DASH
+
+
+def number(value: float, digits: int = 4) -> str:
+    """`value` with `digits` significant digits; powers of ten below 1e-3 and from 1e5.
+
+    Examples
+    --------
+    >>> number(0.012345), number(2.1e6, 3), number(float("nan"))
+    ('0.01235', '2.10×10⁶', '–')
+    """
+    if not math.isfinite(value):
+        return NOTHING if math.isnan(value) else ("∞" if value > 0 else f"{MINUS}∞")
+    if value == 0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if -3 <= exponent < 5:
+        return _fixed(value, digits - 1 - exponent)
+    return f"{_fixed(value / 10.0**exponent, digits - 1)}{TIMES}10{_superscript(exponent)}"
+
+
+def exact(value: float, digits: int = 5) -> str:
+    """`value` with up to `digits` significant digits and no zeros at the end, as for a number that was chosen.
+
+    Examples
+    --------
+    >>> exact(80.0), exact(0.02), exact(2.1e6), exact(1234567.0)
+    ('80', '0.02', '2.1×10⁶', '1.2346×10⁶')
+    """
+    mantissa, times, power = number(value, digits).partition(TIMES)
+    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
+
+
+def with_std(value: float, std: float) -> str:
+    """`value` ± `std`, the deviation with two significant digits and the value to the same place.
+
+    Examples
+    --------
+    >>> with_std(8.31234, 0.0457), with_std(2.1e6, 3.1e4), with_std(3.0, float("nan"))
+    ('8.312 ± 0.046', '(2.100 ± 0.031)×10⁶', '3.000 ± not determined')
+    """
+    if not math.isfinite(value):
+        return NOTHING
+    if not math.isfinite(std):
+        return f"{number(value)} ± not determined"
+    if std == 0:
+        return f"{number(value)} ± 0"
+    if value != 0 and not 1e-9 <= abs(std / value) <= 1e3:
+        return f"{number(value, 4 if std > abs(value) else 10)} ± {number(std, 2)}"
+    exponent = max(_exponent(value, 4) if value else -400, _exponent(std, 2))
+    shown = 0 if -3 <= exponent < 5 else exponent
+    decimals = 1 - _exponent(std, 2) + shown
+    text = f"{_fixed(value / 10.0**shown, decimals)} ± {_fixed(std / 10.0**shown, decimals)}"
+    return text if shown == 0 else f"({text}){TIMES}10{_superscript(shown)}"
+
+
+def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
+    """`ratio` in per cent, with its sign.
+
+    Examples
+    --------
+    >>> percent(-0.1234), percent(0.05, signed=False), percent(0.00046)
+    ('−12.3 %', '5.00 %', '+0.05 %')
+    """
+    if not math.isfinite(ratio):
+        return NOTHING
+    value = 100 * ratio
+    small = value == 0 or most_decimals < digits - 1 - _exponent(value, digits)
+    text = _fixed(value, most_decimals) if small else number(value, digits)
+    return f"{'+' if signed and ratio > 0 else ''}{text} %"
+
+
+def unit_text(unit: str) -> str:
+    """`unit` with raised powers; empty for a number without unit.
+
+    Examples
+    --------
+    >>> unit_text("(m/s^2)/N"), unit_text("1")
+    ('(m/s²)/N', '')
+    """
+    return "" if unit == "1" else _POWER.sub(lambda found: _superscript(int(found[1])), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """`text` followed by the unit, if there is one."""
+    return f"{text} {unit_text(unit)}".strip()
+
+
+def counted(count: int, noun: str) -> str:
+    """`count` and `noun`, in the plural where needed."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Power of ten of `value` once it is rounded to `digits` significant digits."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    rounded = round(value, decimals)
+    return f"{rounded + 0.0:.{max(decimals, 0)}f}".replace("-", MINUS)
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(_SUPERSCRIPT)

@@ -1,0 +1,49 @@
+"""Reports written once for all tests of this folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import report_cases
+
+from structid.report import write_report
+from structid.study.identification import Identification
+
+TITLE = 'Frame <b>7</b> & "base"'
+PROVENANCE = {"version": "0.1", "files": {"<frf>.npz": "ab" * 32}, "seed": 7}
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """An identification, the folder of its report and the page as text."""
+
+    identification: Identification
+    folder: Path
+    page: str
+
+    @property
+    def before_scripts(self) -> str:
+        """The page up to the library that draws."""
+        return self.page.split("<script>")[0]
+
+
+def written(identification: Identification, folder: Path) -> Report:
+    path = write_report(identification, folder, TITLE, PROVENANCE)
+    return Report(identification, folder, path.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def cantilever(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    return written(report_cases.cantilever(120), tmp_path_factory.mktemp("cantilever"))
+
+
+@pytest.fixture(scope="session")
+def series(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    return written(report_cases.springs_in_series(), tmp_path_factory.mktemp("series"))
+
+
+@pytest.fixture(scope="session")
+def many() -> Identification:
+    return report_cases.many(n_lines=40, iterations=2)

@@ -1,0 +1,198 @@
+"""The page: complete, self-contained, escaped, the same every time, warnings first."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import plotly.graph_objects as go
+import pytest
+import report_cases
+from conftest import PROVENANCE, TITLE, Report
+
+from structid.errors import FileError
+from structid.report import write_report
+from structid.report.drawing import picture
+from structid.report.figures_data import responses
+from structid.report.html import page
+from structid.study.identification import Identification
+
+_SECTIONS = (
+    "warnings",
+    "summary",
+    "assumed",
+    "parameters",
+    "structure",
+    "responses",
+    "residuals",
+    "correlation",
+    "modes",
+    "convergence",
+    "provenance",
+)
+
+
+class _Tags(HTMLParser):
+    """Every tag of a page with its attributes, and the text between tags."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def _parsed(text: str) -> _Tags:
+    parser = _Tags()
+    parser.feed(text)
+    return parser
+
+
+def _figures(page: str) -> dict:
+    found = re.search(r"^const FIGURES = (.*);$", page, re.MULTILINE)
+    assert found
+    return json.loads(found[1])
+
+
+def test_page_loads_nothing_from_elsewhere(cantilever: Report) -> None:
+    parsed = _parsed(cantilever.page)
+    for tag, attributes in parsed.tags:
+        assert not {"src", "href", "srcset", "action", "data"} & set(attributes), (tag, attributes)
+    assert not {"link", "iframe", "object", "embed", "img"} & {tag for tag, _ in parsed.tags}
+    style = cantilever.page.split("<style>")[1].split("</style>")[0]
+    assert "url(" not in style
+    assert "@import" not in style
+    policy = next(a["content"] for t, a in parsed.tags if t == "meta" and a.get("http-equiv"))
+    assert policy is not None
+    assert "default-src 'none'" in policy
+    assert "http" not in policy
+
+
+def test_library_is_embedded_once(cantilever: Report) -> None:
+    assert cantilever.page.count("* plotly.js v") == 1
+
+
+def test_page_has_every_section_in_order(series: Report) -> None:
+    places = [series.page.index(f'<section id="{name}"') for name in _SECTIONS]
+    assert places == sorted(places)
+
+
+def test_warnings_come_before_every_table_and_number(series: Report) -> None:
+    text = series.before_scripts
+    for warning in series.identification.warnings:
+        assert 0 < text.index(html.escape(warning)) < text.index('<section id="summary"')
+
+
+def test_every_warning_of_many_is_on_the_page(many: Identification) -> None:
+    assert len(many.warnings) > 10
+    text = page(many, responses(many), picture(many)).split("<script>")[0]
+    for warning in many.warnings:
+        assert html.escape(warning) in text
+
+
+@pytest.mark.parametrize("name", ["cantilever", "series"])
+def test_every_parameter_is_in_the_table_escaped(name: str, request: pytest.FixtureRequest) -> None:
+    report: Report = request.getfixturevalue(name)
+    table = report.before_scripts.split('<section id="parameters"')[1].split('<section id="structure"')[0]
+    for parameter in report.identification.estimate.names:
+        assert f"<td>{html.escape(parameter)}</td>" in table
+
+
+def test_names_and_title_cannot_become_markup(series: Report) -> None:
+    assert "<1>" not in series.page.split("* plotly.js v")[0]
+    assert "<b>7</b>" not in series.page
+    parsed = _parsed(series.before_scripts)
+    assert TITLE in parsed.text
+    assert "lower <1>" in parsed.text
+    assert '{"<frf>.npz": "' + PROVENANCE["files"]["<frf>.npz"] + '"}' in parsed.text  # type: ignore[index]
+    assert series.page.count("</script>") == 2
+
+
+def test_page_gives_value_std_and_status(series: Report) -> None:
+    text = _parsed(series.before_scripts).text
+    assert "3.00015 ± 0.00049\u00a0kg" in text  # total mass, seeded noise
+    assert "3 of 4" in text
+    assert "not identifiable" in text
+    assert "1000 ± not determined" in text
+
+
+def test_both_standard_deviations_are_given_and_the_adopted_is_named(cantilever: Report) -> None:
+    text = _parsed(cantilever.before_scripts).text
+    assert "Std (noise)" in text
+    assert "Std (model error)" in text
+    assert "Identified ± std (noise, adopted)" in text
+
+
+def test_figures_are_valid_plotly(cantilever: Report, series: Report) -> None:
+    for report in (cantilever, series):
+        figures = _figures(report.page)
+        assert {
+            "parameters",
+            "responses",
+            "residual-channels",
+            "residual-map",
+            "correlation",
+            "modes",
+            "convergence",
+        } <= set(figures)
+        for name, figure in figures.items():
+            go.Figure(figure["data"], figure["layout"])  # raises for a key that Plotly does not have
+            assert f'id="figure-{name}"' in report.page
+
+
+def test_every_channel_can_be_chosen(cantilever: Report) -> None:
+    figure = _figures(cantilever.page)["responses"]
+    n_lines = len(cantilever.identification.measured.frequency)
+    assert len(figure["channels"]) == 2
+    for channel in figure["channels"]:
+        assert len(channel["y"]) == len(figure["data"])
+        assert {len(curve) for curve in channel["y"]} == {n_lines}
+    assert cantilever.page.count("<option ") == 2
+
+
+def test_lines_outside_the_band_are_shown_as_not_used(cantilever: Report) -> None:
+    figure = _figures(cantilever.page)["responses"]
+    frequency = figure["data"][0]["x"]
+    unused = figure["channels"][1]["y"][0]
+    used = figure["channels"][1]["y"][1]
+    for f, faint, plain in zip(frequency, unused, used, strict=True):
+        inside = 5.0 <= f <= 150.0 and not 60.0 <= f <= 66.0
+        assert (plain is not None) == inside
+        assert (faint is not None) == (not inside)
+
+
+def test_unidentified_elements_are_dashed(series: Report, cantilever: Report) -> None:
+    dashes = [t["line"].get("dash") for t in _figures(series.page)["structure-stiffness"]["data"] if "line" in t]
+    assert "7px,4px" in dashes
+    for name in ("structure-stiffness", "structure-mass", "structure-damping"):
+        dashes = [t["line"].get("dash") for t in _figures(cantilever.page)[name]["data"] if "line" in t]
+        assert "7px,4px" not in dashes
+
+
+def test_same_input_gives_the_same_bytes(series: Report, tmp_path: Path) -> None:
+    write_report(report_cases.springs_in_series(), tmp_path, TITLE, PROVENANCE)
+    first = {p.relative_to(series.folder): p.read_bytes() for p in series.folder.rglob("*") if p.is_file()}
+    second = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    assert first == second
+
+
+def test_nothing_but_the_report_is_left_in_the_folder(series: Report) -> None:
+    names = {str(p.relative_to(series.folder)) for p in series.folder.rglob("*") if p.is_file()}
+    assert "report.html" in names
+    assert all(n == "report.html" or (n.startswith("figures/") and n.endswith(".png")) for n in names)
+    assert not [n for n in names if Path(n).name.startswith(".")]
+
+
+def test_folder_that_cannot_be_made_is_named(series: Report, tmp_path: Path) -> None:
+    blocked = tmp_path / "taken"
+    blocked.write_text("a file")
+    with pytest.raises(FileError, match="taken"):
+        write_report(series.identification, blocked / "report")
