@@ -8,6 +8,7 @@ import pytest
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
 from structid.estimation import Linearization, identifiability, minimize
 from structid.estimation.covariance import correlation_length, inverse_information
+from structid.estimation.identifiability import direction_words
 
 
 @dataclass
@@ -127,13 +128,41 @@ def test_misfit_switches_to_the_covariance_that_carries_model_error():
 def test_unseen_direction_gives_nan_not_zero_and_words():
     design = np.outer(np.linspace(1, 2, 30), [1.0, 1.0])
     noise = np.random.default_rng(1).standard_normal(30)
-    fit = Fit(lambda x, p: design @ p, lambda x, p: design, np.arange(30), design @ [4.0, 4.0] + noise, np.array([3.0, 3.0]), ("k[a]", "k[b]"))
+    y = design @ [4.0, 4.0] + noise
+    fit = Fit(lambda x, p: design @ p, lambda x, p: design, np.arange(30), y, np.array([3.0, 3.0]), ("k[a]", "k[b]"))
     found = estimate(fit)
     assert found.status is Status.NOT_IDENTIFIABLE
     assert found.identifiability.rank == 1
     assert np.isnan(found.std).all()
     assert found.identifiability.directions[0].words == "k[a] and k[b] only as a sum"
     assert not found.identified.any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "vector", "words"),
+    [
+        ("stiffness", [2.0, 2.0], [1.0, -1.0], "together: as their sum, or in series"),
+        ("stiffness", [1.0, 3.0], [1.0, -3.0], "in series, as the sum of their reciprocals"),
+        ("stiffness", [1.0, 3.0], [3.0, -1.0], "as a sum"),
+        ("mass", [1.0, 3.0], [1.0, 1.0], "as ratios"),
+        ("mass", [1.0, 3.0], [1.0, -3.0], "in combination"),
+    ],
+)
+def test_directions_are_told_by_what_they_leave_unchanged(kind, values, vector, words):
+    """A relative change n leaves sum(v) alone where sum(n v) = 0 and sum(1/v) where sum(n / v) = 0."""
+    text = direction_words(np.array(vector), np.array(values), (f"{kind}[a]", f"{kind}[b]"))
+    assert text.startswith(f"{kind}[a] and {kind}[b] only {words}")
+
+
+def test_a_parameter_that_nothing_sees_leaves_the_others_their_standard_deviations():
+    x = np.linspace(0, 1, 50)
+    design = np.stack([np.ones(50), x, np.zeros(50)], axis=1)
+    y = design @ [1.0, 2.0, 3.0] + 0.5 * np.random.default_rng(8).standard_normal(50)
+    fit = Fit(lambda x, p: design @ p, lambda x, p: design, x, y, np.ones(3), ("a", "b", "c"))
+    found = estimate(fit)
+    assert np.isfinite(found.std_noise[:2]).all()
+    assert np.isfinite(found.std_model_error[:2]).all()
+    assert np.isnan([found.std_noise[2], found.std_model_error[2]]).all()
 
 
 def test_weakly_seen_direction_has_its_true_standard_deviation():

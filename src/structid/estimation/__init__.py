@@ -4,6 +4,7 @@ from structid.estimation.estimate import Estimate, Status, estimate
 from structid.estimation.identifiability import Direction, Identifiability, identifiability
 from structid.estimation.least_squares import GaussNewton, LevenbergMarquardt, Minimum, minimize
 from structid.estimation.problem import Linearization, Problem
+from structid.estimation.streaming_qr import LinearFit, StreamingQr, no_rows
 
 __all__ = [
     "Direction",
@@ -11,11 +12,14 @@ __all__ = [
     "GaussNewton",
     "Identifiability",
     "LevenbergMarquardt",
+    "LinearFit",
     "Linearization",
     "Minimum",
     "Problem",
     "Status",
+    "StreamingQr",
     "estimate",
     "identifiability",
     "minimize",
+    "no_rows",
 ]

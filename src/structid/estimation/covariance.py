@@ -77,7 +77,11 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
         meat = meat + _block_scores(jacobian, residual, channels)
     prior = at.jacobian[rows:]
     bread = inverse_information(at.jacobian)
-    return bread @ (meat + prior.T @ prior) @ bread
+    seen = np.isfinite(np.diag(bread))
+    inner = np.ix_(seen, seen)
+    covariance = np.full_like(bread, np.nan)
+    covariance[inner] = bread[inner] @ (meat + prior.T @ prior)[inner] @ bread[inner]
+    return covariance
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:

@@ -98,12 +98,25 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
     listed = [names[i] for i in members]
     if len(members) == 1:
         return f"{listed[0]} not at all"
-    physical = vector[members] * values[members]
     joined = ", ".join(listed[:-1]) + " and " + listed[-1]
-    same_kind = len({name.split("[")[0] for name in listed}) == 1
-    if same_kind and abs(physical.sum()) < 0.05 * np.abs(physical).sum():
-        return f"{joined} only as a sum"
+    kinds = {name.split("[")[0] for name in listed}
+    if len(kinds) == 1:
+        together = _together(vector[members], values[members], kinds.pop())
+        if together:
+            return f"{joined} only {together}"
     if np.ptp(vector[members]) < 0.1 * np.abs(vector[members]).max():
         return f"{joined} only as ratios: their common scale is free"
     parts = " ".join(f"{'+' if v > 0 else '-'}{abs(v):.2f} {n}" for v, n in zip(vector[members], listed, strict=True))
     return f"{joined} only in combination: free along the relative change {parts}"
+
+
+def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
+    """How like parameters are seen together along an undetermined relative change; "" where it is neither way."""
+    change, inverse = relative * values, relative / values
+    as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
+    as_series = "stiffness" in kind and abs(inverse.sum()) < 0.05 * np.abs(inverse).sum()
+    if as_sum and as_series:
+        return "together: as their sum, or in series (the sum of their reciprocals)"
+    if as_series:
+        return "in series, as the sum of their reciprocals"
+    return "as a sum" if as_sum else ""

@@ -96,6 +96,7 @@ def page(
         elements=tables.element_table(problem.structure),
         parameters=tables.parameter_table(identification),
         modes=tables.mode_table(mode_rows(identification), data.band),
+        resonances=tables.resonance_table(identification.resonances) if identification.resonances else None,
         provenance=tables.provenance_facts(provenance),
         channels=[channel.label for channel in data.channels],
         notes=drawn.notes,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,7 @@ from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, p
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
 from structid.study.identification import Identification
+from structid.study.resonances import Resonance
 
 _FORMS = {
     "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",
@@ -122,6 +124,17 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
             )
         )
     return Table(header, tuple(table), (0, 1, 2, 3, 4, 5, 6))
+
+
+def resonance_table(found: tuple[Resonance, ...]) -> Table:
+    """Peaks of the imaginary part, measured beside fitted."""
+    rows = [
+        (number(r.measured, 5), number(r.predicted, 5), percent(r.predicted / r.measured - 1))
+        if math.isfinite(r.predicted)
+        else (number(r.measured, 5), NOTHING, NOTHING)
+        for r in found
+    ]
+    return Table(("Measured resonance (Hz)", "Fitted model (Hz)", "Difference"), tuple(rows), (0, 1, 2))
 
 
 def direction_table(found: Estimate) -> Table:
