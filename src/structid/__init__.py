@@ -1,9 +1,11 @@
 """structid: mass, damping and stiffness of a structure from vibration measurements."""
 
 from structid._version import __version__
+from structid.compare import frac, mac, subspace_angles
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, LevenbergMarquardt, Status, estimate
+from structid.modal import ModalRecord, pseudo_rayleigh
 from structid.observation import FrfProblem, simulated_record
 from structid.parameters import Parameters, Prior, Unknown, parameters
 from structid.records import (
@@ -25,6 +27,7 @@ from structid.structure import (
     Dashpot,
     Friction,
     MatrixGroup,
+    Membrane,
     PointMass,
     RigidLink,
     RotaryInertia,
@@ -54,6 +57,8 @@ __all__ = [
     "InputError",
     "LevenbergMarquardt",
     "MatrixGroup",
+    "Membrane",
+    "ModalRecord",
     "Parameters",
     "PointMass",
     "Prior",
@@ -69,16 +74,20 @@ __all__ = [
     "Unknown",
     "__version__",
     "estimate",
+    "frac",
     "frf_from_time",
     "from_matrices",
     "from_repeats",
     "identify",
     "load_study",
+    "mac",
     "parameters",
     "parse_dof",
+    "pseudo_rayleigh",
     "read_record",
     "run_study",
     "simulated_record",
+    "subspace_angles",
     "with_coherence_noise",
     "with_declared_noise",
     "write_record",

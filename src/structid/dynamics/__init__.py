@@ -1,6 +1,17 @@
 """Modes and responses: pure functions of mass, damping and stiffness."""
 
+from structid.dynamics.free_decay import FreeDecay, free_decay
 from structid.dynamics.modes import Modes, modes
 from structid.dynamics.receptance import harmonic_fields
+from structid.dynamics.transient import Transient, harmonic_transient, sampled_transient
 
-__all__ = ["Modes", "harmonic_fields", "modes"]
+__all__ = [
+    "FreeDecay",
+    "Modes",
+    "Transient",
+    "free_decay",
+    "harmonic_fields",
+    "harmonic_transient",
+    "modes",
+    "sampled_transient",
+]

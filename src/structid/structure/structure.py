@@ -75,7 +75,8 @@ class Structure:
     ties : sequence of RigidLink or Constraint
         What makes degrees of freedom depend on others.
     active : sequence of directions, optional
-        Directions that the structure can move in; the others are held. All of the dimension by default.
+        Directions that the structure can move in; the others are held. All of the dimension by default: X Y RZ
+        for nodes with one or two coordinates, and Z where such a structure holds a `Membrane`.
 
     Raises
     ------
@@ -103,7 +104,7 @@ class Structure:
         object.__setattr__(self, "fixed", tuple(parse_dof(d) for d in fixed))
         object.__setattr__(self, "ties", tuple(ties))
         self._check_nodes()
-        directions = _ACTIVE[self.dimension] if active is None else tuple(d.upper() for d in active)
+        directions = self._default_active() if active is None else tuple(d.upper() for d in active)
         if not directions or not set(directions) <= set(DIRECTIONS):
             raise InputError(f"`active` must list some of {' '.join(DIRECTIONS)}, got {active}")
         object.__setattr__(self, "active", directions)
@@ -229,6 +230,10 @@ class Structure:
             if gradient.any():
                 break
         return gradient
+
+    def _default_active(self) -> tuple[str, ...]:
+        across = {d for element in self.elements for d in getattr(element, "transverse", ())}
+        return tuple(d for d in DIRECTIONS if d in across or d in _ACTIVE[self.dimension])
 
     def _check_nodes(self) -> None:
         if not self.nodes:

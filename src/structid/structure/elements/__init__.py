@@ -7,6 +7,7 @@ from structid.structure.elements.element import ElementSet, Kind, Term
 from structid.structure.elements.friction import Friction
 from structid.structure.elements.inertia import PointMass, RotaryInertia
 from structid.structure.elements.matrix_group import MatrixGroup
+from structid.structure.elements.membrane import Membrane
 from structid.structure.elements.space_beam import SpaceBeam
 
 #: Every element type by the name that a study file uses.
@@ -15,6 +16,7 @@ ELEMENT_TYPES = {
     "beam": Beam,
     "dashpot": Dashpot,
     "friction": Friction,
+    "membrane": Membrane,
     "point_mass": PointMass,
     "rotary_inertia": RotaryInertia,
     "space_beam": SpaceBeam,
@@ -30,6 +32,7 @@ __all__ = [
     "Friction",
     "Kind",
     "MatrixGroup",
+    "Membrane",
     "PointMass",
     "RotaryInertia",
     "SpaceBeam",

@@ -1,0 +1,81 @@
+"""What a modal identification hands on: frequencies, damping ratios and mode shapes at sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.arrays import FloatArray, locked, require_finite, require_shape
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class ModalRecord:
+    """Modes as measured, lowest first: a measurement like any other for what follows.
+
+    Parameters
+    ----------
+    frequency : (n_modes,) float array
+        Undamped natural frequency, Hz; 0 for rigid-body modes.
+    damping_ratio : (n_modes,) float array
+        Viscous damping ratio; NaN where the method gives none.
+    mode_shapes : (n_channels, n_modes) array, real or complex
+        One column a mode, largest entry 1; the sense of each `Dof` included.
+    channels : tuple of Dof
+        Where the rows of `mode_shapes` were measured.
+    covariance : (2 n_modes, 2 n_modes) float array, optional
+        Of all frequencies (Hz), then all damping ratios. None where the method gives none.
+    warnings : tuple of str
+        What the user should know before using the modes: causes and remedies.
+    source : str
+        Method and data that the modes come from.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, frequencies are negative, not finite or not in order, or a mode shape is not finite.
+    """
+
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    mode_shapes: NDArray[np.inexact]
+    channels: tuple[Dof, ...]
+    covariance: FloatArray | None = None
+    warnings: tuple[str, ...] = ()
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
+        object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
+        kind = np.complex128 if np.iscomplexobj(self.mode_shapes) else np.float64
+        object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, kind))
+        object.__setattr__(self, "channels", parse_dofs(self.channels))
+        object.__setattr__(self, "warnings", tuple(self.warnings))
+        require_shape("frequency", self.frequency, (None,))
+        require_finite("frequency", self.frequency)
+        if (self.frequency < 0).any() or (np.diff(self.frequency) < 0).any():
+            raise InputError("`frequency` must be at least 0 and increase from mode to mode; sort the modes")
+        require_shape("damping_ratio", self.damping_ratio, self.frequency.shape, "NaN where it is not known")
+        require_shape("mode_shapes", self.mode_shapes, (len(self.channels), self.n_modes), "one column a mode")
+        require_finite("mode_shapes", self.mode_shapes)
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", locked(self.covariance, np.float64))
+            require_shape("covariance", np.asarray(self.covariance), (2 * self.n_modes,) * 2)
+
+    @property
+    def n_modes(self) -> int:
+        return len(self.frequency)
+
+    @property
+    def omega(self) -> FloatArray:
+        """Circular natural frequency in rad/s."""
+        return 2 * np.pi * self.frequency
+
+
+def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+    """Each column divided by its entry of largest magnitude, so that this entry is 1."""
+    largest = np.abs(shapes).argmax(axis=0)
+    return shapes / shapes[largest, np.arange(shapes.shape[1])]
