@@ -57,6 +57,7 @@ def test_noise_free_records_give_the_truth_back(sensors, kind):
         found = identify(structure, start, record)
         assert found.estimate.status is Status.CONVERGED
         assert np.abs(found.estimate.values / truth.start - 1).max() <= 1e-9
+        assert found.estimate.initial == pytest.approx(start.start, rel=1e-12)
         assert found.total_mass == pytest.approx(6.0, rel=1e-9)
         assert found.modes.frequency[:3] == pytest.approx([0.0499, 0.2840, 0.8575], rel=1e-3)
 
@@ -93,6 +94,7 @@ def test_springs_in_series_are_refused_in_words():
     assert found.estimate.identifiability.rank == 2
     words = " ".join(found.warnings)
     assert "stiffness[lower] and stiffness[upper] only" in words
+    assert "reciprocals" in words
     assert np.isnan(found.estimate.std[:2]).all()
     assert np.isfinite(found.estimate.std[2])
     assert found.total_mass_std == pytest.approx(found.estimate.std[2])

@@ -1,15 +1,28 @@
-"""What is worth a warning in a record before anything is estimated from it."""
+"""What is worth a warning in a record, and what a model must have, before anything is estimated."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import linalg
 
+from structid.arrays import ComplexArray, FloatArray
+from structid.errors import SingularModelError
 from structid.records import FrfRecord
 from structid.structure import Structure
 
+_DENSE_UP_TO = 600
+_NULL = 1e-12
+_UNIT_TOLERANCE = 0.2
+_GRAVITY_TOLERANCE = 0.15
+_GRAVITY = 9.80665
+_GRAVITY_CASES = (
+    (-1, "1/9.81", 'accelerations look to be in g and were read as m/s^2; give unit = "g/N" in [record]'),
+    (1, "9.81", "accelerations look to be in m/s^2 and were read as g; correct the unit in the file or in [record]"),
+)
+
 
 def record_warnings(structure: Structure, record: FrfRecord) -> tuple[str, ...]:
-    """Signs, coherence and units of `record` that do not look right for `structure`.
+    """Signs and coherence of `record` that do not look right for `structure`.
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
     mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention.
@@ -38,3 +51,110 @@ def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
         f"driving point {record.outputs[o]} / {record.inputs[i]}: the real part of mobility is negative at"
         f" {100 * negative:.0f} % of the lines; check the sense of the sensor, the load and the sign convention of the FRF"
     ]
+
+
+def unit_warnings(record: FrfRecord, predicted: ComplexArray) -> tuple[str, ...]:
+    """Units that contradict the initial model: measured values off by a power of ten, or by 9.81.
+
+    Parameters
+    ----------
+    record : FrfRecord
+    predicted : complex array
+        The initial model's FRF at the same lines, sensors and loads.
+    """
+    measured, model = np.abs(record.values), np.abs(predicted)
+    usable = (measured > 0) & (model > 0)
+    if not usable.any():
+        return ()
+    ratio = float(np.median(measured[usable] / model[usable]))
+    decades = float(np.log10(ratio))
+    nearest = round(decades)
+    found = f"the measured {record.kind} is {ratio:.3g} times the initial model's (median over lines and channels)"
+    if abs(nearest) >= 2 and abs(decades - nearest) <= _UNIT_TOLERANCE:
+        return (
+            f"{found}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and"
+            f" s. {_decade_remedy(nearest)}",
+        )
+    for sense, close, remedy in _GRAVITY_CASES:
+        if record.kind == "accelerance" and abs(decades - sense * np.log10(_GRAVITY)) <= _GRAVITY_TOLERANCE:
+            return (f"{found}, close to {close}: {remedy}",)
+    return ()
+
+
+def _decade_remedy(decades: int) -> str:
+    if decades == 3:
+        cause = "The record may be in mm (or per kN), or the model's masses in t and stiffnesses in kN/m"
+    elif decades == -3:
+        cause = "The record may be per mN or in km, or the model's stiffnesses in N/mm entered as N/m times 10^6"
+    else:
+        cause = "The record may be in other units than the file says, or a mass or stiffness of the model is"
+    return f'{cause}: give the file\'s unit in [record], as in unit = "mm/N", or correct the model'
+
+
+def require_sound_model(structure: Structure, values: FloatArray, lowest: float) -> None:
+    """Raise `SingularModelError` where the model has a mechanism that its response or modes cannot be computed with.
+
+    Two things are looked for, with the degrees of freedom that take part: motion without mass, damping and stiffness;
+    and, where a line at 0 Hz is used, motion without stiffness (supports are missing). Models of more than 600
+    degrees of freedom are left to the factorization.
+
+    Parameters
+    ----------
+    structure : Structure
+    values : (n_values,) float array
+        Property values.
+    lowest : float
+        Lowest line used, Hz.
+    """
+    if structure.n_dofs > _DENSE_UP_TO:
+        return
+    mass, stiffness, viscous, structural = (
+        structure.matrix(law, values).toarray() for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    if not mass.any():
+        raise SingularModelError("the structure has no mass; add point masses, or `mass` to its beams or bars")
+    elastic = stiffness + structural
+    every = _scaled(elastic) + _scaled(mass) + _scaled(viscous)
+    loose = _null_words(structure, every)
+    if loose:
+        raise SingularModelError(
+            f"the model is singular: {loose} can move with neither mass nor stiffness; fix it in `fixed`, leave its"
+            " direction out of `active`, or give it stiffness or mass"
+        )
+    massless = np.diag(mass) <= 0
+    loose = _null_words(structure, _scaled(elastic)[np.ix_(massless, massless)], np.flatnonzero(massless))
+    if loose:
+        raise SingularModelError(
+            f"the model is singular: {loose} can move with no mass and no stiffness, so modes do not exist; fix it in"
+            " `fixed` or give it stiffness"
+        )
+    if lowest == 0:
+        loose = _null_words(structure, elastic)
+        if loose:
+            raise SingularModelError(
+                f"the model is singular at 0 Hz: nothing holds {loose}; add supports in `fixed` or springs to the"
+                " ground, or leave 0 Hz out with `band` in [method]"
+            )
+
+
+def _scaled(matrix: FloatArray) -> FloatArray:
+    largest = np.abs(matrix).max(initial=0.0)
+    return matrix / largest if largest > 0 else matrix
+
+
+def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
+    """The degrees of freedom that take most part in a null vector of a positive semidefinite matrix; "" if none."""
+    if not len(matrix):
+        return ""
+    index = np.arange(len(matrix)) if members is None else members
+    diagonal = np.sqrt(np.abs(np.diag(matrix)))
+    empty = diagonal == 0
+    if empty.any():
+        return ", ".join(str(structure.dofs[i].unsigned)[:-1] for i in index[empty][:6])
+    values, vectors = linalg.eigh(matrix / np.outer(diagonal, diagonal))
+    if values[0] > _NULL * len(matrix):
+        return ""
+    part = np.abs(vectors[:, 0] / diagonal)
+    largest = np.argsort(-part, kind="stable")[:6]
+    chosen = sorted(int(i) for i in largest if part[i] > 0.1 * part.max())
+    return ", ".join(str(structure.dofs[index[i]].unsigned)[:-1] for i in chosen)

@@ -17,6 +17,7 @@ from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.study.checks import record_warnings
+from structid.study.resonances import Resonance, resonances
 
 _RELATIVE_WEIGHT = 0.1
 
@@ -85,6 +86,8 @@ class Identification:
         The model's FRF there.
     modes_initial, modes : Modes
         Of the initial and of the identified model.
+    resonances : tuple of Resonance
+        Peaks of the evaluated lines, measured beside predicted.
     total_mass, total_mass_std : float
         kg; NaN where the structure has no mass property in kg.
     warnings : tuple of str
@@ -101,6 +104,7 @@ class Identification:
     evaluation_predicted: ComplexArray
     modes_initial: Modes
     modes: Modes
+    resonances: tuple[Resonance, ...]
     total_mass: float
     total_mass_std: float
     warnings: tuple[str, ...]
@@ -171,8 +175,10 @@ def identify(
         problem = _started_by_one_step(problem)
     stages = problem.stages() if chosen.pole_free_start else ()
     found = estimate(problem, chosen.method, stages, restarts=chosen.restarts, seed=chosen.seed, progress=progress)
+    found = replace(found, initial=unknown.start)
     judged = record.band(*chosen.evaluation_band) if chosen.evaluation_band else problem.record
     judge = response(structure, unknown, judged)
+    judged_prediction = judge.values_at(found.values)
     values = unknown.values(found.values)
     gradient = structure.mass_gradient(chosen.direction) @ unknown.design
     return Identification(
@@ -183,9 +189,10 @@ def identify(
         predicted=problem.predicted(found.theta),
         evaluation=judged,
         evaluation_initial=judge.values_at(unknown.start),
-        evaluation_predicted=judge.values_at(found.values),
+        evaluation_predicted=judged_prediction,
         modes_initial=structure_modes(structure, unknown.values(unknown.start), chosen.n_modes),
         modes=structure_modes(structure, values, chosen.n_modes),
+        resonances=resonances(judged, judged_prediction),
         total_mass=structure.mass_of(values, chosen.direction),
         total_mass_std=float(np.sqrt(gradient @ np.nan_to_num(found.covariance) @ gradient))
         if np.isfinite(found.covariance[np.ix_(gradient != 0, gradient != 0)]).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.study.identification import IdentifyOptions
-from structid.study.section import BOOLEAN, COUNT, NOT_NEGATIVE, RANGE, RANGES, Section, choice
+from structid.study.section import BOOLEAN, COUNT, INTEGER, NOT_NEGATIVE, RANGE, RANGES, Section, choice
 
 _SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
 _KINDS = {
@@ -14,6 +14,8 @@ _KINDS = {
     "residual": choice("output", "log", "pole_free"),
     "model_error": NOT_NEGATIVE,
     "pole_free_start": BOOLEAN,
+    "restarts": INTEGER,
+    "seed": INTEGER,
     "search": choice(*_SEARCHES),
     "max_iterations": COUNT,
     "total_mass_direction": choice("X", "Y", "Z"),

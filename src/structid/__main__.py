@@ -1,0 +1,5 @@
+"""`python -m structid`, the same as the command `structid`."""
+
+from structid.cli import main
+
+main()

@@ -1,0 +1,271 @@
+"""The command `structid`: parses, calls, prints, exits."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+from structid._version import __version__
+from structid.console import (
+    check_summary,
+    identification_summary,
+    record_summary,
+    reproduction_summary,
+    standard_output,
+)
+from structid.errors import FileError, StructidError
+from structid.estimation import Status
+from structid.estimation.estimate import StageProgress
+from structid.records.io import ReadOptions, read_record, write_record
+from structid.reproduce.item import Progress as ItemProgress
+from structid.study.check import check_study
+from structid.study.result import StudyResult
+from structid.study.results import staged_folder, write_results
+from structid.study.run import SearchFailedError, load_study, run_study
+
+DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="structid", add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
+)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    app()
+
+
+@contextmanager
+def _reported() -> Iterator[None]:
+    """Turns what a user can cause into one message on stderr and an exit code."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        _fail("interrupted; nothing was written", INTERRUPTED)
+    except SearchFailedError as error:
+        _fail(str(error), NOT_DETERMINED)
+    except StructidError as error:
+        _fail(str(error), UNUSABLE_INPUT)
+    except BrokenPipeError:  # the reader of stdout left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(NOT_DETERMINED) from None
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        _fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
+
+
+def _fail(message: str, code: int) -> None:
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(code) from None
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"structid {__version__}")
+        raise typer.Exit(DONE)
+
+
+@app.callback()
+def structid(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Mass, damping and stiffness of a structure from vibration measurements, with honest uncertainty.
+
+    \b
+    Examples:
+      structid check frame.toml
+      structid identify frame.toml --out frame_results
+      structid convert measured.uff measured.npz
+      structid reproduce --chapter 4
+
+    Exit codes: 0 done; 1 the search failed or the data do not determine the answer (results are written, the reason
+    is on stderr); 2 the input cannot be used or the disk is full; 130 interrupted.
+    """
+
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
+
+
+@app.command()
+def identify(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
+    ] = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
+) -> None:
+    """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
+
+    \b
+    Examples:
+      structid identify frame.toml
+      structid identify frame.toml --out results/frame
+      structid identify frame.toml --no-report
+    """
+    with _reported():
+        read = load_study(study)
+        folder = out if out is not None else Path(f"{study.stem}_results")
+        with _progress(read.options.method.max_iterations) as progress:
+            result = run_study(read, progress)
+        with staged_folder(folder) as staged:
+            write_results(result, staged)
+            name = _write_report(result, staged) if report else "estimate.json"
+        for part in identification_summary(result):
+            standard_output().print(part)
+        typer.echo(str(folder / name))
+        estimate = result.identification.estimate
+        if estimate.status is not Status.CONVERGED:
+            _fail(f"{estimate.status.words} ({estimate.message})", NOT_DETERMINED)
+
+
+def _write_report(result: StudyResult, folder: Path) -> str:
+    """The name of the page in `folder`; drawing is imported here, so that nothing else waits for it."""
+    from structid.report import write_report
+
+    return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name
+
+
+@app.command()
+def check(study: StudyPath) -> None:
+    """Read all of a study and say what it can determine: units, sensors, coverage, rank, predicted accuracy.
+
+    Nothing is estimated or written. The exit code is 1 where the data do not determine every parameter.
+
+    \b
+    Examples:
+      structid check frame.toml
+    """
+    with _reported():
+        result = check_study(load_study(study))
+        for part in check_summary(result):
+            standard_output().print(part)
+        if not result.determined:
+            _fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Record: NPZ, NPY, HDF5, CSV, MAT or UFF.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; the suffix gives the format.")],
+    sampling_rate: Annotated[float | None, typer.Option(help="Samples per second of a bare time array.")] = None,
+    channels: Annotated[str, typer.Option(help="Channels of a bare time array, as in 1X+,2X+.")] = "",
+    quantities: Annotated[str, typer.Option("--quantity", "--quantities", help="As in acceleration,force.")] = "",
+    units: Annotated[str, typer.Option(help="Units of time channels, as in g,N, or one for all.")] = "",
+    array: Annotated[str, typer.Option(help="Name of the array in NPZ, MAT or HDF5.")] = "",
+    frequency_array: Annotated[str, typer.Option(help="Name of the array of frequencies, Hz.")] = "",
+    coherence_array: Annotated[str, typer.Option(help="Name of the array of coherences.")] = "",
+    outputs: Annotated[str, typer.Option(help="Sensors of a bare FRF array, as in 1X+,2X+.")] = "",
+    inputs: Annotated[str, typer.Option(help="Loads of a bare FRF array, as in 3X+.")] = "",
+    kind: Annotated[str, typer.Option(help="receptance, mobility or accelerance.")] = "",
+    unit: Annotated[str, typer.Option(help="Unit of a bare FRF array, as in g/N.")] = "",
+    averages: Annotated[int | None, typer.Option(help="Number of averages behind each FRF value.")] = None,
+) -> None:
+    """Read a record and write it in another format, in SI units; the suffix of each file gives its format.
+
+    \b
+    Examples:
+      structid convert measured.uff measured.h5
+      structid convert impact.npy impact.csv --sampling-rate 1024 --channels 1X+,2X+ --units g,N
+      structid convert frf.npz frf.uff --array accelerance --frequency-array freq_hz
+          --outputs 1X-,2X+ --inputs 1X+ --kind accelerance
+    """
+    with _reported():
+        options = ReadOptions(
+            sampling_rate=sampling_rate,
+            channels=_words(channels),
+            quantities=_words(quantities),
+            units=_words(units),
+            array=array,
+            frequency_array=frequency_array,
+            coherence_array=coherence_array,
+            outputs=_words(outputs),
+            inputs=_words(inputs),
+            kind=kind,
+            unit=unit,
+            averages=averages,
+        )
+        if target.exists() and source.exists() and target.samefile(source):
+            raise FileError(f"{target}: is the file that is read; write to another one")
+        record = read_record(source, options)
+        write_record(target, record)
+        typer.echo(record_summary(record, target))
+
+
+@app.command()
+def reproduce(
+    chapter: Annotated[int | None, typer.Option("--chapter", metavar="N", help="3, 4 or 5 [default: all].")] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results folder.")] = Path("reproduction"),
+) -> None:
+    """Compute the tables and figures of the dissertation beside the printed numbers, with a verdict for each.
+
+    Writes reproduction.html, reproduction.json and the figures as PNG files. It takes a few minutes.
+
+    \b
+    Examples:
+      structid reproduce
+      structid reproduce --chapter 4 --out chapter_4
+    """
+    with _reported():
+        from structid.report.reproduction import write_reproduction  # imported here, so that nothing else waits for it
+        from structid.reproduce.run import CHAPTERS
+        from structid.reproduce.run import reproduce as reproduced
+
+        with _item_progress() as progress:
+            items = reproduced(CHAPTERS if chapter is None else (chapter,), progress)
+        page = write_reproduction(items, out)
+        for part in reproduction_summary(items):
+            standard_output().print(part)
+        typer.echo(str(page))
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[StageProgress | None]:
+    """A bar on stderr while the search runs, where stderr is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed} iterations"),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        tasks = {"": bar.add_task("reading and checking", total=None)}
+
+        def advance(stage: str, iteration: int, cost: float) -> None:
+            if stage not in tasks:
+                bar.update(tasks[""], visible=False)
+                tasks[stage] = bar.add_task(stage, total=total)
+            bar.update(tasks[stage], completed=iteration, description=f"{stage} search, sum of squares {cost:.5g}")
+
+        yield advance
+
+
+@contextmanager
+def _item_progress() -> Iterator[ItemProgress | None]:
+    """A bar on stderr that names the table or figure in work, where stderr is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("reading", total=1.0)
+        yield lambda name, done: bar.update(task, completed=done, description=name)

@@ -1,0 +1,131 @@
+"""What the command line prints: summaries of an identification, a check and a record, as tables of rich."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from structid.records import FrfRecord, Record
+from structid.reproduce.item import Item
+from structid.study.check import CheckResult
+from structid.study.result import StudyResult
+
+_WIDTH_OF_FILES = 1000
+
+
+def standard_output() -> Console:
+    """The console of results: as wide as the terminal, and so wide that no line is broken where there is none."""
+    console = Console(highlight=False, markup=False, emoji=False)
+    return (
+        console if console.is_terminal else Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
+    )
+
+
+def identification_summary(result: StudyResult) -> list[RenderableType]:
+    """Warnings, status, parameters, total mass, fit and modes of an identification."""
+    found = result.identification
+    estimate, unknown = found.estimate, result.study.parameters
+    table = _table("parameter", "unit", "initial", "value", "std", "")
+    for i, name in enumerate(estimate.names):
+        note = "" if estimate.identified[i] else "not identified"
+        numbers = (number(unknown.start[i]), number(estimate.values[i]), number(estimate.std[i], 2))
+        table.add_row(name, estimate.units[i], *numbers, note)
+    modes = _table("mode", "frequency Hz", "damping ratio")
+    for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
+        modes.add_row(str(i + 1), number(frequency), number(ratio, 3))
+    identifiability = estimate.identifiability
+    facts = [
+        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
+        f"rank {identifiability.rank} of {len(estimate.names)} parameters, condition {number(identifiability.condition, 3)}"
+        f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
+        f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}",
+        f"median relative error of the fit {number(_median(found.relative_error.ravel().tolist()), 3)} over"
+        f" {len(found.evaluation.frequency)} lines ({len(found.problem.record.frequency)} of them fitted),"
+        f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs",
+    ]
+    mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
+    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), modes]
+
+
+def check_summary(result: CheckResult) -> list[RenderableType]:
+    """What `structid check` says: record, sensors, modes, rank and predicted accuracy."""
+    record, study = result.record, result.study
+    facts = [
+        f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
+        f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {_noise(record)}",
+        f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
+        f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
+    ]
+    channels = _table("channel", "role", "sees")
+    for channel in result.channels:
+        channels.add_row(channel.channel, channel.role, channel.seen)
+    modes = _table("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
+    for i, mode in enumerate(result.modes):
+        inside = "yes" if mode.in_band else "no"
+        lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
+        modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
+    found = result.identifiability
+    rank = f"rank {found.rank} of {len(study.parameters.names)} parameters from the data alone, condition" + (
+        f" {number(found.condition, 3)}; predicted at the"
+        " initial values, for a model that is right and errors that are independent from line to line:"
+    )
+    table = _table("parameter", "unit", "initial", "predicted std", "relative")
+    for name, unit, start, std in zip(
+        study.parameters.names, study.parameters.units, study.parameters.start, result.std, strict=True
+    ):
+        table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
+    head = _heading(study.title, result.warnings)
+    return [*head, *map(Text, facts), channels, modes, Text(rank), table]
+
+
+def record_summary(record: Record, path: Path) -> str:
+    """One line on a record that was written."""
+    if isinstance(record, FrfRecord):
+        size = (
+            f"{record.kind}, {len(record.frequency)} lines, {len(record.outputs)} outputs, {len(record.inputs)} inputs"
+        )
+    else:
+        size = f"time histories, {record.values.shape[0]} samples at {record.sampling_rate:g} Hz"
+        size += f", {len(record.channels)} channels"
+    return f"{path}: {size}"
+
+
+def reproduction_summary(items: Iterable[Item]) -> list[RenderableType]:
+    """Verdict and largest difference of every table and figure."""
+    table = _table("item", "verdict", "largest difference", "title")
+    for item in items:
+        largest = item.max_abs_difference
+        table.add_row(item.name, item.verdict.value, "-" if largest is None else number(largest, 2), item.title)
+    return [table]
+
+
+def number(value: float, digits: int = 5) -> str:
+    """A number of `digits` significant digits; a dash where there is none."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
+
+
+def _heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
+    return [Text(title, style="bold"), *(Text(f"warning: {warning}", style="yellow") for warning in warnings)]
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for i, column in enumerate(columns):
+        table.add_column(column, overflow="fold" if i == 0 else "ellipsis")
+    return table
+
+
+def _noise(record: FrfRecord) -> str:
+    if record.variance is None:
+        return "not stated"
+    return record.noise_source if record.noise_source == "declared" else f"from {record.noise_source}"
+
+
+def _median(values: list[float]) -> float:
+    ordered, half = sorted(values), len(values) // 2
+    return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2

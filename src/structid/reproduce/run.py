@@ -1,0 +1,64 @@
+"""All chapters in one run."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable
+from types import ModuleType
+
+from threadpoolctl import threadpool_limits
+
+from structid.errors import InputError
+from structid.reproduce.item import Item, Progress
+
+CHAPTERS = (3, 4, 5)
+
+
+def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = None) -> tuple[Item, ...]:
+    """Tables and figures of `chapters`, in the order of the dissertation.
+
+    Parameters
+    ----------
+    chapters : iterable of int
+        Of 3, 4 and 5.
+    progress : callable, optional
+        Called with the item in work and the part of all chapters that is done, 0 to 1.
+
+    Returns
+    -------
+    tuple of Item
+        The same every time: random studies state their seeds, and linear algebra runs in one thread.
+
+    Raises
+    ------
+    InputError
+        If `chapters` names none, or another one.
+    """
+    wanted = sorted(set(chapters))
+    modules = [_module(chapter) for chapter in wanted]
+    if not modules:
+        raise InputError(f"`chapters` must name at least one of {_listed()}, got none")
+    found: list[Item] = []
+    with threadpool_limits(1, user_api="blas"):
+        for i, module in enumerate(modules):
+            found += module.items(_part(progress, i, len(modules)))
+    return tuple(found)
+
+
+def _module(chapter: int) -> ModuleType:
+    """The module of one chapter."""
+    if chapter not in CHAPTERS:
+        raise InputError(f"`chapter` must be one of {_listed()}, got {chapter}")
+    return importlib.import_module(f"structid.reproduce.chapter_{chapter}")
+
+
+def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
+    """Progress of one chapter as a part of all of them."""
+    if progress is None:
+        return None
+    report = progress
+    return lambda name, done: report(name, (index + done) / count)
+
+
+def _listed() -> str:
+    return ", ".join(map(str, CHAPTERS))

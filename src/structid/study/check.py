@@ -1,0 +1,179 @@
+"""What a study can be expected to give, from its record and its initial model, before any search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation import Identifiability, identifiability
+from structid.estimation.covariance import inverse_information
+from structid.estimation.estimate import relative_jacobian
+from structid.estimation.problem import Linearization
+from structid.observation import FrfProblem
+from structid.records import FrfRecord
+from structid.structure import Structure
+from structid.study.identification import structure_modes
+from structid.study.run import started
+from structid.study.study import Study
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """One sensor or load of the record, and the free degrees of freedom of the structure that it sees.
+
+    Attributes
+    ----------
+    channel : str
+        As the record names it.
+    role : str
+        ``output`` or ``input``.
+    seen : str
+        Free degrees of freedom with their coefficients, through rigid links and constraints.
+    """
+
+    channel: str
+    role: str
+    seen: str
+
+
+@dataclass(frozen=True)
+class ModeCheck:
+    """One mode of the initial model, and how well the record's lines resolve it.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : float
+        Hz, and 1.
+    in_band : bool
+    lines_per_bandwidth : float
+        Half-power bandwidth (2 damping ratio frequency) over the line spacing there; below about 4 a resonance is
+        poorly resolved, and 0 for an undamped mode.
+    """
+
+    frequency: float
+    damping_ratio: float
+    in_band: bool
+    lines_per_bandwidth: float
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """What `check_study` found.
+
+    Attributes
+    ----------
+    study : Study
+    record : FrfRecord
+        The lines in the band.
+    n_lines_total : int
+        Lines of the whole record.
+    channels : tuple of ChannelCheck
+    modes : tuple of ModeCheck
+    identifiability : Identifiability
+        Rank, condition and undetermined directions at the initial values, from the data alone.
+    std : (n_params,) float array
+        Predicted standard deviation of each parameter: the Cramer-Rao bound at the initial values, with the noise
+        (and model error) of the study and its priors; NaN where the data do not determine it.
+    total_mass, total_mass_std : float
+        Of the initial model, kg, and predicted.
+    warnings : tuple of str
+    """
+
+    study: Study
+    record: FrfRecord
+    n_lines_total: int
+    channels: tuple[ChannelCheck, ...]
+    modes: tuple[ModeCheck, ...]
+    identifiability: Identifiability
+    std: FloatArray
+    total_mass: float
+    total_mass_std: float
+    warnings: tuple[str, ...]
+
+    @property
+    def determined(self) -> bool:
+        """Whether data and priors determine every parameter to better than its own size."""
+        start = np.abs(self.study.parameters.start)
+        return bool((self.std <= start).all())
+
+
+def check_study(study: Study) -> CheckResult:
+    """All of the study read and its predicted accuracy; nothing is estimated.
+
+    Raises
+    ------
+    InputError, SingularModelError
+        As `run_study` would.
+    """
+    ready = started(study)
+    problem, record = ready.problem, ready.problem.record
+    theta = study.parameters.theta_start
+    at = problem.linearize(theta)
+    covariance = cramer_rao_bound(problem, at)
+    found = identifiability(relative_jacobian(problem, theta, at), problem.physical(theta), problem.names)
+    values = study.parameters.values(study.parameters.start)
+    gradient = study.structure.mass_gradient(study.options.direction) @ study.parameters.design
+    used = gradient != 0
+    modes = _modes(study, values, record)
+    return CheckResult(
+        study=study,
+        record=record,
+        n_lines_total=len(ready.record.frequency),
+        channels=_channels(study.structure, record),
+        modes=modes,
+        identifiability=found,
+        std=np.sqrt(np.diag(covariance)),
+        total_mass=study.structure.mass_of(values, study.options.direction),
+        total_mass_std=float(np.sqrt(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])),
+        warnings=(*ready.unit_warnings, *ready.warnings, *_mode_warnings(modes), *_direction_warnings(found)),
+    )
+
+
+def cramer_rao_bound(problem: FrfProblem, at: Linearization) -> FloatArray:
+    """Smallest covariance that an unbiased estimate can have, (n_params, n_params), physical units.
+
+    (J'J)^-1 of the whitened Jacobian J with respect to the physical parameters, priors counted as data.
+    """
+    slope = problem.slope(problem.theta_start)
+    return inverse_information(at.jacobian) * np.outer(slope, slope)
+
+
+def _channels(structure: Structure, record: FrfRecord) -> tuple[ChannelCheck, ...]:
+    found = []
+    for role, dofs in (("output", record.outputs), ("input", record.inputs)):
+        columns = structure.selection(dofs).tocsc()
+        for j, dof in enumerate(dofs):
+            part = columns[:, [j]].tocoo()
+            pairs = zip(part.coords[0], part.data, strict=True)
+            terms = [f"{value:+.3g} {structure.dofs[int(row)].unsigned}"[:-1] for row, value in pairs]
+            found.append(ChannelCheck(str(dof), role, " ".join(terms)))
+    return tuple(found)
+
+
+def _modes(study: Study, values: FloatArray, record: FrfRecord) -> tuple[ModeCheck, ...]:
+    found = structure_modes(study.structure, values, study.options.n_modes)
+    axis = record.frequency
+    checks = []
+    for frequency, ratio in zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True):
+        near = int(np.clip(np.searchsorted(axis, frequency), 1, max(len(axis) - 1, 1)))
+        spacing = float(axis[near] - axis[near - 1]) if len(axis) > 1 else np.inf
+        inside = bool(axis[0] <= frequency <= axis[-1])
+        checks.append(ModeCheck(frequency, ratio, inside, 2 * ratio * frequency / spacing))
+    return tuple(checks)
+
+
+def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
+    if not any(mode.in_band for mode in modes):
+        return ["no mode of the initial model lies in the band: damping cannot be told from it; check band and model"]
+    coarse = [mode for mode in modes if mode.in_band and 0 < mode.lines_per_bandwidth < 1]
+    return [
+        f"the mode at {mode.frequency:.4g} Hz has {mode.lines_per_bandwidth:.2g} lines in its half-power bandwidth;"
+        " measure with a finer frequency spacing to tell its damping"
+        for mode in coarse
+    ]
+
+
+def _direction_warnings(found: Identifiability) -> list[str]:
+    return [f"the data determine {direction.words}" for direction in found.directions]

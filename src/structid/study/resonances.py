@@ -1,0 +1,70 @@
+"""Resonances as an engineer reads them off: peaks of the imaginary part, measured beside predicted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.records import FrfRecord
+
+_PROMINENCE = np.log(3.0)
+_FARTHEST = 0.15
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A peak of the measured record and the nearest one of the model.
+
+    Attributes
+    ----------
+    measured : float
+        Hz.
+    predicted : float
+        Hz; NaN where the model has no peak within 15 %.
+    """
+
+    measured: float
+    predicted: float
+
+
+def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, ...]:
+    """Peaks of the sum over channels of abs(Im H) (of abs(Re H) for mobility) that stand out by a factor of three.
+
+    Only peaks where that sum is more than half of the sum of abs(H) count: away from resonance the quadrature part is
+    small and its ripple is noise.
+
+    Parameters
+    ----------
+    record : FrfRecord
+    predicted : (n_frequencies, n_outputs, n_inputs) complex array
+        The model at the same lines.
+    """
+    quadrature = np.real if record.kind == "mobility" else np.imag
+    measured, model = (
+        _peaks(record.frequency, np.abs(quadrature(h)).sum(axis=(1, 2)), np.abs(h).sum(axis=(1, 2)))
+        for h in (record.values, predicted)
+    )
+    found = []
+    for peak in measured:
+        near = model[np.abs(model - peak) <= _FARTHEST * peak]
+        nearest = float(near[np.abs(near - peak).argmin()]) if near.size else float("nan")
+        found.append(Resonance(float(peak), nearest))
+    return tuple(found)
+
+
+def _peaks(frequency: FloatArray, indicator: FloatArray, size: FloatArray) -> FloatArray:
+    """Prominent peaks, each refined by a parabola through the logarithms at three lines."""
+    from scipy.signal import find_peaks
+
+    if len(indicator) < 5:
+        return np.zeros(0)
+    level = np.log(np.maximum(np.maximum(indicator, 0.5 * size), np.finfo(float).tiny))
+    index, _ = find_peaks(level, prominence=_PROMINENCE)
+    index = index[indicator[index] > 0.5 * size[index]]
+    before, here, after = level[index - 1], level[index], level[index + 1]
+    bend = before - 2 * here + after
+    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
+    step = 0.5 * (frequency[index + 1] - frequency[index - 1])
+    return frequency[index] + np.clip(shift, -0.5, 0.5) * step

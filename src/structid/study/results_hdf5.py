@@ -1,0 +1,101 @@
+"""All arrays of a result as one HDF5 file."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from structid.dynamics import Modes
+from structid.study.result import StudyResult, correlation
+
+
+def hdf5_bytes(result: StudyResult) -> bytes:
+    """The content of estimate.h5.
+
+    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``; units are attributes. It is made in
+    memory, so that a full disk shows as an ordinary error when the bytes are written.
+    """
+    import h5py  # so that `import structid` stays light
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", track_order=True) as file:
+        file.attrs["format"] = "structid estimate 1"
+        file.attrs["structid"] = result.provenance.structid
+        file.attrs["title"] = result.study.title
+        _parameters(file.create_group("parameters"), result)
+        _frf(file.create_group("frf"), result)
+        _evaluation(file.create_group("evaluation"), result)
+        found = result.identification
+        _modes(file.create_group("modes"), found.modes, result)
+        _modes(file.create_group("modes_initial"), found.modes_initial, result)
+    return buffer.getvalue()
+
+
+def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
+    """One array, its unit beside it."""
+    array = np.asarray(values)
+    dataset = group.create_dataset(name, data=array, track_times=False)
+    if unit:
+        dataset.attrs["unit"] = unit
+
+
+def _texts(group: Any, name: str, values: Any) -> None:
+    group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
+
+
+def _parameters(group: Any, result: StudyResult) -> None:
+    found = result.identification.estimate
+    _texts(group, "names", found.names)
+    _texts(group, "kinds", found.kinds)
+    _texts(group, "units", found.units)
+    note = "as in units, one a parameter"
+    _put(group, "initial", result.study.parameters.start, note)
+    _put(group, "values", found.values, note)
+    _put(group, "std", found.std, note)
+    _put(group, "covariance_noise", found.covariance_noise, "products of units")
+    _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
+    group.attrs["covariance_basis"] = found.covariance_basis
+    _put(group, "correlation", correlation(found.covariance), "1")
+    _put(group, "identified", found.identified)
+    _put(group, "singular_values", found.identifiability.singular_values, "1")
+    directions = [item.vector for item in found.identifiability.directions]
+    _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
+    _put(group, "history", found.history, note)
+
+
+def _frf(group: Any, result: StudyResult) -> None:
+    found = result.identification
+    record = found.problem.record
+    group.attrs["kind"] = record.kind
+    group.attrs["noise_source"] = record.noise_source
+    _texts(group, "outputs", record.outputs)
+    _texts(group, "inputs", record.inputs)
+    _put(group, "frequency", record.frequency, "Hz")
+    _put(group, "measured", record.values, record.unit)
+    _put(group, "predicted", found.predicted, record.unit)
+    _put(group, "predicted_initial", found.predicted_initial, record.unit)
+    _put(group, "residual", found.predicted - record.values, record.unit)
+    if record.variance is not None:
+        _put(group, "variance", record.variance, f"({record.unit})^2")
+    if record.coherence is not None:
+        _put(group, "coherence", record.coherence, "1")
+
+
+def _evaluation(group: Any, result: StudyResult) -> None:
+    """The lines on which the fit is judged, which may be more than were fitted."""
+    found = result.identification
+    unit = found.evaluation.unit
+    _put(group, "frequency", found.evaluation.frequency, "Hz")
+    _put(group, "measured", found.evaluation.values, unit)
+    _put(group, "predicted", found.evaluation_predicted, unit)
+    _put(group, "predicted_initial", found.evaluation_initial, unit)
+    _put(group, "relative_error", found.relative_error, "1")
+
+
+def _modes(group: Any, modes: Modes, result: StudyResult) -> None:
+    _texts(group, "dofs", result.study.structure.dofs)
+    _put(group, "frequency", modes.frequency, "Hz")
+    _put(group, "damping_ratio", modes.damping_ratio, "1")
+    _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")

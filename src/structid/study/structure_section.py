@@ -1,0 +1,211 @@
+"""The ``[structure]`` of a study file as a `Structure`."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from structid.dof import DIRECTIONS, Dof, parse_dof
+from structid.errors import InputError
+from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
+from structid.structure.elements import ElementSet
+from structid.structure.supports import Tie
+from structid.study.input_files import InputFiles
+from structid.study.matrix_files import read_dofs, read_matrix
+from structid.study.section import (
+    BOOLEAN,
+    INTEGER,
+    NODES,
+    NOT_NEGATIVE,
+    NUMBERS,
+    POSITION,
+    TEXT,
+    TEXTS,
+    VECTOR,
+    WEIGHTED,
+    Kind,
+    Section,
+    as_list,
+)
+
+Positions = dict[int, list[float]]
+
+_KINDS = {
+    "name": TEXT,
+    "nodes": NODES,
+    "first": TEXTS,
+    "second": TEXTS,
+    "measured_by": TEXTS,
+    "directions": TEXTS,
+    "direction": TEXT,
+    "smoothing": INTEGER,
+    "lumped": BOOLEAN,
+    "orientation": VECTOR,
+}
+_ONE_END = {"first": TEXT, "second": TEXT}
+_DOF_KEYS = ("first", "second", "measured_by")
+_SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
+
+
+def read_structure(section: Section, files: InputFiles) -> Structure:
+    """The structure that `section` describes.
+
+    Parameters
+    ----------
+    section : Section
+        ``[structure]``.
+    files : InputFiles
+        Takes note of the matrix files read.
+    """
+    plain = {"active": TEXTS, "fixed": TEXTS}
+    tables = ("nodes", "matrices", "matrix_group", *ELEMENT_TYPES, "rigid_link", "constraint")
+    given = section.values(plain, others=tables)
+    groups = _groups(section, files)
+    nodes = _nodes(section, groups)
+    entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in section.sections(kind)]
+    elements: list[tuple[Section, ElementSet]] = [(entry, _element(entry, kind, nodes)) for entry, kind in entries]
+    elements.extend(groups)
+    if not elements:
+        kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
+        raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
+    ties = [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in section.sections(key)]
+    fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(section, text, nodes)]
+    active = as_list(given["active"]) if "active" in given else None
+    try:
+        structure = Structure(nodes, [element for _, element in elements], fixed, [tie for _, tie in ties], active)
+    except InputError as error:
+        raise _placed(section, str(error), elements, ties) from error
+    if structure.n_dofs == 0:
+        raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
+    return structure
+
+
+def _placed(
+    section: Section, message: str, elements: list[tuple[Section, ElementSet]], ties: list[tuple[Section, Tie]]
+) -> InputError:
+    """The error with the place of the element set or tie that its message names."""
+    named = [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
+    for entry, name in named:
+        if repr(name) in message:
+            return entry.error(message)
+    for key in ("fixed", "active", "nodes"):
+        if f"`{key}`" in message and key in section.table:
+            return section.error(message, key)
+    return section.error(message)
+
+
+def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]]) -> Positions:
+    inner = section.section("nodes")
+    if inner is None:
+        if groups:
+            return {dof.node: [0.0, 0.0, 0.0] for _, group in groups for dof in group.dofs}
+        raise section.error("the structure has no nodes; add [structure.nodes] with lines such as `1 = [0.0, 0.0]`")
+    if not inner.table:
+        raise inner.error("holds no node; add lines such as `1 = [0.0, 0.0]`")
+    for key in inner.table:
+        if not re.fullmatch(r"\d{1,9}", key):
+            raise inner.error("node labels must be whole numbers, as in `1 = [0.0, 0.0]`", key)
+    given = inner.values(dict.fromkeys(inner.table, POSITION))
+    nodes = {int(label): [float(x) for x in as_list(position)] for label, position in given.items()}
+    for key, position in given.items():
+        size, usual = len(as_list(position)), len(as_list(next(iter(given.values()))))
+        if size > 3 or size != usual:
+            raise inner.error(f"must have {min(usual, 3)} coordinates like the first node, got {size}", key)
+    return nodes
+
+
+def _element(entry: Section, kind: str, nodes: Positions) -> ElementSet:
+    signature = inspect.signature(ELEMENT_TYPES[kind])
+    kinds: dict[str, Kind] = {key: _KINDS.get(key, NUMBERS) for key in signature.parameters}
+    if kind == "friction":
+        kinds.update(_ONE_END)
+    required = [key for key, item in signature.parameters.items() if item.default is inspect.Parameter.empty]
+    given = entry.values(kinds, required)
+    for key in _DOF_KEYS:
+        for text in as_list(given.get(key, [])):
+            _known_dof(entry, key, text, nodes)
+    for node in _flat(given.get("nodes", [])):
+        _require_node(entry, "nodes", node, nodes)
+    if "directions" in given:
+        given["directions"] = tuple(as_list(given["directions"]))
+    with entry.located():
+        made: ElementSet = ELEMENT_TYPES[kind](**given)
+    return made
+
+
+def _flat(nodes: Any) -> list[int]:
+    return [node for row in as_list(nodes) for node in as_list(row)]
+
+
+def _require_node(entry: Section, key: str, node: int, nodes: Mapping[int, Any]) -> None:
+    if node not in nodes:
+        near = difflib.get_close_matches(str(node), [str(label) for label in nodes], 1, 0.0)
+        raise entry.error(f"node {node} does not exist; the nearest is {near[0]}, or add it to [structure.nodes]", key)
+
+
+def _known_dof(entry: Section, key: str, text: str, nodes: Positions) -> Dof:
+    """`text` as a degree of freedom of a node that exists."""
+    with entry.located(key):
+        dof = parse_dof(text)
+    _require_node(entry, key, dof.node, nodes)
+    return dof
+
+
+def _fixed(section: Section, text: str, nodes: Positions) -> list[Dof]:
+    """``1X`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
+    several = _SEVERAL.match(text)
+    if text.strip().isdigit():
+        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
+    elif several:
+        words = [several[1] + direction for direction in several[2].split()]
+    else:
+        words = [text]
+    return [_known_dof(section, "fixed", word, nodes) for word in words]
+
+
+def _tie(entry: Section, nodes: Positions) -> tuple[Section, Tie]:
+    if entry.path[-2] == "rigid_link":
+        given = entry.values({"name": TEXT, "main": INTEGER, "dependents": NODES}, ("name", "main", "dependents"))
+        for key in ("main", "dependents"):
+            for node in _flat(given[key]):
+                _require_node(entry, key, node, nodes)
+        with entry.located():
+            return entry, RigidLink(given["name"], given["main"], _flat(given["dependents"]))
+    keys = {"name": TEXT, "dependent": TEXT, "depends_on": WEIGHTED}
+    given = entry.values(keys, tuple(keys))
+    dependent = _known_dof(entry, "dependent", given["dependent"], nodes)
+    pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in given["depends_on"]]
+    with entry.located():
+        return entry, Constraint(given["name"], dependent, pairs)
+
+
+def _groups(section: Section, files: InputFiles) -> list[tuple[Section, MatrixGroup]]:
+    """Groups of matrices from files, with ``[structure.matrices]`` for what their rows stand for."""
+    entries = section.sections("matrix_group")
+    matrices = section.section("matrices")
+    if matrices is None:
+        if entries:
+            raise entries[0].error('add [structure.matrices] with `dofs = "dofs.txt"` or a list of degrees of freedom')
+        return []
+    given = matrices.values({"dofs": TEXTS}, ("dofs",))
+    if not entries:
+        raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
+    with matrices.located("dofs"):
+        texts = read_dofs(files.path(given["dofs"])) if isinstance(given["dofs"], str) else given["dofs"]
+        dofs = [parse_dof(text) for text in texts]
+    return [(entry, _group(entry, dofs, files)) for entry in entries]
+
+
+def _group(entry: Section, dofs: list[Dof], files: InputFiles) -> MatrixGroup:
+    keys = {"name": TEXT, "mass": TEXT, "stiffness": TEXT, "damping": TEXT, "loss_factor": NOT_NEGATIVE}
+    given = entry.values(keys, ("name",))
+    for key in ("mass", "stiffness", "damping"):
+        if key in given:
+            with entry.located(key):
+                given[key] = read_matrix(files.path(given[key]))
+    name = given.pop("name")
+    with entry.located():
+        return MatrixGroup(name, dofs, **given)

@@ -1,0 +1,336 @@
+"""The command line: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from study_cases import CHAIN, RIGID, TRUE, chain_record, replaced, rigid_record, write_chain
+from test_study_run import bare, free_text, record_from_zero, with_nan
+from typer.testing import CliRunner
+
+import structid
+from structid import cli
+from structid.errors import SingularModelError
+from structid.records.io import read_record, write_record
+
+RUN = CliRunner()
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return write_chain(tmp_path / "study")
+
+
+def invoke(*arguments: object):
+    return RUN.invoke(cli.app, [str(argument) for argument in arguments])
+
+
+def command(*arguments: object, **options) -> subprocess.CompletedProcess:
+    words = [sys.executable, "-m", "structid", *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=120, check=False, **options)
+
+
+def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
+    done = invoke("identify", study, "--no-report")
+    assert (done.exit_code, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "Chain of three masses"
+    assert lines[-1] == str(Path("chain_results") / "estimate.json")
+    row = next(line for line in lines if line.startswith("stiffness[ground]")).split()
+    assert row[1:3] == ["N/m", "1200"]
+    assert float(row[3]) == pytest.approx(TRUE["stiffness[ground]"], rel=0.01)
+    assert any(line.startswith("total mass: 6.0") for line in lines)
+    assert sorted(path.name for path in (tmp_path / "chain_results").iterdir()) == [
+        "estimate.h5", "estimate.json", "study.toml"
+    ]  # fmt: skip
+
+
+def test_identify_writes_the_report_last(study, tmp_path):
+    done = command("identify", study, "--out", tmp_path / "deep" / "out", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == str(tmp_path / "deep" / "out" / "report.html")
+    names = {path.name for path in (tmp_path / "deep" / "out").iterdir()}
+    assert {"estimate.json", "estimate.h5", "study.toml", "report.html"} <= names
+    assert list((tmp_path / "deep").glob(".*")) == []
+    page = (tmp_path / "deep" / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Chain of three masses" in page
+    assert str(tmp_path) not in page
+
+
+def test_check_prints_the_prediction_and_writes_nothing(study, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    done = invoke("check", study)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "rank 8 of 8 parameters" in done.stdout
+    assert "accelerance in (m/s^2)/N, 230 of 230 lines" in done.stdout
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_data_that_do_not_determine_the_answer_exit_1_with_results(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write_chain(tmp_path, RIGID, rigid_record())
+    done = invoke("identify", path, "--no-report")
+    assert done.exit_code == 1
+    assert "error: the data do not determine every parameter" in done.stderr
+    assert "warning: the data determine mass[mass 2] and mass[mass 3] only as a sum" in " ".join(done.stdout.split())
+    summary = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())
+    assert summary["status"] == "not_identifiable"
+    assert summary["rank"] == summary["n_parameters"] - 1
+    assert [d["words"] for d in summary["unidentifiable_directions"]] == ["mass[mass 2] and mass[mass 3] only as a sum"]
+    lost = {entry["name"]: entry["std"] for entry in summary["parameters"] if not entry["identified"]}
+    assert lost == {"mass[mass 2]": None, "mass[mass 3]": None}
+    checked = invoke("check", path)
+    assert checked.exit_code == 1
+    assert "predicted" in checked.stderr
+
+
+def test_a_search_that_ends_early_exits_1_with_results(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = replaced("[method]", "[method]\nmax_iterations = 1\npole_free_start = false")
+    done = invoke("identify", write_chain(tmp_path, text), "--no-report")
+    assert done.exit_code == 1
+    assert "did not converge" in done.stderr
+    assert json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["status"] == "not_converged"
+
+
+def test_a_search_that_cannot_go_on_exits_1(study, monkeypatch):
+    def failing(*_arguments):
+        raise SingularModelError("the dynamic stiffness is singular at 3 Hz")
+
+    monkeypatch.setattr("structid.study.run.identify", failing)
+    done = invoke("identify", study)
+    assert done.exit_code == 1
+    assert "the search failed: the dynamic stiffness is singular at 3 Hz" in done.stderr
+    assert not Path("chain_results").exists()
+
+
+def without_unknowns(_folder: Path) -> str:
+    return CHAIN[: CHAIN.index("[[unknown]]")] + CHAIN[CHAIN.index("[record]") :]
+
+
+def cut(folder: Path, suffix: str, keep: int) -> str:
+    write_record(folder / f"cut{suffix}", chain_record())
+    path = folder / f"cut{suffix}"
+    path.write_bytes(path.read_bytes()[:keep])
+    return replaced('"frf.npz"', f'"{path.name}"')
+
+
+def decreasing(folder: Path) -> str:
+    return bare(folder, f=chain_record().frequency[::-1])
+
+
+def at_0_hz(folder: Path) -> str:
+    write_record(folder / "zero.npz", record_from_zero())
+    text = free_text().replace("[0.5, 12.0]", "[0.0, 12.0]").replace("relative = 0.01", "absolute = 1.0")
+    return text.replace("frf.npz", "zero.npz")
+
+
+UNUSABLE = {
+    "NaN": (lambda f: bare(f, h=with_nan(chain_record().values[:, :, 0])), ["bare.npz", "NaN", "remove"]),
+    "node": (lambda f: bare(f).replace('["1X", "3X"]', '["1X", "33X"]'), ["node 33", "does not have (nearest: 3)"]),
+    "axis": (decreasing, ["bare.npz", "must increase", "sort the lines"]),
+    "doubled": (lambda f: bare(f).replace('["1X", "3X"]', '["3X", "3X"]'), ["3X+ twice", "average repeated"]),
+    "cut UFF": (lambda f: cut(f, ".uff", 3000), ["cut.uff", "[record] path"]),
+    "cut HDF5": (lambda f: cut(f, ".h5", 5000), ["cut.h5", "[record] path"]),
+    "empty": (lambda f: cut(f, ".csv", 0), ["cut.csv", "empty", "write or copy it again"]),
+    "nothing unknown": (without_unknowns, ["no parameter to identify", "[[unknown]]"]),
+    "no supports": (at_0_hz, ["singular at 0 Hz", "add supports", "[structure]"]),
+    "unknown key": (lambda f: replaced("active", "activ"), ["activ", "`active`"]),
+    "missing file": (lambda f: replaced("frf.npz", "frv.npz"), ["no such file", "frf.npz"]),
+    "not TOML": (lambda f: CHAIN + "= 3", ["not TOML"]),
+}
+
+
+@pytest.mark.parametrize("name", ["identify", "check"])
+@pytest.mark.parametrize("case", UNUSABLE)
+def test_unusable_input_exits_2_and_writes_nothing(tmp_path, monkeypatch, name, case):
+    monkeypatch.chdir(tmp_path)
+    make, words = UNUSABLE[case]
+    path = write_chain(tmp_path, make(tmp_path))
+    before = sorted(tmp_path.rglob("*"))
+    done = invoke(name, path)
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"error: {path}, line ")
+    for word in words:
+        assert word in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_units_off_by_a_power_of_ten_are_the_first_warning(tmp_path):
+    done = invoke("check", write_chain(tmp_path, record=chain_record(scale=1e3)))
+    assert done.stdout.splitlines()[1].startswith("warning: the measured accelerance is 1.33e+03 times")
+    assert "record and model are in different units" in " ".join(done.stdout.split())
+
+
+def test_a_wrong_sign_is_a_warning_of_the_results(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoke("identify", write_chain(tmp_path, record=chain_record(scale=-1.0)), "--no-report")
+    assert "driving point 3X+ / 3X+" in done.stdout
+    warnings = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["warnings"]
+    assert any("driving point" in warning for warning in warnings)
+
+
+def limited() -> None:
+    """No file may grow beyond 20 kB: estimate.json fits, estimate.h5 does not."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+def test_a_write_that_fails_midway_exits_2_and_leaves_nothing(study, tmp_path):
+    done = command("identify", study, "--no-report", cwd=tmp_path, preexec_fn=limited)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: chain_results: the results cannot be written (File too large)")
+    assert "--out" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study"]
+
+
+def test_a_file_where_the_folder_should_be_exits_2(study, tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    done = invoke("identify", study, "--no-report", "--out", "taken")
+    assert done.exit_code == 2
+    assert "taken: is a file" in done.stderr
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
+    code = (
+        "import sys, time, structid.study.run as run, structid.cli as cli\n"
+        "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(30)\n"
+        "run.identify = waiting\n"
+        f"sys.argv = ['structid', 'identify', {str(study)!r}]\n"
+        "cli.main()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background job inherits "ignored"
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "started\n"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "interrupted" in errors
+    assert "Traceback" not in errors
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study"]
+
+
+def test_a_reader_that_leaves_is_no_traceback(study, tmp_path):
+    words = f"{sys.executable} -m structid check {study} | true"
+    done = subprocess.run(words, shell=True, capture_output=True, text=True, env=ENVIRONMENT, cwd=tmp_path, check=False)
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["identify"], ["check", "a", "b"], ["nothing"], ["identify", "a", "--nothing"]])
+def test_wrong_usage_exits_2(arguments):
+    done = invoke(*arguments)
+    assert done.exit_code == 2
+    assert "Usage:" in done.stderr
+
+
+def test_version_and_help_with_examples():
+    version = command("--version")
+    assert (version.returncode, version.stdout) == (0, f"structid {structid.__version__}\n")
+    for name in ("identify", "check", "convert"):
+        text = invoke(name, "--help").stdout
+        assert "Examples:" in text
+        assert f"\n    structid {name} " in text
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".mat", ".csv", ".uff"])
+def test_convert_there_and_back_keeps_the_numbers(tmp_path, suffix):
+    record = chain_record()
+    write_record(tmp_path / "a.npz", record)
+    there = invoke("convert", tmp_path / "a.npz", tmp_path / f"b{suffix}")
+    assert (there.exit_code, there.stderr) == (0, "")
+    assert "accelerance, 230 lines, 2 outputs, 1 inputs" in there.stdout
+    assert invoke("convert", tmp_path / f"b{suffix}", tmp_path / "c.npz").exit_code == 0
+    back = read_record(tmp_path / "c.npz")
+    np.testing.assert_allclose(back.values, record.values, rtol=1e-6)  # UFF keeps single precision at the worst
+    assert back.outputs == record.outputs
+
+
+def test_convert_reads_bare_arrays_by_its_options(tmp_path):
+    values = np.random.default_rng(0).standard_normal((64, 2))
+    np.save(tmp_path / "a.npy", values)
+    done = invoke(
+        "convert", tmp_path / "a.npy", tmp_path / "b.npz", "--sampling-rate", 100, "--channels", "1X+,2Y-", "--units",
+        "g,N",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    record = read_record(tmp_path / "b.npz")
+    assert record.sampling_rate == 100
+    assert list(map(str, record.channels)) == ["1X+", "2Y-"]
+    assert record.quantities == ("acceleration", "force")
+    np.testing.assert_allclose(record.values, values * [9.80665, 1.0], rtol=1e-14)
+    bare(tmp_path)
+    options = ["--array", "h", "--frequency-array", "f", "--outputs", "1X,3X", "--inputs", "3X"]
+    frf = invoke("convert", tmp_path / "bare.npz", tmp_path / "c.npz", *options, "--kind", "mobility")
+    assert (frf.exit_code, frf.stderr) == (0, "")
+    assert read_record(tmp_path / "c.npz").kind == "mobility"
+
+
+@pytest.mark.parametrize(
+    "source, target, words",
+    [
+        ("none.npz", "b.npz", ["none.npz: there is no such file"]),
+        ("frf.npz", "b.xyz", ["b.xyz", "'.xyz' is of no known format"]),
+        ("frf.npz", "frf.npz", ["is the file that is read"]),
+        ("frf.npz", "none/b.npz", ["does not exist"]),
+    ],
+)
+def test_convert_names_what_is_wrong(tmp_path, monkeypatch, source, target, words):
+    monkeypatch.chdir(tmp_path)
+    write_chain(tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    done = invoke("convert", source, target)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: ")
+    for word in words:
+        assert word in done.stderr
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def modules_after(statement: str) -> set[str]:
+    code = f"import sys; before = set(sys.modules); {statement}; print(*(set(sys.modules) - before))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, check=True)
+    return set(done.stdout.split())
+
+
+def test_import_structid_loads_numpy_and_scipy_only():
+    """Nothing else, and of SciPy no more than matrices need: so it takes no longer than they do."""
+    base = "import numpy, scipy.sparse, scipy.sparse.linalg, scipy.linalg, scipy.special, numpy.random"
+    allowed = {name.split(".")[0] for name in modules_after(base)} | {"structid"} | set(sys.stdlib_module_names)
+    loaded = modules_after("import structid")
+    assert {name.split(".")[0] for name in loaded} <= allowed
+    parts = {".".join(name.split(".")[:2]) for name in loaded if name.startswith("scipy.")}
+    assert parts <= {".".join(name.split(".")[:2]) for name in modules_after(base)}
+
+
+def test_check_and_convert_draw_nothing(study):
+    code = (
+        "import sys\nfrom typer.testing import CliRunner\nfrom structid import cli\n"
+        f"assert CliRunner().invoke(cli.app, ['check', {str(study)!r}]).exit_code == 0\n"
+        f"assert CliRunner().invoke(cli.app, ['identify', {str(study)!r}, '--no-report']).exit_code == 0\n"
+        "print(*{name.split('.')[0] for name in sys.modules})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, cwd=study.parent, check=True
+    )
+    assert {"matplotlib", "plotly", "jinja2", "structid.report"}.isdisjoint(done.stdout.split())

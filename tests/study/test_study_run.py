@@ -1,0 +1,313 @@
+"""A study run and checked: values, predicted accuracy, and records that cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from study_cases import (
+    CHAIN,
+    NOISE,
+    RIGID,
+    TRUE,
+    chain_record,
+    exact_frf,
+    line_of,
+    replaced,
+    rigid_record,
+    write_chain,
+)
+
+from structid.errors import InputError, SingularModelError
+from structid.estimation import Status
+from structid.records import TimeRecord
+from structid.records.io import write_record
+from structid.study.check import check_study
+from structid.study.run import load_study, run_study, started
+
+
+def test_a_study_finds_the_values_that_made_its_record(tmp_path):
+    result = run_study(load_study(write_chain(tmp_path)))
+    estimate = result.identification.estimate
+    assert estimate.status is Status.CONVERGED
+    assert set(estimate.names) == set(TRUE)
+    for name, true in TRUE.items():
+        value, std = estimate[name]
+        assert abs(value - true) < 5 * std, name  # 8 Gaussian parameters: a false alarm in 2e5 seeds
+        assert 0 < std < 0.01 * true, name  # 1 % noise on 230 lines
+    assert result.identification.total_mass == pytest.approx(6.0, abs=5 * result.identification.total_mass_std)
+
+
+def physical_jacobian(values: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Central differences of the chain's FRF, from its matrices written out, in the order of TRUE."""
+
+    def frf(p: np.ndarray) -> np.ndarray:
+        m1, m2, m3, ground, first, second, loss, dashpot = p
+        stiffness = np.array([[ground + first, -first, 0], [-first, first + second, -second], [0, -second, second]]) * (
+            1 + 1j * loss
+        )
+        omega = 2 * np.pi * frequency[:, None, None]
+        dynamic = stiffness + 1j * omega * np.diag([dashpot, 0, 0]) - omega**2 * np.diag([m1, m2, m3])
+        return -(omega**2) * np.linalg.inv(dynamic)[:, [0, 2], :][:, :, [2]]
+
+    columns = []
+    for i, value in enumerate(values):
+        step = np.zeros(len(values))
+        step[i] = 1e-5 * value
+        columns.append((frf(values + step) - frf(values - step)).ravel() / (2e-5 * value))
+    return np.array(columns).T
+
+
+def test_the_predicted_deviations_are_the_cramer_rao_bound(tmp_path):
+    result = check_study(load_study(write_chain(tmp_path)))
+    record = chain_record()
+    values = np.array([2.4, 2.4, 1.2, 1200.0, 900.0, 900.0, 0.03, 2.0])
+    jacobian = physical_jacobian(values, record.frequency)
+    per_part = NOISE * np.abs(record.values).ravel() / np.sqrt(2)
+    whitened = jacobian / per_part[:, None]
+    information = (whitened.conj().T @ whitened).real
+    bound = np.sqrt(np.diag(np.linalg.inv(information)))
+    np.testing.assert_allclose(result.std, bound, rtol=1e-6)  # differences are good to 1e-9, inversion costs 1e4
+    gradient = np.array([1.0, 1, 1, 0, 0, 0, 0, 0])
+    assert result.total_mass_std == pytest.approx(np.sqrt(gradient @ np.linalg.inv(information) @ gradient), rel=1e-6)
+    assert result.total_mass == pytest.approx(6.0)
+    assert result.determined
+
+
+def test_a_prior_counts_as_data_in_the_prediction(tmp_path):
+    text = replaced('elements = "mass 1"', 'elements = "mass 1"\nprior = {mean = 2.0, std = 1e-6}')
+    assert check_study(load_study(write_chain(tmp_path, text))).std[0] == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_check_tells_sensors_lines_and_modes(tmp_path):
+    text = replaced("band = [0.5, 12.0]", "band = [2.0, 12.0]")
+    result = check_study(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X")))))
+    assert [(c.channel, c.role, c.seen) for c in result.channels] == [
+        ("1X-", "output", "-1 1X"), ("3X+", "output", "+1 3X"), ("3X+", "input", "+1 3X")
+    ]  # fmt: skip
+    assert result.n_lines_total == 230
+    assert len(result.record.frequency) == 200
+    assert [mode.in_band for mode in result.modes] == [False, True, True]
+    second = result.modes[1]
+    assert second.lines_per_bandwidth == pytest.approx(2 * second.damping_ratio * second.frequency / 0.05, rel=1e-6)
+
+
+def test_a_sensor_tied_by_a_constraint_is_seen_through_it(tmp_path):
+    text = replaced(
+        "[[unknown]]",
+        '[[structure.constraint]]\nname = "lever"\ndependent = "3X"\ndepends_on = [["2X", 0.5]]\n[[unknown]]',
+    )
+    seen = {c.channel: c.seen for c in check_study(load_study(write_chain(tmp_path, text))).channels}
+    assert seen == {"1X+": "+1 1X", "3X+": "+0.5 2X"}
+
+
+def test_masses_on_one_rigid_body_are_told_only_as_a_sum(tmp_path):
+    study = load_study(write_chain(tmp_path, RIGID, rigid_record()))
+    result = check_study(study)
+    assert not result.determined
+    assert result.identifiability.rank == study.parameters.n_params - 1
+    assert "mass[mass 2] and mass[mass 3] only as a sum" in " ".join(result.warnings)
+    assert np.isnan(result.std[1:3]).all()
+    assert np.isfinite(result.std[3:]).all()
+
+
+def wrong_frequency(axis: np.ndarray) -> np.ndarray:
+    axis = axis.copy()
+    axis[100] = axis[98]
+    return axis
+
+
+def bare(folder, **changes) -> str:
+    """A study on a bare NPZ, whose arrays are not checked when they are written."""
+    record = chain_record()
+    arrays = {"h": record.values[:, :, 0], "f": record.frequency, **changes}
+    np.savez(folder / "bare.npz", **arrays)
+    keys = 'array = "h"\nfrequency_array = "f"\noutputs = ["1X", "3X"]\ninputs = ["3X"]\nkind = "accelerance"'
+    return replaced('path = "frf.npz"', f'path = "bare.npz"\n{keys}')
+
+
+def with_nan(values: np.ndarray) -> np.ndarray:
+    values = values.copy()
+    values[7, 1] = np.nan
+    return values
+
+
+def test_a_bare_array_is_read_by_the_names_of_read_options(tmp_path):
+    ready = started(load_study(write_chain(tmp_path, bare(tmp_path))))
+    np.testing.assert_array_equal(ready.record.values, chain_record().values)
+
+
+RECORDS = [
+    (lambda f: bare(f, h=with_nan(chain_record().values[:, :, 0])), "path", ["bare.npz", "NaN", "remove"]),
+    (lambda f: bare(f, h=chain_record().values[:, :, 0] * np.inf), "path", ["bare.npz", "infinite", "remove"]),
+    (lambda f: bare(f, f=wrong_frequency(chain_record().frequency)), "path", ["must increase", "index 100", "sort"]),
+    (lambda f: bare(f).replace('["1X", "3X"]\ninputs', '["1X", "1X"]\ninputs'), "path", ["1X+ twice"]),
+    (lambda f: bare(f).replace('["1X", "3X"]\ninputs', '["1X", "8X"]\ninputs'), "outputs", ["8X+ is at node 8"]),
+    (lambda f: bare(f).replace('inputs = ["3X"]', 'inputs = ["3Y"]'), "inputs", ["3Y+ is not part", "moves in 3X"]),
+    (lambda f: bare(f).replace('array = "h"', 'array = "g"'), "path", ["bare.npz", "'g'"]),
+    (lambda f: replaced("[0.5, 12.0]", "[50.0, 60.0]"), "band", ["no frequency line", "widen the band"]),
+    (
+        lambda f: replaced("band =", "evaluation_band = [50.0, 60.0]\nband ="),
+        "evaluation_band",
+        ["no frequency line", "widen the band"],
+    ),
+    (lambda f: replaced('"frf.npz"', '"frf.npz"\nchannels_used = ["2X"]'), "channels_used", ["no output 2X+", "1X+"]),
+    (lambda f: replaced("relative = 0.01", "from_coherence = true"), "[record.noise]", ["coherence", "averages"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make, place, words", RECORDS)
+def test_a_record_that_cannot_be_used_is_placed(tmp_path, make, place, words):
+    text = make(tmp_path)
+    path = write_chain(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        run_study(load_study(path))
+    message = str(caught.value)
+    assert message.startswith(f"{path}, line {line_of(place if place[0] == '[' else place + ' =', text)}: ")
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize("suffix, keep", [(".uff", 3000), (".uff", 0), (".h5", 5000), (".h5", 0), (".npz", 2000)])
+def test_a_truncated_or_empty_file_is_named(tmp_path, suffix, keep):
+    write_record(tmp_path / f"cut{suffix}", chain_record())
+    content = (tmp_path / f"cut{suffix}").read_bytes()
+    assert len(content) > keep
+    (tmp_path / f"cut{suffix}").write_bytes(content[:keep])
+    text = replaced('"frf.npz"', f'"cut{suffix}"')
+    with pytest.raises(InputError, match=rf"line {line_of('path =', text)}: \[record\] path: .*cut\{suffix}"):
+        run_study(load_study(write_chain(tmp_path, text)))
+
+
+@pytest.mark.parametrize(
+    "scale, words",
+    [
+        (1e3, ["close to 10^3", "mm", "[record]"]),
+        (1e-3, ["close to 10^-3"]),
+        (1e6, ["close to 10^6"]),
+        (9.81, ["close to 9.81", "read as g"]),
+        (1 / 9.81, ["close to 1/9.81", "in g", 'unit = "g/N"']),
+    ],
+)
+def test_units_that_contradict_the_model_are_told(tmp_path, scale, words):
+    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).unit_warnings
+    for word in words:
+        assert word in warning
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, 2.0, 4.0, 30.0])
+def test_other_scales_are_no_matter_of_units(tmp_path, scale):
+    assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).unit_warnings == ()
+
+
+def test_a_wrong_sign_at_the_driving_point_is_a_warning(tmp_path):
+    ready = started(load_study(write_chain(tmp_path, record=chain_record(scale=-1.0))))
+    assert any("driving point 3X+ / 3X+" in warning and "sign" in warning for warning in ready.warnings)
+    assert started(load_study(write_chain(tmp_path))).warnings == ()
+
+
+def free_text() -> str:
+    return CHAIN.replace('[[structure.spring]]\nname = "ground"', '[[structure.spring]]\nname = "ground"', 1).replace(
+        'name = "ground"\nfirst = "1X"', 'name = "ground"\nfirst = "1X"\nsecond = "2X"'
+    )
+
+
+def record_from_zero():
+    record = chain_record()
+    values = np.concatenate([np.full((1, 2, 1), 1e-9), record.values])
+    return replace(record, frequency=np.append(0.0, record.frequency), values=values)
+
+
+def test_a_free_structure_at_0_hz_needs_supports(tmp_path):
+    text = free_text().replace("[0.5, 12.0]", "[0.0, 12.0]").replace("relative = 0.01", "absolute = 1.0")
+    path = write_chain(tmp_path, text, record_from_zero())
+    with pytest.raises(SingularModelError) as caught:
+        run_study(load_study(path))
+    assert str(caught.value).startswith(f"{path}, line {line_of('[structure]', text)}: [structure]: ")
+    for word in ("singular at 0 Hz", "nothing holds 1X, 2X, 3X", "add supports", "band"):
+        assert word in str(caught.value)
+    started(load_study(write_chain(tmp_path, text.replace("[0.0, 12.0]", "[0.5, 12.0]"), record_from_zero())))
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda t: t.replace('active = ["X"]', 'active = ["X", "RZ"]').replace(
+            "[[unknown]]", '[[structure.dashpot]]\nname = "loose"\nfirst = "2RZ"\nviscous_damping = 0.0\n[[unknown]]', 1),
+         ["2RZ can move with neither mass nor stiffness", "fixed"]),
+        (lambda t: t.replace("mass = 2.4", "mass = 0.0").replace("mass = 1.2", "mass = 0.0"), ["has no mass"]),
+    ],
+)  # fmt: skip
+def test_a_mechanism_names_what_moves(tmp_path, change, words):
+    text = change(CHAIN).replace(
+        'property = "mass"\nelements = "mass 1"', 'property = "stiffness"\nelements = "ground"'
+    )
+    text = (
+        text[: text.index("[[unknown]]")]
+        + '[[unknown]]\nproperty = "stiffness"\nelements = "ground"\n'
+        + text[text.index("[record]") :]
+    )
+    with pytest.raises(SingularModelError) as caught:
+        run_study(load_study(write_chain(tmp_path, text)))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_repeats_give_the_noise_from_their_scatter(tmp_path):
+    for seed in range(4):
+        write_record(tmp_path / f"r{seed}.npz", chain_record(seed))
+    text = replaced('path = "frf.npz"', 'repeats = ["r0.npz", "r1.npz", "r2.npz", "r3.npz"]')
+    with pytest.raises(InputError, match="the noise comes from `repeats`"):
+        load_study(write_chain(tmp_path, text))
+    text = text.replace("[record.noise]\nrelative = 0.01\n", "")
+    record = started(load_study(write_chain(tmp_path, text))).record
+    assert record.noise_source == "repeats"
+    relative = np.sqrt(np.median(record.variance / np.abs(record.values) ** 2))
+    assert relative == pytest.approx(NOISE / 2, rel=0.15)  # standard error of the mean of 4; the median is 8 % low
+
+
+def test_noise_comes_from_coherence_and_averages(tmp_path):
+    coherence = np.full((230, 2, 1), 0.99)
+    text = replaced("relative = 0.01", "from_coherence = true\naverages = 20")
+    record = started(load_study(write_chain(tmp_path, text, chain_record(coherence=coherence)))).record
+    np.testing.assert_allclose(record.variance, np.abs(record.values) ** 2 * 0.01 / (20 * 0.99), rtol=1e-12)
+    silent = replaced("[record.noise]\nrelative = 0.01\n", "")
+    told = started(load_study(write_chain(tmp_path, silent, chain_record(coherence=coherence, averages=20)))).record
+    np.testing.assert_array_equal(told.variance, record.variance)
+
+
+def test_channels_used_selects_sensors_whatever_their_sense(tmp_path):
+    text = replaced('"frf.npz"', '"frf.npz"\nchannels_used = ["1X"]')
+    record = started(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X"))))).record
+    assert [str(dof) for dof in record.outputs] == ["1X-"]
+
+
+def time_record(n: int = 40_000) -> TimeRecord:
+    """Random force on mass 3 and the accelerations that the exact FRF makes of one period of it."""
+    random = np.random.default_rng(3)
+    force = random.standard_normal(n)
+    frequency = np.fft.rfftfreq(n, 1 / 50)
+    frf = np.zeros((len(frequency), 2), complex)
+    frf[1:] = exact_frf(frequency[1:], [0, 2], [2])[:, :, 0]
+    motion = np.fft.irfft(frf * np.fft.rfft(force)[:, None], n, axis=0)
+    values = np.column_stack([motion, force])
+    return TimeRecord(50.0, values, ("1X", "3X", "3X"), ("acceleration", "acceleration", "force"))
+
+
+def test_a_time_record_becomes_frequency_responses(tmp_path):
+    write_record(tmp_path / "time.npz", time_record())
+    frf = '[record.frf]\nestimator = "H1"\nsegment_length = 4096\n'
+    text = replaced("[record.noise]\nrelative = 0.01\n", frf, replaced('"frf.npz"', '"time.npz"'))
+    record = started(load_study(write_chain(tmp_path, text))).record
+    assert [str(dof) for dof in record.outputs] == ["1X+", "3X+"]
+    assert [str(dof) for dof in record.inputs] == ["3X+"]
+    near = np.abs(record.frequency - 3.3) < 0.3  # away from resonances, where leakage is small
+    np.testing.assert_allclose(record.values[near], exact_frf(record.frequency[near], [0, 2], [2]), rtol=0.05)
+    assert record.variance is not None
+    with pytest.raises(InputError, match=r"\[record\]: the record holds time histories; add \[record.frf\]"):
+        started(load_study(write_chain(tmp_path, text.replace(frf, ""))))
+    with pytest.raises(InputError, match=r"\[record.frf\]: .*longer than the longest record"):
+        started(load_study(write_chain(tmp_path, text.replace("4096", "409600"))))
+    with pytest.raises(InputError, match=r"\[record.frf\]: the record holds frequency response functions already"):
+        started(load_study(write_chain(tmp_path, text.replace("time.npz", "frf.npz"))))
