@@ -91,7 +91,7 @@ def started_near(parameters: sid.Parameters, answer: sid.Estimate | None) -> sid
 
 def main() -> None:
     """Print a row a variant."""
-    print("| model | parameters | median error | floors' masses (kg) | hardware (kg) | total (kg) | resonances (Hz) |")
+    print("| model | parameters | median error | plates (kg) | hardware (kg) | total (kg) | resonances (Hz) |")
     print("|---|---|---|---|---|---|---|")
     answer = None
     for variant in variants():
@@ -105,12 +105,11 @@ def main() -> None:
         plates = ", ".join("6.52 (weighed)" if m is None else f"{m[0]:.2f} ± {m[1]:.2f}" for m in masses)
         hardware = values.get("mass[hardware]")
         peaks = ", ".join(f"{r.predicted:.2f}" for r in found.resonances)
-        print(
-            f"| {variant.name}{'' if estimate.status is sid.Status.CONVERGED else f' ({estimate.status.value})'} | {len(estimate.names)} | {np.median(found.relative_error):.3f} | {plates}"
-            f" | {'-' if hardware is None else f'{4 * hardware[0]:.2f} ± {4 * hardware[1]:.2f}'}"
-            f" | {found.total_mass:.2f} ± {found.total_mass_std:.2f} | {peaks} |",
-            flush=True,
-        )
+        name = variant.name if estimate.status is sid.Status.CONVERGED else f"{variant.name} ({estimate.status.value})"
+        lumps = "-" if hardware is None else f"{4 * hardware[0]:.2f} ± {4 * hardware[1]:.2f}"
+        total = f"{found.total_mass:.2f} ± {found.total_mass_std:.2f}"
+        error = f"{np.median(found.relative_error):.3f}"
+        print(f"| {name} | {len(estimate.names)} | {error} | {plates} | {lumps} | {total} | {peaks} |", flush=True)
     print("measured resonances: " + ", ".join(f"{r.measured:.2f}" for r in found.resonances) + " Hz")
 
 

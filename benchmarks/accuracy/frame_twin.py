@@ -44,7 +44,12 @@ def repeat(arguments: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, float, s
     record = sid.simulated_record(structure, truth, clean, 0.01, rng)
     start = truth.started_at(truth.start * np.exp(0.2 * rng.standard_normal(truth.n_params)))
     found = sid.identify(structure, start, record).estimate
-    return (found.values - truth.start) / found.std, found.std / truth.start, found.chi_square_per_dof, found.status.value
+    return (
+        (found.values - truth.start) / found.std,
+        found.std / truth.start,
+        found.chi_square_per_dof,
+        found.status.value,
+    )
 
 
 def main() -> None:
@@ -58,7 +63,9 @@ def main() -> None:
         results = list(pool.map(repeat, [(seed, chosen.stride) for seed in range(chosen.repeats)]))
     errors = np.array([r[0] for r in results])
     inside = np.abs(errors) <= 1.959964
-    print(f"{chosen.repeats} repeats, seeds 0 to {chosen.repeats - 1}, every {chosen.stride}. line, 1 % noise, starts 20 % off")
+    print(
+        f"{chosen.repeats} repeats, seeds 0 to {chosen.repeats - 1}, every {chosen.stride}. line, 1 % noise, starts 20 % off"
+    )
     for j, name in enumerate(twin(chosen.stride)[1].names):
         std = np.median([r[1][j] for r in results])
         print(f"  {name:34s} coverage {100 * inside[:, j].mean():5.1f} %   std {100 * std:7.3f} % of the value")

@@ -10,10 +10,11 @@ REPEATS, STRIDE = 30, 8
 
 
 def test_intervals_of_the_frame_twin_cover():
-    """30 repeats of 15 parameters, seeds 0 to 29, every one counted; 450 intervals, of which 15 a repeat are correlated.
+    """30 repeats of 15 parameters, seeds 0 to 29, every one counted: 450 intervals, 15 of a repeat correlated.
 
-    Binomial deviation of the mean coverage is 1.0 % for independent intervals and about twice that for these; limits
-    are 95 % -/+ 5 %, the mean of chi-square per degree of freedom (72,000 rows in all, deviation 0.5 %) is 1 within four deviations.
+    The binomial deviation of the mean coverage is 1.0 % for independent intervals and about twice that for these: limits
+    are 95 % -/+ 5 %. The mean of chi-square per degree of freedom (72,000 rows in all, deviation 0.5 %) is 1 within
+    four deviations.
     """
     spec = importlib.util.spec_from_file_location("frame_twin", BENCHMARK)
     benchmark = importlib.util.module_from_spec(spec)

@@ -121,8 +121,12 @@ def test_jacobian_equals_central_differences(form, measured_sliding):
 def test_sparse_factorization_and_matrix_groups_equal_the_dense_path():
     """80 elements (160 unknown motions) take the sparse solver; the same beam as imported groups must agree."""
     structure = cantilever(80)
-    record = FrfRecord(np.array([0.001, 0.01, 0.05]), np.ones((3, 2, 2)), ("80Y-", "40RZ"), ("80Y", "20Y"), "receptance")
-    made = parameters(structure, [Unknown("bending_stiffness", "beam:1-40"), Unknown("bending_stiffness", "beam:41-80")])
+    record = FrfRecord(
+        np.array([0.001, 0.01, 0.05]), np.ones((3, 2, 2)), ("80Y-", "40RZ"), ("80Y", "20Y"), "receptance"
+    )
+    made = parameters(
+        structure, [Unknown("bending_stiffness", "beam:1-40"), Unknown("bending_stiffness", "beam:41-80")]
+    )
     values, derivative = response(structure, made, record).derivatives_at(made.start)
     laws = {law: structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic", "structural")}
     for line, omega in enumerate(record.omega):
@@ -133,7 +137,9 @@ def test_sparse_factorization_and_matrix_groups_equal_the_dense_path():
         assert np.abs(values[line] - expected).max() <= 1e-6 * np.abs(expected).max()
     half = [np.r_[np.full(40, 10.0), np.zeros(40)], np.r_[np.zeros(40), np.full(40, 10.0)]]
     bending = next(p for p in structure.contributions if p.law == "elastic")
-    groups = {name: {"stiffness": bending.blocks.assemble(w), "loss_factor": 0.02} for name, w in zip("ab", half, strict=True)}
+    groups = {
+        name: {"stiffness": bending.blocks.assemble(w), "loss_factor": 0.02} for name, w in zip("ab", half, strict=True)
+    }
     groups["rest"] = {"mass": structure.matrix("inertia"), "damping": structure.matrix("viscous")}
     imported = from_matrices(groups, structure.dofs)
     scaled = parameters(imported, [Unknown("stiffness", "a"), Unknown("stiffness", "b")])
@@ -145,7 +151,9 @@ def test_sparse_factorization_and_matrix_groups_equal_the_dense_path():
 def test_reciprocity_and_unit_scaling():
     """Swapping load and sensor changes nothing; all masses, stiffnesses and dashpots times ten give a tenth."""
     structure = cantilever()
-    made = parameters(structure, [Unknown("mass", "beam"), Unknown("stiffness", "beam"), Unknown("stiffness_damping", "beam")])
+    made = parameters(
+        structure, [Unknown("mass", "beam"), Unknown("stiffness", "beam"), Unknown("stiffness_damping", "beam")]
+    )
     forward = FrfRecord(np.linspace(0.1, 1, 9), np.ones((9, 1, 1)), ("6Y",), ("3RZ",), "receptance")
     backward = replace(forward, outputs=("3RZ",), inputs=("6Y",))
     a = response(structure, made, forward).values_at(made.start)

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from structid import FrfRecord, Friction, InputError, PointMass, Spring, Structure, Unknown, parameters, simulated_record
+from structid import (
+    FrfRecord,
+    Friction,
+    InputError,
+    PointMass,
+    Spring,
+    Structure,
+    Unknown,
+    parameters,
+    simulated_record,
+)
 from structid.observation import response
 
 LIKE = FrfRecord(np.linspace(0.5, 3.0, 40), np.ones((40, 2, 1)), ("1X", "2X"), ("1X",), "receptance")
@@ -53,4 +63,6 @@ def test_measured_amplitude_of_a_simulated_record_gives_the_balance_back():
     structure, unknown = chain(0.3)
     record = simulated_record(structure, unknown, LIKE)
     by_sensor, same = chain(0.3, ["1X"])
-    assert response(by_sensor, same, record, measured_sliding=True).values_at(same.start) == pytest.approx(record.values, rel=1e-8)
+    assert response(by_sensor, same, record, measured_sliding=True).values_at(same.start) == pytest.approx(
+        record.values, rel=1e-8
+    )

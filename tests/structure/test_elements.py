@@ -56,7 +56,9 @@ def rigid_motions(structure):
     return motions
 
 
-@pytest.mark.parametrize("case", ["beam on a line", "beam in a plane", "beam in space", "bar in a plane", "bar in space"])
+@pytest.mark.parametrize(
+    "case", ["beam on a line", "beam in a plane", "beam in space", "bar in a plane", "bar in space"]
+)
 def test_stiffness_resists_no_rigid_motion(case):
     nodes, element = CASES[case]()
     structure = Structure(nodes, [element])

@@ -34,7 +34,9 @@ def test_cantilever_frequencies_are_those_of_the_continuous_beam():
 def test_rigid_link_adds_mass_where_the_parallel_axis_theorem_puts_it():
     arm = np.array([0.3, -0.2, 0.5])
     structure = Structure(
-        {1: (0, 0, 0), 2: arm}, [RotaryInertia("i", [1], 1.0, "RZ"), PointMass("m", [2], 4.0)], ties=[RigidLink("r", 1, 2)]
+        {1: (0, 0, 0), 2: arm},
+        [RotaryInertia("i", [1], 1.0, "RZ"), PointMass("m", [2], 4.0)],
+        ties=[RigidLink("r", 1, 2)],
     )
     mass = structure.matrix("inertia").toarray()
     about = {d.direction: i for i, d in enumerate(structure.dofs)}
@@ -57,7 +59,10 @@ def test_selection_reads_through_a_link_with_its_sign():
 
 
 def test_constraint_equals_a_very_stiff_spring():
-    parts = [PointMass("m", [1, 2, 3], [1.0, 2.0, 3.0]), Spring("k", ["1X", "2X"], ["2X", "3X"], stiffness=[50.0, 70.0])]
+    parts = [
+        PointMass("m", [1, 2, 3], [1.0, 2.0, 3.0]),
+        Spring("k", ["1X", "2X"], ["2X", "3X"], stiffness=[50.0, 70.0]),
+    ]
     ground = Spring("g", "1X", stiffness=10.0)
     nodes = {1: 0.0, 2: 1.0, 3: 2.0}
     tied = Structure(nodes, [*parts, ground], ties=[Constraint("c", "3X", [("1X", 1.0)])])

@@ -136,7 +136,6 @@ class Estimate:
         index = self.names.index(name)
         return float(self.values[index]), float(self.std[index])
 
-
     def __str__(self) -> str:
         """One line a parameter, after the status."""
         rows = zip(self.names, self.values, self.std, self.units, strict=True)

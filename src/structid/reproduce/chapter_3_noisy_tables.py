@@ -99,8 +99,8 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
         "More samples reduce the effect of noise; displacements integrated from accelerations; rigid-body motion",
         Verdict.REFUTED if grows and floor else Verdict.AGREES,
         "The errors are RMS over all 30 parameters. With exact displacements the error falls with m only down to a"
-        f" bias floor of {100 * exact[-1, 3]:.1f} %: least squares takes the noisy accelerations of its regressors as"
-        f" exact, and -(B'B + N)^-1 N p predicts {100 * exact[-1, 4]:.1f} %. Beyond about 64 samples more of them do not"
+        f" bias floor of {100 * exact[-1, 3]:.2f} %: least squares takes the noisy accelerations of its regressors as"
+        f" exact, and -(B'B + N)^-1 N p predicts {100 * exact[-1, 4]:.2f} %. Beyond about 64 samples more of them do not"
         " help."
         "\nWith displacements really integrated twice from accelerations that carry 2 % noise every 1 ms, as the text"
         f" has it, the error grows with m: {honest[0, 1]:.2g} at m = 4, {honest[1, 1]:.2g} at m = 8 and"
