@@ -3,10 +3,21 @@
 from structid._version import __version__
 from structid.compare import frac, mac, subspace_angles
 from structid.dof import Dof, parse_dof
+from structid.dynamics import harmonic_transient, sampled_transient
 from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, LevenbergMarquardt, Status, estimate
 from structid.modal import ModalRecord, pseudo_rayleigh
-from structid.observation import FrfProblem, simulated_record
+from structid.observation import (
+    FrfProblem,
+    Motion,
+    RecursiveMotionFit,
+    completed,
+    identify_motion,
+    least_squares_bias,
+    motion_fit,
+    recorded_motion,
+    simulated_record,
+)
 from structid.parameters import Parameters, Prior, Unknown, parameters
 from structid.records import (
     FrfRecord,
@@ -59,10 +70,12 @@ __all__ = [
     "MatrixGroup",
     "Membrane",
     "ModalRecord",
+    "Motion",
     "Parameters",
     "PointMass",
     "Prior",
     "ReadOptions",
+    "RecursiveMotionFit",
     "RigidLink",
     "RotaryInertia",
     "SpaceBeam",
@@ -73,19 +86,26 @@ __all__ = [
     "TimeRecord",
     "Unknown",
     "__version__",
+    "completed",
     "estimate",
     "frac",
     "frf_from_time",
     "from_matrices",
     "from_repeats",
+    "harmonic_transient",
     "identify",
+    "identify_motion",
+    "least_squares_bias",
     "load_study",
     "mac",
+    "motion_fit",
     "parameters",
     "parse_dof",
     "pseudo_rayleigh",
     "read_record",
+    "recorded_motion",
     "run_study",
+    "sampled_transient",
     "simulated_record",
     "subspace_angles",
     "with_coherence_noise",

@@ -196,6 +196,12 @@ def test_units_that_contradict_the_model_are_told(tmp_path, scale, words):
         assert word in warning
 
 
+def test_the_warning_of_units_comes_first_in_the_result(tmp_path):
+    text = replaced("[method]", "[method]\nmax_iterations = 2\npole_free_start = false\nrestarts = 0")
+    result = run_study(load_study(write_chain(tmp_path, text, chain_record(scale=1e3))))
+    assert "different units" in result.identification.warnings[0]
+
+
 @pytest.mark.parametrize("scale", [1.0, 0.5, 2.0, 4.0, 30.0])
 def test_other_scales_are_no_matter_of_units(tmp_path, scale):
     assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).unit_warnings == ()

@@ -168,7 +168,7 @@ class FrfProblem:
         receptance_scale = self.model.kind_factor[:, None, None]
         data = np.linalg.solve(factor, (h - self.record.values) / receptance_scale)
         flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
-        change = flat.reshape(dh.shape)
+        change = np.linalg.solve(factor, flat).reshape(dh.shape)
         return data, change
 
     def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
