@@ -160,6 +160,9 @@ def test_noise_does_what_it_says():
     assert np.ptp(amplitude, axis=1).min() > 0  # but not to the frequencies
     gain = ratios(Noise(gain=1e-2)).reshape(-1, 4)
     assert np.ptp(gain, axis=1).max() < 1e-12
+    assert np.array_equal(
+        noisy_record(CASE_1, reading, Noise(frequency=1e-3), np.random.default_rng(0)).frequency, exact.frequency
+    )
     frequency = ratios(Noise(frequency=1e-3))
     shifted = exact_record(CASE_1.actual, Reading("", in_rad_per_s(0.5005, 1.001), ("3Y+", TIP))).values.real[..., 0]
     slope = (shifted / exact.values.real[..., 0] - 1) / 1e-3

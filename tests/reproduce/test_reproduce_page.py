@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from structid import cli
 from structid.errors import FileError, InputError
+from structid.report.png_reproduction import panels_figure
 from structid.report.reproduction import figure_name, write_reproduction
 from structid.report.reproduction_tables import table_text
 from structid.report.text import DASH, MINUS, TIMES
@@ -80,7 +81,7 @@ def test_page_is_self_contained_and_escapes_what_it_shows(written):
     assert sources
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "default-src 'none'" in page
-    assert "A table &amp; its &lt;title&gt;" in page
+    assert page.count("A table &amp; its &lt;title&gt;") == 2  # in the summary and above the item
     assert "A &lt;b&gt;note&lt;/b&gt;." in page
     assert "mass &lt;kg&gt;" in page
     assert "<p>Second, N m².</p>" in page
@@ -113,6 +114,36 @@ def test_figures_are_drawn(written):
     colours = {tuple(np.round(255 * c).astype(int)) for c in pixels[::3, ::3, :3].reshape(-1, 3)}
     assert (0, 114, 178) in colours  # the first curve
     assert (213, 94, 0) in colours or (214, 95, 1) in colours  # the second one
+
+
+def test_curves_and_bands_are_those_of_the_panels():
+    first, second = panels_figure(small_items()[1].panels).axes
+    bands, gap = first.get_lines()
+    assert bands.get_ydata().tolist() == [1.0, 0.1, 0.01, 0.001]
+    assert np.array_equal(gap.get_ydata(), [1.0, np.nan, np.nan, np.nan], equal_nan=True)  # no 0 on a logarithmic axis
+    assert np.array_equal(second.get_lines()[0].get_ydata(), [1.0, np.nan, np.nan, 0.0], equal_nan=True)
+    assert (first.get_yscale(), second.get_yscale()) == ("log", "linear")
+    assert bands.get_label() == rf"noisy \$x\$ (median, 5{DASH}95 % band)"
+    corners = first.collections[0].get_paths()[0].vertices
+    assert corners[:, 1].max() == 2.0  # an end that is not finite is drawn at the highest value
+    assert corners[:, 1].min() == pytest.approx(1e-4)
+
+
+def test_an_axis_of_few_points_over_powers_of_ten_is_logarithmic():
+    x = np.array([4.0, 8.0, 64.0, 1024.0])
+    (axes,) = panels_figure((Panel("", "m", "error", (Curve("a", x, x),)),)).axes
+    assert axes.get_xscale() == "log"
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["4", "8", "64", "1024"]
+    assert axes.get_legend() is None
+
+
+def test_panels_that_share_their_curves_share_a_legend():
+    x = np.arange(3.0)
+    panel = Panel("", "x (m)", "y (m)", (Curve("a", x, x), Curve("b", x, 2 * x)))
+    figure = panels_figure((panel, panel))
+    assert len(figure.legends) == 1
+    assert all(axes.get_legend() is None for axes in figure.axes)
+    assert figure.axes[0].get_aspect() == 1
 
 
 def test_cells_have_the_printed_digits_and_two_more():

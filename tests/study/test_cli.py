@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -204,6 +205,16 @@ def test_a_file_where_the_folder_should_be_exits_2(study, tmp_path):
     assert (tmp_path / "taken").read_text() == "mine"
 
 
+def test_an_error_of_the_system_is_one_line(study, monkeypatch):
+    def failing(*_arguments):
+        raise OSError(errno.EIO, "Input/output error", "disk")
+
+    monkeypatch.setattr(cli, "load_study", failing)
+    done = invoke("check", study)
+    assert done.exit_code == 2
+    assert done.stderr == "error: disk: Input/output error; check the disk and the permissions\n"
+
+
 def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     code = (
         "import sys, time, structid.study.run as run, structid.cli as cli\n"
@@ -279,6 +290,9 @@ def test_convert_reads_bare_arrays_by_its_options(tmp_path):
     assert list(map(str, record.channels)) == ["1X+", "2Y-"]
     assert record.quantities == ("acceleration", "force")
     np.testing.assert_allclose(record.values, values * [9.80665, 1.0], rtol=1e-14)
+    named = ["--sampling-rate", 100, "--channels", "1X+,1X+", "--quantity", "velocity,force"]
+    assert invoke("convert", tmp_path / "a.npy", tmp_path / "d.npz", *named).exit_code == 0
+    assert read_record(tmp_path / "d.npz").quantities == ("velocity", "force")
     bare(tmp_path)
     options = ["--array", "h", "--frequency-array", "f", "--outputs", "1X,3X", "--inputs", "3X"]
     frf = invoke("convert", tmp_path / "bare.npz", tmp_path / "c.npz", *options, "--kind", "mobility")

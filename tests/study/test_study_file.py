@@ -324,6 +324,7 @@ def test_matrices_from_files_make_the_structure_and_are_inputs(matrices):
         (lambda f: (f / "M.npz").write_bytes((f / "M.npz").read_bytes()[:60]), ['"frame" mass', "M.npz", "save_npz"]),
         (lambda f: (f / "K.mtx").write_text("%%MatrixMarket matrix\n"), ["stiffness", "K.mtx", "mmwrite"]),
         (lambda f: np.save(f / "C.npy", np.ones(3)), ['"dampers" damping', "two dimensions"]),
+        (lambda f: np.save(f / "C.npy", 1j * np.eye(3)), ['"dampers" damping', "must hold a real matrix", "complex"]),
         (lambda f: np.save(f / "C.npy", np.eye(2)), ['"dampers"', "(3, 3)"]),
         (lambda f: np.save(f / "C.npy", np.triu(np.ones((3, 3)))), ["must be symmetric"]),
         (lambda f: (f / "dofs.txt").write_text("1X 2Q 3X"), ["[structure.matrices] dofs", "'2Q'"]),
