@@ -36,13 +36,13 @@ def twin(stride: int) -> tuple[sid.Structure, sid.Parameters, sid.FrfRecord]:
     return study.structure, truth, sid.simulated_record(study.structure, truth, lines)
 
 
-def repeat(arguments: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, float, str]:
+def repeat(arguments: tuple[int, int], spread: float = 0.2) -> tuple[np.ndarray, np.ndarray, float, str]:
     """Error over standard deviation of every parameter, relative standard deviation, chi-square per dof, status."""
     seed, stride = arguments
     structure, truth, clean = twin(stride)
     rng = np.random.default_rng(seed)
     record = sid.simulated_record(structure, truth, clean, 0.01, rng)
-    start = truth.started_at(truth.start * np.exp(0.2 * rng.standard_normal(truth.n_params)))
+    start = truth.started_at(truth.start * np.exp(spread * rng.standard_normal(truth.n_params)))
     found = sid.identify(structure, start, record).estimate
     return (
         (found.values - truth.start) / found.std,

@@ -138,6 +138,7 @@ def test_rotary_inertia_sits_on_its_axis():
         (lambda: Spring("e", ["1X"], ["2RX"], stiffness=1.0), "translation with a rotation"),
         (lambda: Spring("e", ["1X"], ["1X-"], stiffness=1.0), "with itself"),
         (lambda: RotaryInertia("e", [1], 1.0, "X"), "RX, RY or RZ"),
+        (lambda: SpaceBeam("e", [1, 2], 1.0, 1.0, 1.0, orientation=(0.0, 0.0, 0.0)), "must be a direction"),
     ],
 )
 def test_bad_elements_are_refused_by_name(make, fragment):

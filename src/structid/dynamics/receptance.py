@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -45,18 +48,24 @@ def harmonic_fields(
     SingularModelError
         If Z cannot be factorized at one of the frequencies.
     """
-    from threadpoolctl import threadpool_limits
-
     n = len(indptr) - 1
     right = loads.toarray().astype(np.complex128)
     fields = np.empty((len(frequency), n, right.shape[1]), dtype=np.complex128)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _thread_pools().limit(limits=1, user_api="blas"):
         if n <= _DENSE_UP_TO:
             _solve_dense(indices, indptr, data, coefficients, right, fields, frequency)
         else:
             for line in range(len(frequency)):
                 fields[line] = _solve_sparse(indices, indptr, coefficients[line] @ data, right, frequency[line])
     return fields
+
+
+@cache
+def _thread_pools() -> Any:
+    """The controller of the loaded BLAS libraries: factorizations of this size lose time to more than one thread."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def _solve_dense(

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import cumulative_trapezoid
 
 from structid.arrays import FloatArray, locked, require_finite, require_shape
 from structid.errors import InputError
@@ -156,6 +155,8 @@ def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: Ar
 
 def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: FloatArray) -> FloatArray:
     """Integral of `rate` from its first sample, plus `start`."""
+    from scipy.integrate import cumulative_trapezoid  # here, because it brings all of scipy.optimize
+
     first = np.zeros(rate.shape[1]) if start is None else np.asarray(start, dtype=np.float64)
     require_shape(name, first, (rate.shape[1],), "one value a free degree of freedom")
     return first + cumulative_trapezoid(rate, time, axis=0, initial=0.0)

@@ -94,6 +94,8 @@ class SpaceBeam:
         if orientation is not None:
             orientation = locked(orientation, np.float64)
             require_shape("orientation", orientation, (3,))
+            if not (np.isfinite(orientation).all() and orientation.any()):
+                raise InputError(f"`orientation` of {name!r} must be a direction, got {orientation.tolist()}")
         set_fields(self, name=name, nodes=table, orientation=orientation, **checked)
 
     def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
