@@ -38,6 +38,9 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     modes = _table("mode", "frequency Hz", "damping ratio")
     for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
         modes.add_row(str(i + 1), number(frequency), number(ratio, 3))
+    peaks = _table("resonance measured Hz", "fitted model Hz")
+    for peak in found.resonances:
+        peaks.add_row(number(peak.measured), number(peak.predicted))
     identifiability = estimate.identifiability
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
@@ -49,7 +52,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs",
     ]
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
-    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), modes]
+    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), modes, *([peaks] if found.resonances else [])]
 
 
 def check_summary(result: CheckResult) -> list[RenderableType]:

@@ -225,6 +225,11 @@ def _estimate_warnings(found: Estimate) -> tuple[str, ...]:
     for name, identified in zip(found.names, found.identified, strict=True):
         if not identified:
             warnings.append(f"{name} is not identified: its standard deviation is larger than its value")
+    if found.n_agreeing < found.n_starts:
+        warnings.append(
+            f"{found.n_agreeing} of {found.n_starts} starts ended at this minimum, the others at worse ones:"
+            " there may be a better one still; start closer, or try more `restarts`"
+        )
     if found.covariance_basis == "model_error":
         warnings.append(
             f"the model does not fit to within the stated errors (chi-square per degree of freedom"

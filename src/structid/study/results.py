@@ -115,6 +115,8 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "covariance_basis": estimate.covariance_basis,
         "residual_correlation_lines": estimate.residual_correlation,
         "n_iterations": estimate.n_iterations,
+        "n_starts": estimate.n_starts,
+        "n_agreeing_starts": estimate.n_agreeing,
         "fit": _fit(result),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "parameters": _parameters(result),
@@ -127,6 +129,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
             {"frequency_hz": frequency, "damping_ratio": ratio}
             for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
         ],
+        "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
         "warnings": found.warnings,
         "provenance": asdict(result.provenance),
     }
