@@ -52,7 +52,8 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs",
     ]
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
-    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), modes, *([peaks] if found.resonances else [])]
+    shown = [modes, peaks] if found.resonances else [modes]
+    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), *shown]
 
 
 def check_summary(result: CheckResult) -> list[RenderableType]:

@@ -99,3 +99,20 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def _flush_to_disk(path: Path) -> None:
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
+
+
+def made_folder(path: Path) -> Path:
+    """`path` as a folder, made with its parents where it does not exist.
+
+    Raises
+    ------
+    FileError
+        If it is a file, or cannot be made.
+    """
+    if path.exists() and not path.is_dir():
+        raise FileError(f"{path}: is a file; give another folder for the results")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be made ({error.strerror or error}); choose another folder") from error
+    return path

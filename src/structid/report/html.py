@@ -13,9 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
 from structid._version import __version__
-from structid.errors import FileError
 from structid.estimation import Status
-from structid.files import atomic_write
+from structid.files import atomic_write, made_folder
 from structid.report import tables
 from structid.report.drawing import Picture, picture
 from structid.report.figures_data import Responses, mode_rows, responses
@@ -55,11 +54,7 @@ def write_report(
         If a file cannot be written.
     """
     folder = Path(folder)
-    figures = folder / "figures"
-    try:
-        figures.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{figures}: cannot be made ({error.strerror or error}); choose another folder") from error
+    figures = made_folder(folder / "figures")
     drawn = picture(identification)
     data = responses(identification)
     write_figures(identification, data, drawn, figures)

@@ -12,8 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from structid._version import __version__
-from structid.errors import FileError
-from structid.files import atomic_write
+from structid.files import atomic_write, made_folder
 from structid.report.png_reproduction import panels_png
 from structid.report.reproduction_tables import table_text
 from structid.report.text import NOTHING, number, unit_text
@@ -55,12 +54,7 @@ def write_reproduction(items: Sequence[Item], folder: Path) -> Path:
     contents = {f"figures/{name}": png for name, png in pictures.items()}
     contents["reproduction.json"] = json_text(reproduction_summary(items)).encode("utf-8")
     contents["reproduction.html"] = page(items, pictures).encode("utf-8")
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; give another folder for the results with --out")
-    try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be made ({error.strerror or error}); choose another folder") from error
+    made_folder(made_folder(folder) / "figures")
     for name, content in contents.items():
         with atomic_write(folder / name) as temporary:
             temporary.write_bytes(content)

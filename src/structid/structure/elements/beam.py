@@ -14,10 +14,8 @@ from structid.structure.elements.element import (
     Term,
     element_vectors,
     node_codes,
-    node_table,
-    property_values,
     rotated,
-    set_fields,
+    store_element_set,
 )
 
 
@@ -109,17 +107,18 @@ class Beam:
         mass_damping: ArrayLike = 0.0,
         stiffness_damping: ArrayLike = 0.0,
     ) -> None:
-        table = node_table(name, nodes, 2)
-        given = {
-            "mass": mass,
-            "bending_stiffness": bending_stiffness,
-            "axial_stiffness": axial_stiffness,
-            "loss_factor": loss_factor,
-            "mass_damping": mass_damping,
-            "stiffness_damping": stiffness_damping,
-        }
-        checked = {key: property_values(name, key, value, len(table)) for key, value in given.items()}
-        set_fields(self, name=name, nodes=table, **checked)
+        store_element_set(
+            self,
+            name,
+            nodes,
+            2,
+            mass=mass,
+            bending_stiffness=bending_stiffness,
+            axial_stiffness=axial_stiffness,
+            loss_factor=loss_factor,
+            mass_damping=mass_damping,
+            stiffness_damping=stiffness_damping,
+        )
 
     def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
         """Properties with their matrices; see `ElementSet.terms`."""

@@ -116,6 +116,13 @@ def property_values(element: str, name: str, values: ArrayLike, n_elements: int,
     return locked(array)
 
 
+def store_element_set(element: Any, name: str, nodes: ArrayLike, columns: int, **properties: ArrayLike) -> None:
+    """Store name, node table and properties, one number an element, in a frozen element set, all of them checked."""
+    table = node_table(name, nodes, columns)
+    checked = {key: property_values(name, key, value, len(table)) for key, value in properties.items()}
+    set_fields(element, name=name, nodes=table, **checked)
+
+
 def set_fields(element: Any, **values: Any) -> None:
     """Store checked values in a frozen element."""
     for name, value in values.items():

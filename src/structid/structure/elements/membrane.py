@@ -14,9 +14,8 @@ from structid.structure.elements.element import (
     Positions,
     Term,
     node_codes,
-    node_table,
-    property_values,
     set_fields,
+    store_element_set,
 )
 
 _FLAT = 1e-12  # area over the square of the longest side, below which three corners lie on a line
@@ -106,10 +105,17 @@ class Membrane:
         mass_damping: ArrayLike = 0.0,
         lumped: bool = False,
     ) -> None:
-        table = node_table(name, nodes, 3)
-        given = {"mass": mass, "tension": tension, "loss_factor": loss_factor, "mass_damping": mass_damping}
-        checked = {key: property_values(name, key, value, len(table)) for key, value in given.items()}
-        set_fields(self, name=name, nodes=table, lumped=bool(lumped), **checked)
+        store_element_set(
+            self,
+            name,
+            nodes,
+            3,
+            mass=mass,
+            tension=tension,
+            loss_factor=loss_factor,
+            mass_damping=mass_damping,
+        )
+        set_fields(self, lumped=bool(lumped))
 
     def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
         """Properties with their matrices; see `ElementSet.terms`."""

@@ -16,10 +16,9 @@ from structid.structure.elements.element import (
     Term,
     element_vectors,
     node_codes,
-    node_table,
-    property_values,
     rotated,
     set_fields,
+    store_element_set,
 )
 
 
@@ -79,24 +78,26 @@ class SpaceBeam:
         mass_damping: ArrayLike = 0.0,
         orientation: ArrayLike | None = None,
     ) -> None:
-        table = node_table(name, nodes, 2)
-        given = {
-            "mass": mass,
-            "bending_stiffness_y": bending_stiffness_y,
-            "bending_stiffness_z": bending_stiffness_z,
-            "axial_stiffness": axial_stiffness,
-            "torsional_stiffness": torsional_stiffness,
-            "polar_inertia": polar_inertia,
-            "loss_factor": loss_factor,
-            "mass_damping": mass_damping,
-        }
-        checked = {key: property_values(name, key, value, len(table)) for key, value in given.items()}
+        store_element_set(
+            self,
+            name,
+            nodes,
+            2,
+            mass=mass,
+            bending_stiffness_y=bending_stiffness_y,
+            bending_stiffness_z=bending_stiffness_z,
+            axial_stiffness=axial_stiffness,
+            torsional_stiffness=torsional_stiffness,
+            polar_inertia=polar_inertia,
+            loss_factor=loss_factor,
+            mass_damping=mass_damping,
+        )
         if orientation is not None:
             orientation = locked(orientation, np.float64)
             require_shape("orientation", orientation, (3,))
             if not (np.isfinite(orientation).all() and orientation.any()):
                 raise InputError(f"`orientation` of {name!r} must be a direction, got {orientation.tolist()}")
-        set_fields(self, name=name, nodes=table, orientation=orientation, **checked)
+        set_fields(self, orientation=orientation)
 
     def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
         """Properties with their matrices; see `ElementSet.terms`."""
