@@ -54,6 +54,15 @@ def test_ties_and_fixed_parameters():
     assert values_of(STRUCTURE, made, "mass[beam]", [8.0]) == pytest.approx([4.0, 0.4, 6.0])
 
 
+def test_parameters_kept_near_their_start_keep_their_own_priors():
+    unknowns = [Unknown("mass", "tip", prior=Prior(3.0, 0.1)), Unknown("loss_factor", "beam")]
+    near = parameters(STRUCTURE, unknowns).kept_near_start(0.3)
+    assert near.prior_mean == pytest.approx([3.0, 0.01])
+    assert near.prior_std == pytest.approx([0.1, 0.003])
+    at_zero = parameters(STRUCTURE, [Unknown("mass_damping", "beam", positive=False)]).kept_near_start(0.3)
+    assert np.isnan(at_zero.prior_std).all()
+
+
 @pytest.mark.parametrize("kind", ["log", "linear", "interval"])
 def test_transforms_invert_and_their_slope_is_the_derivative(kind):
     t = Transforms((kind,), np.array([0.5]), np.array([3.0]))

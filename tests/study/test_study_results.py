@@ -76,7 +76,8 @@ def test_the_summary_has_every_field_with_its_value(result, folder):
     assert summary["fit"]["channels"][1]["median_relative_error"] == np.median(error[:, 1, 0])
     assert summary["modes"][0]["frequency_hz"] == pytest.approx(1.645, abs=2e-3)
     assert {
-        "status_text", "message", "condition", "chi_square_probability", "residual_correlation_lines", "n_iterations", "n_starts", "n_agreeing_starts", "resonances",
+        "status_text", "message", "condition", "chi_square_probability", "residual_correlation_lines", "n_iterations",
+        "n_starts", "n_agreeing_starts", "resonances",
         "warnings",
     } <= set(summary)  # fmt: skip
 

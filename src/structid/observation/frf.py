@@ -17,6 +17,9 @@ from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 
+_START_ERROR = 0.5
+_START_STD = 0.3
+
 Form = Literal["output", "log", "pole_free", "equation"]
 
 
@@ -107,8 +110,13 @@ class FrfProblem:
         return response(self.structure, self.parameters, self.record, self.measured_sliding)
 
     def stages(self) -> tuple[tuple[str, FrfProblem], ...]:
-        """Easier forms of the problem, for poor starts: pole-free residual first, measured sliding of friction."""
-        first = replace(self, form="pole_free", measured_sliding=True)
+        """Easier forms of the problem, for poor starts.
+
+        First the pole-free residual with errors of half of each value and every parameter drawn to its start: what
+        the data say weakly stays where it is until the rest has settled. Friction slides with measured amplitudes.
+        """
+        near = self.parameters.kept_near_start(_START_STD)
+        first = replace(self, form="pole_free", model_error=_START_ERROR, parameters=near, measured_sliding=True)
         if not any(isinstance(e, Friction) and e.measured_by for e in self.structure.elements):
             return (("pole-free", first),)
         return ("pole-free", first), ("measured sliding", replace(self, measured_sliding=True))

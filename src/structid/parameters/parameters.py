@@ -129,10 +129,12 @@ class Parameters:
                 raise InputError(f"initial value of {name} must lie between {low:g} and {high:g}, got {value:g}")
         return replace(self, start=locked(physical, np.float64))
 
-    def without_priors(self) -> Parameters:
-        """The same parameters with no prior."""
-        none = locked(np.full(self.n_params, np.nan))
-        return replace(self, prior_mean=none, prior_std=none)
+    def kept_near_start(self, relative: float) -> Parameters:
+        """The same parameters, each without a prior drawn to its start by one of `relative` standard deviation."""
+        width = relative * np.abs(self.start)
+        free = ~np.isfinite(self.prior_std) & (width > 0)
+        mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
+        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
 
 
 @dataclass(frozen=True)
