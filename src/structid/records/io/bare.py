@@ -87,7 +87,7 @@ def _array_name(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str
     if not free:
         raise FileError(f"{path}: holds no array of numbers; its arrays are {_listing(shapes)}")
     raise InputError(
-        f"{path}: holds several arrays and does not say which to read; give ReadOptions(array=...), "
+        f"{path}: holds several arrays and does not say which to read; give ReadOptions(array=...) or --array, "
         f"one of {_listing(shapes)}"
     )
 
