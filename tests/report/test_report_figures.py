@@ -9,11 +9,11 @@ import matplotlib
 import numpy as np
 import pytest
 import report_cases
-from conftest import Report
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 import structid as si
+from conftest import Report
 from structid.report import write_report
 from structid.report.changes import look
 from structid.report.drawing import picture

@@ -11,8 +11,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 import pytest
 import report_cases
-from conftest import PROVENANCE, TITLE, Report
 
+from conftest import PROVENANCE, TITLE, Report
 from structid.errors import FileError
 from structid.report import write_report
 from structid.report.drawing import picture
