@@ -135,8 +135,8 @@ def _time_blocks(path: Path, record: TimeRecord) -> Iterator[bytes]:
 
 
 def require_same(path: Path, record: FrfRecord | TimeRecord, back: FrfRecord | TimeRecord) -> None:
-    """Raise `FileError` unless `back`, read from the written file, has the values of `record`."""
-    same = type(back) is type(record) and back.values.tobytes() == record.values.tobytes()
+    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are one)."""
+    same = type(back) is type(record) and np.array_equal(back.values, record.values)
     if isinstance(record, FrfRecord) and isinstance(back, FrfRecord):
         same = same and back.outputs == record.outputs and back.inputs == record.inputs and back.kind == record.kind
         same = same and bool(np.allclose(back.frequency, record.frequency, rtol=1e-12, atol=0))
