@@ -81,7 +81,9 @@ def differences(first, second):
     for field in dataclasses.fields(first):
         a, b = getattr(first, field.name), getattr(second, field.name)
         both = isinstance(a, np.ndarray) and isinstance(b, np.ndarray)
-        if not ((a + 0.0).tobytes() == (b + 0.0).tobytes() and a.shape == b.shape if both else type(a) is type(b) and a == b):
+        if not (
+            (a + 0.0).tobytes() == (b + 0.0).tobytes() and a.shape == b.shape if both else type(a) is type(b) and a == b
+        ):
             names.append(field.name)
     return set(names)
 
