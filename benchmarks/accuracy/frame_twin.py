@@ -74,6 +74,10 @@ def main() -> None:
     print(f"chi-square per degree of freedom: {chi.mean():.4f} on average, {chi.min():.4f} to {chi.max():.4f}")
     statuses = [r[3] for r in results]
     print("ended: " + ", ".join(f"{s} {statuses.count(s)}" for s in sorted(set(statuses))))
+    missed = np.flatnonzero(chi > 1.5)
+    print(f"worse minima (chi-square per degree of freedom above 1.5): {len(missed)}, seeds {missed.tolist()}")
+    reached = inside[chi <= 1.5]
+    print(f"coverage where the minimum was reached: {100 * reached.mean():.2f} %")
 
 
 if __name__ == "__main__":
