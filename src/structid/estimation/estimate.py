@@ -69,7 +69,7 @@ class Estimate:
         Correlation length of the residual in lines; about 1 for noise.
     n_iterations : int
     n_starts, n_agreeing : int
-        How many starts were tried, and how many of them ended at this minimum.
+        How many searches were tried, and how many of them ended at this minimum.
     theta : (n_params,) float array
         Free variables at the end.
     history : (n_iterations + 1, n_params) float array
@@ -150,7 +150,7 @@ StageProgress = Callable[[str, int, float], None]
 def estimate(
     problem: Problem,
     method: Method | None = None,
-    stages: Sequence[tuple[str, Problem]] = (),
+    plans: Sequence[Sequence[tuple[str, Problem]]] = (),
     misfit_probability: float = 1e-3,
     restarts: int = 0,
     seed: int = 0,
@@ -164,30 +164,32 @@ def estimate(
         Its residual is whitened by the noise; it gives the final values and the covariance.
     method : Method, optional
         Levenberg-Marquardt by default.
-    stages : sequence of (name, Problem)
-        Easier forms of the same problem (same parameters), run one after another before it.
+    plans : sequence of sequences of (name, Problem)
+        Ways to the answer: easier forms of the same problem (same parameters), run one after another before it. The
+        first search takes the first way; restarts take the others in turn.
     misfit_probability : float
         Below this probability of its chi-square the fit is taken to hold model error, and the standard deviations
         are those that carry it.
     restarts : int
-        How many more starts are tried where the fit misses the noise by that measure: each a random point about 20 %
-        from the given start. The lowest minimum is kept.
+        How many more searches are tried where the fit misses the noise by that measure: by each other way from the
+        given start, then from random points about 20 % from it. The lowest minimum is kept.
     seed : int
         Of the random starts.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
     """
     start = np.array(problem.theta_start)
-    minima = [_staged(problem, method or LevenbergMarquardt(), stages, start, progress)]
+    ways: Sequence[Sequence[tuple[str, Problem]]] = plans or ((),)
+    spread = 0.2 * np.abs(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(seed)
-    for attempt in range(restarts):
-        if not _misfits(problem, minima[0][0].linearization, misfit_probability):
+    minima: list[tuple[Minimum, int]] = []
+    for attempt in range(restarts + 1):
+        given = start if attempt < len(ways) else start + spread * rng.standard_normal(len(start))
+        prefix = f"search {attempt + 1}, " if attempt else ""
+        way = ways[attempt % len(ways)]
+        minima.append(_staged(problem, method or LevenbergMarquardt(), way, given, progress, prefix))
+        if not _misfits(problem, minima[-1][0].linearization, misfit_probability):
             break
-        spread = 0.2 * np.abs(problem.physical(start)) / problem.slope(start)
-        again = start + spread * rng.standard_normal(len(start))
-        minima.append(
-            _staged(problem, method or LevenbergMarquardt(), stages, again, progress, f"start {attempt + 2}, ")
-        )
     best = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
     same = sum(m[0].converged and m[0].costs[-1] <= best[0].costs[-1] * (1 + 1e-6) + 1e-12 for m in minima)
     return _complete(problem, best[0], best[1], misfit_probability, (len(minima), same))

@@ -17,8 +17,7 @@ from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 
-_START_ERROR = 0.5
-_START_STD = 0.3
+_PLANS = ((0.3, (0.5,)), (0.25, (3.0, 1.0, 0.3, 0.1)))
 
 Form = Literal["output", "log", "pole_free", "equation"]
 
@@ -109,17 +108,22 @@ class FrfProblem:
         """The structure's response at the record's lines, sensors and loads."""
         return response(self.structure, self.parameters, self.record, self.measured_sliding)
 
-    def stages(self) -> tuple[tuple[str, FrfProblem], ...]:
-        """Easier forms of the problem, for poor starts.
+    def stage_plans(self) -> tuple[tuple[tuple[str, FrfProblem], ...], ...]:
+        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
 
-        First the pole-free residual with errors of half of each value and every parameter drawn to its start: what
-        the data say weakly stays where it is until the rest has settled. Friction slides with measured amplitudes.
+        Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
+        where it is until the rest has settled. The short way takes errors of half of each value, which follows a
+        start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
+        surer where many are off. Friction slides with measured amplitudes.
         """
-        near = self.parameters.kept_near_start(_START_STD)
-        first = replace(self, form="pole_free", model_error=_START_ERROR, parameters=near, measured_sliding=True)
+        return tuple(self._plan(std, errors) for std, errors in _PLANS)
+
+    def _plan(self, std: float, errors: tuple[float, ...]) -> tuple[tuple[str, FrfProblem], ...]:
+        near = replace(self, form="pole_free", parameters=self.parameters.kept_near_start(std), measured_sliding=True)
+        first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
         if not any(isinstance(e, Friction) and e.measured_by for e in self.structure.elements):
-            return (("pole-free", first),)
-        return ("pole-free", first), ("measured sliding", replace(self, measured_sliding=True))
+            return first
+        return *first, ("measured sliding", replace(self, measured_sliding=True))
 
     def physical(self, theta: FloatArray) -> FloatArray:
         return self.parameters.transforms.physical(theta)

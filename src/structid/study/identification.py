@@ -39,8 +39,8 @@ class IdentifyOptions:
     pole_free_start : bool
         Whether a search on easier forms of the residual comes first, for starts far from the answer.
     restarts : int
-        How many more starts, each about 20 % from the given one, are tried where the fit from it does not reach the
-        noise; the best fit is kept.
+        How many more searches are tried where the fit does not reach the noise: one by another way from the same
+        start, then from random starts about 20 % from it. The best fit is kept.
     seed : int
         Of those starts.
     method : Method
@@ -173,8 +173,8 @@ def identify(
     problem, warnings = prepared_problem(structure, unknown, record, chosen)
     if measures_everything(structure, problem.record):
         problem = _started_by_one_step(problem)
-    stages = problem.stages() if chosen.pole_free_start else ()
-    found = estimate(problem, chosen.method, stages, restarts=chosen.restarts, seed=chosen.seed, progress=progress)
+    plans = problem.stage_plans() if chosen.pole_free_start else ()
+    found = estimate(problem, chosen.method, plans, restarts=chosen.restarts, seed=chosen.seed, progress=progress)
     found = replace(found, initial=unknown.start)
     judged = record.band(*chosen.evaluation_band) if chosen.evaluation_band else problem.record
     judge = response(structure, unknown, judged)
@@ -227,7 +227,7 @@ def _estimate_warnings(found: Estimate) -> tuple[str, ...]:
             warnings.append(f"{name} is not identified: its standard deviation is larger than its value")
     if found.n_agreeing < found.n_starts:
         warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} starts ended at this minimum, the others at worse ones:"
+            f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
     if found.covariance_basis == "model_error":
