@@ -10,7 +10,7 @@ from structid.observation.response import law_coefficients, sliding_amplitudes, 
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.structure.assembly import assembly
+from structid.structure.assembly import structure_laws
 
 _MOST_ITERATIONS = 20
 
@@ -53,7 +53,7 @@ def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord
             f" the record has {len(record.outputs)} outputs. Use `identify`, which needs only some"
         )
     motion = _motion(structure, record)
-    coefficients = law_coefficients(assembly(structure).laws, record.frequency, sliding_amplitudes(structure, record))
+    coefficients = law_coefficients(structure_laws(structure), record.frequency, sliding_amplitudes(structure, record))
     loads = structure.selection(record.inputs).toarray()
     values = np.array(unknown.start)
     bilinear = any(part.factor is not None for part in structure.contributions)
@@ -80,8 +80,8 @@ def _motion(structure: Structure, record: FrfRecord) -> ComplexArray:
 def _equations(
     structure: Structure, unknown: Parameters, physical: FloatArray, motion: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Z(p) x, (n_frequencies, n_inputs, n_dofs) as (..., n_dofs, n_inputs), and its derivative with respect to p."""
-    laws = assembly(structure).laws
+    """Z(p) x, (n_frequencies, n_dofs, n_inputs), and its derivative with respect to p, (..., n_params)."""
+    laws = structure_laws(structure)
     values = unknown.values(physical)
     forces = np.zeros(motion.shape, dtype=np.complex128)
     slopes = np.zeros((*motion.shape, unknown.n_params), dtype=np.complex128)

@@ -42,6 +42,12 @@ class Assembly:
         return rows
 
 
+def structure_laws(structure: Structure) -> tuple[str, ...]:
+    """Every law by which matrices of `structure` enter its dynamic stiffness: the basic ones, then each friction."""
+    frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)
+    return (*BASIC_LAWS, *frictions)
+
+
 def assembly(structure: Structure) -> Assembly:
     """The `Assembly` of `structure`; made once, used for every set of values."""
     n = structure.n_dofs
@@ -54,5 +60,4 @@ def assembly(structure: Structure) -> Assembly:
         shape = (len(pattern), part.blocks.n_elements)
         maps.append(sparse.coo_array((value, (np.searchsorted(pattern, key), element)), shape).tocsr())
     indptr = np.concatenate([[0], np.cumsum(np.bincount(pattern // n, minlength=n))])
-    frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)
-    return Assembly(structure, (*BASIC_LAWS, *frictions), pattern % n, indptr.astype(np.int64), tuple(maps))
+    return Assembly(structure, structure_laws(structure), pattern % n, indptr.astype(np.int64), tuple(maps))
