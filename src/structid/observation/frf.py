@@ -184,10 +184,6 @@ class FrfProblem:
         return data, change
 
     def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """One row a parameter with a prior: (p - mean) / std."""
-        mean, std = self.parameters.prior_mean, self.parameters.prior_std
-        rows = np.flatnonzero(np.isfinite(std))
-        residual = (self.physical(theta)[rows] - mean[rows]) / std[rows]
-        jacobian = np.zeros((len(rows), len(theta)))
-        jacobian[np.arange(len(rows)), rows] = self.slope(theta)[rows] / std[rows]
-        return residual, jacobian
+        """Rows of the priors and their derivative with respect to the free variables."""
+        residual, jacobian = self.parameters.prior_rows(self.physical(theta))
+        return residual, jacobian * self.slope(theta)

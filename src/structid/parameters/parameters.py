@@ -120,6 +120,16 @@ class Parameters:
         """Property values of the structure for physical parameters, (n_values,)."""
         return self.offset + self.design @ physical
 
+    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitened residual of the priors and its derivative with respect to the physical parameters.
+
+        One row a parameter with a prior, (p - mean) / std: shapes (n_priors,) and (n_priors, n_params).
+        """
+        rows = np.flatnonzero(np.isfinite(self.prior_std))
+        jacobian = np.zeros((len(rows), self.n_params))
+        jacobian[np.arange(len(rows)), rows] = 1 / self.prior_std[rows]
+        return (physical[rows] - self.prior_mean[rows]) / self.prior_std[rows], jacobian
+
     def started_at(self, physical: FloatArray) -> Parameters:
         """The same parameters with other initial values."""
         for name, value, low, high in zip(
