@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from structid.arrays import FloatArray, IntArray
 
 
@@ -18,10 +20,13 @@ class Linearization:
         Data rows first, then one row for each prior; unit variance each where model and noise are right.
     jacobian : (n_residuals, n_params) float array
         Derivative with respect to the free variables.
+    n_eliminated : int
+        Unknowns that the problem solved for inside; each takes one degree of freedom from chi-square.
     """
 
     residual: FloatArray
     jacobian: FloatArray
+    n_eliminated: int = 0
 
 
 class Problem(Protocol):
@@ -65,3 +70,13 @@ class Problem(Protocol):
     def slope(self, theta: FloatArray) -> FloatArray:
         """Derivative of each physical parameter with respect to its own free variable, (n_params,)."""
         ...
+
+
+def parameter_sizes(problem: Problem, physical: FloatArray) -> FloatArray:
+    """What the standard deviation of each parameter is held against, (n_params,), physical units.
+
+    The magnitude of its value, unless the problem has a method ``sizes(physical)`` of its own, as it must where a
+    parameter may well be 0 (a delay, an offset).
+    """
+    own = getattr(problem, "sizes", None)
+    return np.abs(physical) if own is None else np.asarray(own(physical))
