@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,66 +12,12 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
+from structid.parameters.priors import Coupling, prior_rows
 from structid.parameters.transforms import Transform, Transforms
+from structid.parameters.unknown import Unknown
 from structid.structure import Property, Structure
 
 _SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What was believed of a parameter before the measurement, as a Gaussian in physical units."""
-
-    mean: float
-    std: float
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """A declaration: this property of these elements is unknown.
-
-    Parameters
-    ----------
-    property : str
-        Property of the elements, such as ``mass`` or ``bending_stiffness``. ``stiffness`` stands for the only
-        stiffness of an element, and for a common factor on all of them where it has several.
-    elements : str or sequence of str
-        Element sets; ``beam:3`` is element 3 of set ``beam``, ``beam:2-4`` elements 2 to 4 (counted from 1).
-    each : bool
-        One parameter an element instead of one for all.
-    start : float, optional
-        Initial value, in the unit of the property (1 for a factor). The nominal value by default.
-    factor : bool, optional
-        Whether the parameter multiplies the nominal values instead of being the value. By default it does where
-        the nominal values differ among the elements.
-    name : str, optional
-        What stands in the brackets of the parameter's name; made from `elements` by default.
-    bounds : (float, float), optional
-        The parameter stays strictly between them.
-    positive : bool
-        Whether the parameter is kept positive; True but for a parameter with bounds.
-    prior : Prior, optional
-        Prior mean and standard deviation, in the parameter's unit.
-    fixed : bool
-        Kept at its initial value; a way to switch a parameter off.
-    tied_to : str, optional
-        Name of another parameter that this one is a multiple of.
-    ratio : float
-        That multiple.
-    """
-
-    property: str
-    elements: str | Sequence[str]
-    each: bool = False
-    start: float | None = None
-    factor: bool | None = None
-    name: str | None = None
-    bounds: tuple[float, float] | None = None
-    positive: bool = True
-    prior: Prior | None = None
-    fixed: bool = False
-    tied_to: str | None = None
-    ratio: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +35,15 @@ class Parameters:
     transforms : Transforms
         How each parameter is kept in its range.
     prior_mean, prior_std : (n_params,) float arrays
-        Gaussian prior in physical units; NaN where there is none.
+        Prior in physical units; NaN where there is none.
+    prior_lognormal : (n_params,) bool array
+        Whether the prior is log-normal instead of Gaussian.
     offset : (n_values,) float array
         Property values that do not depend on the parameters.
     design : (n_values, n_params) sparse array
         How the parameters make up the property values.
+    couplings : tuple of Coupling
+        What is known of several parameters together: correlated priors, smoothness, sparsity.
     """
 
     names: tuple[str, ...]
@@ -104,8 +54,10 @@ class Parameters:
     transforms: Transforms
     prior_mean: FloatArray
     prior_std: FloatArray
+    prior_lognormal: np.ndarray
     offset: FloatArray
     design: sparse.csc_array
+    couplings: tuple[Coupling, ...] = ()
 
     @property
     def n_params(self) -> int:
@@ -121,14 +73,38 @@ class Parameters:
         return self.offset + self.design @ physical
 
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and its derivative with respect to the physical parameters.
+        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
 
-        One row a parameter with a prior, (p - mean) / std: shapes (n_priors,) and (n_priors, n_params).
+        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
         """
-        rows = np.flatnonzero(np.isfinite(self.prior_std))
-        jacobian = np.zeros((len(rows), self.n_params))
-        jacobian[np.arange(len(rows)), rows] = 1 / self.prior_std[rows]
-        return (physical[rows] - self.prior_mean[rows]) / self.prior_std[rows], jacobian
+        parts = [prior_rows(physical, self.prior_mean, self.prior_std, self.prior_lognormal)]
+        parts += [coupling.rows(physical) for coupling in self.couplings]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of the parameters beside their ranges."""
+        return bool(np.isfinite(self.prior_std).any() or self.couplings)
+
+    def without_priors(self) -> Parameters:
+        """The same parameters with nothing known of them but their ranges."""
+        nothing = locked(np.full(self.n_params, np.nan))
+        none = locked(np.zeros(self.n_params), bool)
+        return replace(self, prior_mean=nothing, prior_std=nothing, prior_lognormal=none, couplings=())
+
+    def coupled(self, *couplings: Coupling) -> Parameters:
+        """The same parameters with more knowledge of their combinations."""
+        for coupling in couplings:
+            if coupling.matrix.shape[1] != self.n_params:
+                raise InputError(
+                    f"coupling {coupling.name!r} must have {self.n_params} columns, one a parameter, got"
+                    f" {coupling.matrix.shape[1]}; make it for these parameters"
+                )
+            used = (coupling.matrix != 0).any(axis=0) & (self.transforms.lower < 0)
+            if coupling.logarithmic and used.any():
+                name = self.names[int(np.argmax(used))]
+                raise InputError(f"{name} must be kept positive for {coupling.name}; declare it `positive`")
+        return replace(self, couplings=(*self.couplings, *couplings))
 
     def started_at(self, physical: FloatArray) -> Parameters:
         """The same parameters with other initial values."""
@@ -211,8 +187,10 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     )
     priors = [g.unknown.prior for g in free]
     for group, prior in zip(free, priors, strict=True):
-        if prior is not None and not (np.isfinite(prior.mean) and prior.std > 0):
-            raise InputError(f"prior of {group.name} needs a finite mean and a positive std, got {prior}")
+        if prior is not None and prior.problem:
+            raise InputError(f"prior of {group.name} {prior.problem}")
+        if prior is not None and prior.kind == "lognormal" and _limits(group)[0] < 0:
+            raise InputError(f"{group.name} must be kept positive for a log-normal prior; declare it `positive`")
     made = Parameters(
         names=tuple(g.name for g in free),
         kinds=tuple(g.members[0][0].term.kind for g in free),
@@ -222,6 +200,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         transforms=transforms,
         prior_mean=locked([p.mean if p else np.nan for p in priors], float),
         prior_std=locked([p.std if p else np.nan for p in priors], float),
+        prior_lognormal=locked([p is not None and p.kind == "lognormal" for p in priors], bool),
         offset=locked(offset),
         design=design,
     )
@@ -233,7 +212,7 @@ def _groups(structure: Structure, unknown: Unknown) -> list[_Group]:
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else tuple(unknown.elements)
     if not texts:
         raise InputError(f"unknown {unknown.property!r} names no elements")
-    members = [member for text in texts for member in _members(structure, unknown.property, text)]
+    members = [member for text in texts for member in named_members(structure, unknown.property, text)]
     if not unknown.each:
         return [_Group(unknown, unknown.name or ", ".join(texts), tuple(members))]
     made: dict[str, list[tuple[Property, tuple[int, ...]]]] = {}
@@ -244,7 +223,7 @@ def _groups(structure: Structure, unknown: Unknown) -> list[_Group]:
     return [_Group(unknown, label, tuple(parts)) for label, parts in made.items()]
 
 
-def _members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, tuple[int, ...]]]:
+def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, tuple[int, ...]]]:
     """Properties and element rows that `wanted` and one entry of `elements` name."""
     names = list(dict.fromkeys(p.element for p in structure.properties))
     chosen = _SELECTION.match(text)

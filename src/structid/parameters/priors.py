@@ -1,0 +1,164 @@
+"""What is known beforehand, as whitened rows: of one parameter, or of combinations of several."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from structid.arrays import FloatArray, locked, require_finite, require_shape
+from structid.errors import InputError
+
+PriorKind = Literal["normal", "lognormal"]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What was believed of a parameter before the measurement.
+
+    Parameters
+    ----------
+    mean, std : float
+        Mean and standard deviation in the parameter's unit, of the distribution itself for both kinds.
+    kind : {"normal", "lognormal"}
+        Log-normal for what is positive and known to a factor: its logarithm is Gaussian.
+
+    Notes
+    -----
+    Whoever minimizes takes the logarithm of a log-normal parameter as the variable, so that its prior alone gives the
+    median, mean / sqrt(1 + (std / mean)^2).
+    """
+
+    mean: float
+    std: float
+    kind: PriorKind = "normal"
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with it; "" where nothing is."""
+        if self.kind not in ("normal", "lognormal"):
+            return f"must be of kind 'normal' or 'lognormal', got {self.kind!r}"
+        if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0):
+            return f"needs a finite mean and a positive std, got {self}"
+        if self.kind == "lognormal" and self.mean <= 0:
+            return f"needs a positive mean to be log-normal, got {self.mean:g}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Knowledge of combinations of parameters: ``matrix @ g(p) - target`` has unit variance a row.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    matrix : (n_rows, n_params) float array
+    target : (n_rows,) float array
+    logarithmic : bool
+        Whether g is the natural logarithm instead of the value itself.
+    """
+
+    name: str
+    matrix: FloatArray
+    target: FloatArray
+    logarithmic: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "target"):
+            object.__setattr__(self, name, locked(getattr(self, name), np.float64))
+            require_finite(name, getattr(self, name))
+        require_shape("matrix", self.matrix, (None, None))
+        require_shape("target", self.target, (len(self.matrix),), "one entry a row of `matrix`")
+
+    def rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residual (n_rows,) and its derivative with respect to the physical parameters (n_rows, n_params)."""
+        if not self.logarithmic:
+            return self.matrix @ physical - self.target, np.array(self.matrix)
+        used = (self.matrix != 0).any(axis=0)
+        safe = np.where(used, physical, 1.0)
+        return self.matrix @ np.log(safe) - self.target, self.matrix / safe
+
+    def scaled(self, strengths: FloatArray | float) -> Coupling:
+        """The same with the information of every row multiplied by its strength."""
+        root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
+        return Coupling(self.name, self.matrix * root[:, None], self.target * root, self.logarithmic)
+
+
+def joint_prior(
+    name: str,
+    names: tuple[str, ...],
+    known: tuple[str, ...],
+    mean: FloatArray,
+    covariance: FloatArray,
+    logarithmic: bool = False,
+) -> Coupling:
+    """A Gaussian prior on several parameters with all its correlations.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    names : tuple of str
+        All parameters, in order.
+    known : tuple of str
+        Those that the prior is about.
+    mean, covariance : (n_known,), (n_known, n_known) float arrays
+        Physical units.
+    logarithmic : bool
+        Whether the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
+
+    Raises
+    ------
+    InputError
+        If a name is no parameter, or the covariance is not finite and positive definite.
+    """
+    missing = [label for label in known if label not in names]
+    if missing:
+        raise InputError(f"`known` must name parameters, got {missing[0]!r}; they are {', '.join(names)}")
+    require_shape("covariance", covariance, (len(known), len(known)))
+    require_finite("covariance", covariance, "a parameter that was not determined cannot be carried; leave it out")
+    if logarithmic:
+        if not (mean > 0).all():
+            raise InputError(f"`mean` of {name} must be positive to be taken in logarithms, got {mean.min():g}")
+        mean, covariance = np.log(mean), covariance / np.outer(mean, mean)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    try:
+        factor = np.linalg.cholesky(covariance / np.outer(std, std)) if (std > 0).all() else None
+    except np.linalg.LinAlgError:
+        factor = None
+    if factor is None:
+        raise InputError(
+            f"`covariance` of {name} must be positive definite, got one that is not; carry fewer parameters"
+        )
+    whitener = np.linalg.solve(factor, np.diag(1 / std))
+    matrix = np.zeros((len(known), len(names)))
+    matrix[:, [names.index(label) for label in known]] = whitener
+    return Coupling(name, matrix, whitener @ mean, logarithmic)
+
+
+def prior_rows(
+    physical: FloatArray, mean: FloatArray, std: FloatArray, lognormal: np.ndarray
+) -> tuple[FloatArray, FloatArray]:
+    """Whitened residual of the priors of single parameters and its derivative, one row a parameter with a prior.
+
+    (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) - s^2 / 2.
+
+    Parameters
+    ----------
+    physical : (n_params,) float array
+    mean, std : (n_params,) float arrays
+        NaN where there is no prior.
+    lognormal : (n_params,) bool array
+    """
+    rows = np.flatnonzero(np.isfinite(std))
+    p, m, s, log = physical[rows], mean[rows], std[rows], lognormal[rows]
+    slope, residual = 1 / s, (p - m) / s
+    if log.any():
+        width = np.sqrt(np.log1p((s[log] / m[log]) ** 2))
+        residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
+        slope[log] = 1 / (width * p[log])
+    jacobian = np.zeros((len(rows), len(physical)))
+    jacobian[np.arange(len(rows)), rows] = slope
+    return residual, jacobian
