@@ -49,20 +49,19 @@ def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
     return tuple(own.get(dof.unsigned, dof) for dof in wanted)
 
 
-def law_coefficients(laws: tuple[str, ...], frequency: FloatArray, sliding: dict[str, FloatArray]) -> ComplexArray:
-    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): -omega^2, i omega, 1, i, i / amplitude.
+def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]) -> ComplexArray:
+    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
 
-    Friction with no amplitude in `sliding` gets 0.
+    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
     """
-    omega = 2 * np.pi * frequency
-    table = {
-        "inertia": -(omega**2) + 0j,
-        "viscous": 1j * omega,
-        "elastic": np.ones_like(omega) + 0j,
-        "structural": np.full_like(omega, 1j, dtype=complex),
+    table: dict[str, ComplexArray] = {
+        "inertia": laplace**2,
+        "viscous": laplace,
+        "elastic": np.ones_like(laplace),
+        "structural": np.full_like(laplace, 1j),
     }
-    table.update({f"friction:{name}": 1j / amplitude for name, amplitude in sliding.items()})
-    zero = np.zeros_like(omega) + 0j
+    table.update({f"friction:{name}": np.asarray(1j / amplitude) for name, amplitude in sliding.items()})
+    zero = np.zeros_like(laplace)
     return np.stack([table.get(law, zero) for law in laws], axis=1)
 
 
@@ -77,7 +76,7 @@ def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Sensitive:
+class SensitiveElements:
     """Elements of one family of blocks whose weights depend on the parameters, and in which laws they appear."""
 
     blocks: ElementMatrices
@@ -109,7 +108,7 @@ class Response:
     columns: sparse.csc_array
     outputs: tuple[IntArray, FloatArray]
     inputs: tuple[IntArray, FloatArray]
-    sensitive: tuple[_Sensitive, ...]
+    sensitive: tuple[SensitiveElements, ...]
     contacts: tuple[_Contact, ...]
 
     @property
@@ -134,10 +133,8 @@ class Response:
         x = fields[:, :, self.inputs[0]] * self.inputs[1]
         y = fields[:, :, self.outputs[0]] * self.outputs[1]
         values = self._read(x)
-        derivative = np.zeros((*values.shape, self.parameters.n_params), dtype=np.complex128)
+        derivative = self._sensitivity(physical, coefficients, x, y)
         weights = self.parameters.values(physical)
-        for group in self.sensitive:
-            self._add_group(derivative, group, weights, coefficients, x, y)
         if self.contacts:
             reach = self._read(y[:, :, self.n_outputs :])
             force = weights[[contact.value for contact in self.contacts]]
@@ -146,6 +143,26 @@ class Response:
             derivative = add_amplitude_change(derivative[:, :, 0], motion, reach, force, size)[:, :, None]
         factor = self.kind_factor[:, None, None]
         return values[:, : self.n_outputs] * factor, derivative[:, : self.n_outputs] * factor[..., None]
+
+    def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
+        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
+        return self._fields(physical, self._coefficients(physical), loads)
+
+    def sensitivity_at(self, physical: FloatArray, x: ComplexArray, y: ComplexArray) -> ComplexArray:
+        """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.
+
+        Shapes (n_frequencies, n_dofs, n_x), (n_frequencies, n_dofs, n_y) and (n_frequencies, n_y, n_x, n_params).
+        """
+        return self._sensitivity(physical, self._coefficients(physical), x, y)
+
+    def _sensitivity(
+        self, physical: FloatArray, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray
+    ) -> ComplexArray:
+        derivative = np.zeros((x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
+        weights = self.parameters.values(physical)
+        for group in self.sensitive:
+            self._add_group(derivative, group, weights, coefficients, x, y)
+        return derivative
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
         """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
@@ -182,7 +199,7 @@ class Response:
     def _add_group(
         self,
         derivative: ComplexArray,
-        group: _Sensitive,
+        group: SensitiveElements,
         weights: FloatArray,
         coefficients: ComplexArray,
         x: ComplexArray,
@@ -190,10 +207,7 @@ class Response:
     ) -> None:
         """Subtract y' (dZ/dp) x of one family of element matrices, in stretches of lines that fit in memory."""
         contributions = self.assembled.structure.contributions
-        slopes = [
-            (contributions[m], weight_slope(contributions[m], self.parameters, weights)[group.rows])
-            for m in group.members
-        ]
+        slopes = [(contributions[m], self._slope(m, group, weights)) for m in group.members]
         n_lines, _, n_inputs = x.shape
         n_outputs = y.shape[2]
         per_line = 16 * len(group.rows) * (n_outputs + 2 * n_inputs) * 12
@@ -206,6 +220,20 @@ class Response:
                 law = self.assembled.laws.index(contribution.law)
                 change = (slope.T @ flat.T).T.reshape(-1, n_outputs, n_inputs, slope.shape[1])
                 derivative[part] -= coefficients[part, law, None, None, None] * change
+
+    def _slope(self, member: int, group: SensitiveElements, weights: FloatArray) -> sparse.csr_array:
+        """`weight_slope` of a contribution, kept where it does not depend on the values."""
+        part = self.assembled.structure.contributions[member]
+        if part.factor is not None:
+            return weight_slope(part, self.parameters, weights)[group.rows]
+        if member not in self._fixed_slopes:
+            self._fixed_slopes[member] = weight_slope(part, self.parameters, weights)[group.rows]
+        return self._fixed_slopes[member]
+
+    @cached_property
+    def _fixed_slopes(self) -> dict[int, sparse.csr_array]:
+        """Of contributions whose weights are linear in the parameters, filled as they are asked for."""
+        return {}
 
     def _fields(self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array) -> ComplexArray:
         data = self.assembled.data(self.parameters.values(physical))
@@ -239,7 +267,7 @@ def response(structure: Structure, unknown: Parameters, record: FrfRecord, measu
     """
     assembled = assembly(structure)
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
-    fixed = law_coefficients(assembled.laws, record.frequency, measured)
+    fixed = law_coefficients(assembled.laws, record.laplace, measured)
     contacts, slides = _contacts(structure, assembled.laws, record, set(measured))
     loads, sensors = structure.selection(record.inputs), structure.selection(record.outputs)
     columns, places = _distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
@@ -250,11 +278,11 @@ def response(structure: Structure, unknown: Parameters, record: FrfRecord, measu
         parameters=unknown,
         fixed_coefficients=fixed,
         frequency=record.frequency,
-        kind_factor=(1j * record.omega) ** DERIVATIVES[record.kind],
+        kind_factor=record.laplace ** DERIVATIVES[record.kind],
         columns=columns,
         outputs=(index[n_inputs:], sign[n_inputs:]),
         inputs=(index[:n_inputs], sign[:n_inputs]),
-        sensitive=_sensitive(structure, unknown),
+        sensitive=sensitive_elements(structure, unknown),
         contacts=contacts,
     )
 
@@ -298,7 +326,7 @@ def _distinct_columns(columns: sparse.csc_array) -> tuple[sparse.csc_array, list
     return sparse.csc_array(unique), places
 
 
-def _sensitive(structure: Structure, unknown: Parameters) -> tuple[_Sensitive, ...]:
+def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
     """Families of element matrices that the parameters weigh, contributions that share matrices together."""
     touched = np.diff(unknown.design.tocsr().indptr) > 0
     families: dict[int, list[int]] = {}
@@ -314,5 +342,5 @@ def _sensitive(structure: Structure, unknown: Parameters) -> tuple[_Sensitive, .
         rows = np.flatnonzero(np.any(masks, axis=0))
         used = tuple(m for m, mask in zip(members, masks, strict=True) if mask.any())
         if len(rows):
-            found.append(_Sensitive(structure.contributions[members[0]].blocks.take(rows), rows, used))
+            found.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
     return tuple(found)

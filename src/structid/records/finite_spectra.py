@@ -1,0 +1,166 @@
+"""Finite Fourier transforms of one stretch of a time record: no window, no averages, and the noise of every line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.records.record import TimeRecord
+
+#: Time derivatives between displacement and each measured quantity.
+_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteSpectra:
+    """Laplace integrals of forces and motions over one finite stretch, on a line parallel to the imaginary axis.
+
+    Parameters
+    ----------
+    frequency : (n_frequencies,) float array
+        Hz, each a multiple of 1 / `duration`.
+    duration : float
+        s.
+    force : (n_frequencies, n_inputs) complex array
+        Integral of f(t) exp(-s t) dt from the start to the end of the record, s = decay + i omega; N s.
+    motion : (n_frequencies, n_outputs) complex array
+        The same of every motion channel, in its SI unit times s.
+    inputs, outputs : tuple of Dof
+    orders : (n_outputs,) int array
+        0 for displacement, 1 for velocity, 2 for acceleration.
+    force_variance : (n_frequencies, n_inputs) float array
+        E|error|^2 of each complex value; zeros where the force is known.
+    motion_variance : (n_frequencies, n_outputs) float array
+        The same of the motions; positive.
+    decay : float
+        Real part of s, 1/s; 0 for Fourier integrals.
+    source : str
+    """
+
+    frequency: FloatArray
+    duration: float
+    force: ComplexArray
+    motion: ComplexArray
+    inputs: tuple[Dof, ...]
+    outputs: tuple[Dof, ...]
+    orders: np.ndarray
+    force_variance: FloatArray
+    motion_variance: FloatArray
+    decay: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for name, kind in (("frequency", float), ("force", complex), ("motion", complex)):
+            object.__setattr__(self, name, locked(getattr(self, name), kind))
+            require_finite(name, getattr(self, name))
+        object.__setattr__(self, "orders", locked(self.orders, int))
+        require_shape("force", self.force, (len(self.frequency), len(self.inputs)))
+        require_shape("motion", self.motion, (len(self.frequency), len(self.outputs)))
+        for name, like in (("force_variance", self.force), ("motion_variance", self.motion)):
+            variance = locked(np.broadcast_to(getattr(self, name), like.shape), float)
+            require_finite(name, variance)
+            object.__setattr__(self, name, variance)
+        if (self.force_variance < 0).any() or (self.motion_variance <= 0).any():
+            raise InputError("`motion_variance` must be positive and `force_variance` at least 0; declare the noise")
+
+    @property
+    def laplace(self) -> ComplexArray:
+        """s = decay + i omega of each line, 1/s."""
+        return self.decay + 2j * np.pi * self.frequency
+
+    def lines(self, keep: np.ndarray) -> FiniteSpectra:
+        """The lines where the mask `keep` is true.
+
+        Raises
+        ------
+        InputError
+            If none is.
+        """
+        if not keep.any():
+            raise InputError(f"no line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band")
+        names = ("frequency", "force", "motion", "force_variance", "motion_variance")
+        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+
+
+def finite_spectra(
+    record: TimeRecord,
+    inputs: Iterable[str | Dof] | None = None,
+    outputs: Iterable[str | Dof] | None = None,
+    band: tuple[float, float] | None = None,
+    decay: float = 0.0,
+) -> FiniteSpectra:
+    """The `FiniteSpectra` of a whole time record.
+
+    Parameters
+    ----------
+    record : TimeRecord
+        With the noise variance of its channels; that of a force may be 0.
+    inputs, outputs : iterable of str or Dof, optional
+        Force and motion channels; all by default. A degree of freedom measured in several quantities gives one
+        output for each.
+    band : (float, float), optional
+        Hz; every line above 0 Hz and below half the sampling rate by default.
+    decay : float
+        1/s. Signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
+        far apart are kept, whose noise is nearly independent.
+
+    Raises
+    ------
+    InputError
+        If channels are missing, the noise is not declared, or no line lies in the band.
+
+    Notes
+    -----
+    The integrals are sums of samples times the sampling interval, so signals must hold nothing above half the
+    sampling rate. White noise of variance v gives E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
+    """
+    if record.variance is None:
+        raise InputError("the record has no noise level; declare the noise variance of its channels")
+    step = 1 / record.sampling_rate
+    n_times = len(record.values)
+    forces = _chosen(record, inputs, ("force",), "input")
+    motions = _chosen(record, outputs, tuple(_ORDER), "output")
+    frequency = np.fft.rfftfreq(n_times, step)
+    low, high = band or (0.5 * frequency[1], 0.5 * record.sampling_rate * (1 - 1e-9))
+    keep = np.flatnonzero((frequency >= low) & (frequency <= high) & (frequency > 0))
+    keep = keep[:: max(1, round(decay * n_times * step / np.pi))]
+    if not keep.size:
+        raise InputError(f"no line lies between {low:g} and {high:g} Hz; lines are {frequency[1]:g} Hz apart")
+    fading = np.exp(-decay * step * np.arange(n_times))
+    spectra = np.fft.rfft(record.values * fading[:, None], axis=0)[keep] * step
+    noise = record.variance * (fading @ fading) * step**2
+    return FiniteSpectra(
+        frequency=frequency[keep],
+        duration=n_times * step,
+        force=spectra[:, forces],
+        motion=spectra[:, motions],
+        inputs=tuple(record.channels[i] for i in forces),
+        outputs=tuple(record.channels[i] for i in motions),
+        orders=np.array([_ORDER[record.quantities[i]] for i in motions]),
+        force_variance=np.broadcast_to(noise[forces], (len(keep), len(forces))),
+        motion_variance=np.broadcast_to(noise[motions], (len(keep), len(motions))),
+        decay=decay,
+        source=record.source,
+    )
+
+
+def _chosen(
+    record: TimeRecord, wanted: Iterable[str | Dof] | None, quantities: tuple[str, ...], role: str
+) -> list[int]:
+    """Columns of the channels of these quantities, those at `wanted` if given."""
+    columns = [i for i, quantity in enumerate(record.quantities) if quantity in quantities]
+    if wanted is not None:
+        dofs = parse_dofs(wanted)
+        for dof in dofs:
+            if not any(record.channels[i] == dof for i in columns):
+                have = ", ".join(str(record.channels[i]) for i in columns)
+                raise InputError(f"the record has no {role} channel {dof}; it has {have or 'none'}")
+        columns = [i for dof in dofs for i in columns if record.channels[i] == dof]
+    if not columns:
+        raise InputError(f"the record has no {role} channel; it needs forces and motions of the same test")
+    return columns

@@ -1,0 +1,179 @@
+"""Time histories fitted themselves from a study file: every way, together with FRFs, and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from short_record_cases import RATE, SENSORS, chain, record, unknowns
+from structid import FrfRecord, InputError, TimeRecord, simulated_record, write_record
+from structid.cli import app
+from structid.dynamics.transient import sampled_transient
+from structid.study.run import load_study, run_study, started
+
+CHAIN = """
+title = "Chain of four masses"
+[structure]
+active = ["X"]
+fixed = ["0X"]
+[structure.nodes]
+0 = 0.0
+1 = 1.0
+2 = 2.0
+3 = 3.0
+4 = 4.0
+[[structure.point_mass]]
+name = "m"
+nodes = [1, 2, 3, 4]
+mass = 2.2
+[[structure.spring]]
+name = "k"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+stiffness = 900.0
+[[structure.dashpot]]
+name = "c"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+viscous_damping = 0.9
+[[unknown]]
+property = "mass"
+elements = "m"
+each = true
+[[unknown]]
+property = "stiffness"
+elements = "k"
+each = true
+[[unknown]]
+property = "viscous_damping"
+elements = "c"
+each = true
+[record]
+path = "time.npz"
+[record.time]
+relative_noise = 0.01
+[method]
+band = [0.1, 12.0]
+"""
+
+
+def write_study(folder, text=CHAIN, histories=None):
+    structure = chain()
+    truth = unknowns(structure)
+    if histories is None:
+        histories = record(structure, truth.values(truth.start), np.random.default_rng(0))
+    write_record(folder / "time.npz", replace(histories, variance=None))
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml", truth
+
+
+def test_a_record_that_neither_starts_nor_ends_at_rest_is_identified_without_leakage(tmp_path):
+    path, truth = write_study(tmp_path)
+    result = run_study(load_study(path))
+    found = result.identification.estimate
+    assert found.status.value == "converged"
+    assert found.covariance_basis == "noise"
+    assert found.chi_square_per_dof == pytest.approx(1.0, abs=0.12)
+    assert (np.abs(found.values - truth.start) < 4 * found.std).all()
+    # the same record through averaged FRFs misses its own noise level by far
+    averaged = CHAIN.replace("[record.time]\nrelative_noise = 0.01\n", "[record.frf]\nsegment_length = 200\n")
+    other = run_study(load_study(write_study(tmp_path, averaged)[0])).identification.estimate
+    assert np.sqrt(np.mean((other.values / truth.start - 1) ** 2)) > 10 * np.sqrt(
+        np.mean((found.values / truth.start - 1) ** 2)
+    )
+
+
+def test_identify_writes_results_and_report_of_a_time_fit(tmp_path):
+    path, _ = write_study(tmp_path)
+    ran = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 0, ran.output
+    summary = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    assert summary["status"] == "converged"
+    assert (tmp_path / "out" / "report.html").exists()
+    checked = CliRunner().invoke(app, ["check", str(path)])
+    assert checked.exit_code == 0, checked.output
+
+
+def test_histories_and_frfs_of_two_tests_are_fitted_together(tmp_path):
+    structure = chain()
+    truth = unknowns(structure)
+    like = FrfRecord(np.linspace(0.5, 8.0, 60), np.zeros((60, 1, 1)), ("1X",), ("4X",), "receptance")
+    write_record(tmp_path / "frf.npz", simulated_record(structure, truth, like, 0.01, np.random.default_rng(1)))
+    several = CHAIN.replace("[record]", "[[record]]").replace(
+        "[method]", '[[record]]\npath = "frf.npz"\nnoise = { relative = 0.01 }\n[method]'
+    )
+    alone = run_study(load_study(write_study(tmp_path)[0])).identification.estimate
+    both = run_study(load_study(write_study(tmp_path, several)[0])).identification
+    assert len(both.fits) == 2
+    assert (both.estimate.std_noise < alone.std_noise).all()
+    assert (np.abs(both.estimate.values - truth.start) < 4 * both.estimate.std).all()
+
+
+def sampled_record(sensors=SENSORS, noise=0.01):
+    """Accelerations from rest under a force that runs straight between its samples, 300 of them."""
+    structure = chain()
+    values = unknowns(structure).values(unknowns(structure).start)
+    mass, damping, stiffness = (structure.matrix(law, values) for law in ("inertia", "viscous", "elastic"))
+    rng = np.random.default_rng(2)
+    force = rng.standard_normal(300)
+    load = np.array([[0.0], [0.0], [0.0], [1.0]])
+    motion = sampled_transient(mass, stiffness, load, force[:, None], RATE, damping)
+    table = np.column_stack([force, *(motion.acceleration[:, int(name[0]) - 1] for name in sensors)])
+    std = np.array([0.0, *[noise] * len(sensors)]) * np.sqrt((table**2).mean(axis=0))
+    return TimeRecord(
+        RATE,
+        table + std * rng.standard_normal(table.shape),
+        ("4X", *sensors),
+        ("force", *["acceleration"] * len(sensors)),
+    )
+
+
+def test_output_error_is_reached_from_the_study_file(tmp_path):
+    text = CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = [0.0, 0.01, 0.01]')
+    path, truth = write_study(tmp_path, text.replace("band = [0.1, 12.0]", ""), sampled_record())
+    found = run_study(load_study(path)).identification.estimate
+    assert found.status.value == "converged"
+    assert found.chi_square_per_dof == pytest.approx(1.0, abs=0.2)
+    assert (np.abs(found.values - truth.start) < 4 * found.std).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("relative_noise = 0.01", "", r"\[record.time\]: needs the noise of the channels"),
+        ("relative_noise = 0.01", "relative_noise = [0.01, 0.02]", r"must be one number or 3"),
+        ("relative_noise = 0.01", "noise = -1.0", "must not be negative"),
+        ("relative_noise = 0.01", 'relative_noise = 0.01\nfit = "wrong"', "fit"),
+        ("relative_noise = 0.01", 'relative_noise = 0.01\ninitial = "rest"', "does not use it"),
+        ('path = "time.npz"', 'repeats = ["time.npz", "time.npz"]', "takes one time record"),
+    ],
+)
+def test_what_a_time_fit_cannot_use_is_named(tmp_path, old, new, words):
+    path, _ = write_study(tmp_path, CHAIN.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        started(load_study(path))
+
+
+def test_a_time_section_on_frfs_is_refused(tmp_path):
+    path, truth = write_study(tmp_path, CHAIN.replace("time.npz", "frf.npz"))
+    like = FrfRecord(np.linspace(0.5, 8.0, 60), np.zeros((60, 1, 1)), ("1X",), ("4X",), "receptance")
+    write_record(tmp_path / "frf.npz", simulated_record(chain(), truth, like, 0.01, np.random.default_rng(1)))
+    with pytest.raises(InputError, match=r"\[record.time\]: the record holds frequency response functions"):
+        started(load_study(path))
+
+
+def test_channel_errors_and_histories_are_refused_together(tmp_path):
+    text = CHAIN.replace("[method]", '[[record.channel_error]]\nproperty = "gain"\noutputs = "2X"\n[method]')
+    path, _ = write_study(tmp_path, text)
+    ran = CliRunner().invoke(app, ["identify", str(path)])
+    assert ran.exit_code == 2
+    assert "errors of channels cannot be identified from the histories" in ran.output
+
+
+def test_output_error_refuses_a_band(tmp_path):
+    text = CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = 0.01')
+    path, _ = write_study(tmp_path, text)
+    with pytest.raises(InputError, match="takes one record, all of it"):
+        run_study(load_study(path))
