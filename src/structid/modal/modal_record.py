@@ -28,6 +28,8 @@ class ModalRecord:
         Where the rows of `mode_shapes` were measured.
     covariance : (2 n_modes, 2 n_modes) float array, optional
         Of all frequencies (Hz), then all damping ratios. None where the method gives none.
+    shape_std : (n_channels, n_modes) float array, optional
+        Standard deviation of every entry of `mode_shapes`, of its real part for complex ones.
     warnings : tuple of str
         What the user should know before using the modes: causes and remedies.
     source : str
@@ -44,6 +46,7 @@ class ModalRecord:
     mode_shapes: NDArray[np.inexact]
     channels: tuple[Dof, ...]
     covariance: FloatArray | None = None
+    shape_std: FloatArray | None = None
     warnings: tuple[str, ...] = ()
     source: str = ""
 
@@ -64,6 +67,9 @@ class ModalRecord:
         if self.covariance is not None:
             object.__setattr__(self, "covariance", locked(self.covariance, np.float64))
             require_shape("covariance", np.asarray(self.covariance), (2 * self.n_modes,) * 2)
+        if self.shape_std is not None:
+            object.__setattr__(self, "shape_std", locked(self.shape_std, np.float64))
+            require_shape("shape_std", np.asarray(self.shape_std), self.mode_shapes.shape, "one for each entry")
 
     @property
     def n_modes(self) -> int:

@@ -1,0 +1,276 @@
+"""Parameters from modes: derivatives against differences, close and crossing modes, uncertainty, ratios, joint fits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from structid import (
+    Beam,
+    Dashpot,
+    FrfRecord,
+    InputError,
+    ModalRecord,
+    PointMass,
+    Prior,
+    Spring,
+    Status,
+    Structure,
+    Unknown,
+    estimate,
+    parameters,
+    simulated_record,
+)
+from structid.dynamics import modes
+from structid.estimation import JointProblem
+from structid.observation import FrfProblem, ModalProblem
+
+
+def chain(n=5):
+    """Masses in a row, grounded at one end."""
+    nodes = {i: float(i) for i in range(n + 1)}
+    here, back = [f"{i}X" for i in range(1, n + 1)], [f"{i}X" for i in range(n)]
+    elements = [
+        PointMass("m", list(range(1, n + 1)), 2.0),
+        Spring("k", here, back, stiffness=1000.0, loss_factor=0.01),
+        Dashpot("c", here, back, viscous_damping=0.7),
+    ]
+    return Structure(nodes, elements, fixed=["0X"], active=["X"])
+
+
+def tower(ratio=1.0):
+    """Two floors that sway along x and y on columns of stiffness 1 and `ratio`: pairs of equal modes for 1."""
+    nodes = {i: (0.0, 0.0, float(i)) for i in range(3)}
+    first, second = ["1X", "2X", "1Y", "2Y"], ["0X", "1X", "0Y", "1Y"]
+    elements = [
+        PointMass("m", [1, 2], 3.0),
+        Spring("k", first, second, stiffness=[800.0, 700.0, 800.0 * ratio, 700.0 * ratio]),
+        Spring("link", "2X", "2Y", stiffness=0.5),
+    ]
+    return Structure(nodes, elements, fixed=["0X", "0Y"], active=["X", "Y"])
+
+
+def beam(n=8):
+    nodes = {i: 0.25 * i for i in range(n + 1)}
+    elements = [Beam("beam", [[i, i + 1] for i in range(n)], mass=2.0, bending_stiffness=5.0)]
+    return Structure(nodes, elements, fixed=["0Y", "0RZ"])
+
+
+def measured(structure, values, channels, count, rng=None, frequency_error=1e-3, shape_error=1e-2):
+    """The first modes of the model at `channels`, with noise where `rng` is given."""
+    laws = ("inertia", "elastic", "viscous", "structural")
+    found = modes(*(structure.matrix(law, values) for law in laws))
+    from structid.dof import parse_dofs
+
+    shapes = structure.selection(parse_dofs(channels)).T @ found.mode_shapes[:, :count]
+    shapes = shapes / np.abs(shapes).max(axis=0)
+    frequency, ratio = found.frequency[:count], found.damping_ratio[:count]
+    std = frequency_error * frequency
+    if rng is not None:
+        frequency = frequency + std * rng.standard_normal(count)
+        shapes = shapes + shape_error * rng.standard_normal(shapes.shape)
+    covariance = np.diag(np.concatenate([std**2, (0.05 * ratio + 1e-5) ** 2]))
+    order = np.argsort(frequency)
+    both = np.concatenate([order, count + order])
+    return ModalRecord(
+        frequency[order],
+        ratio[order],
+        shapes[:, order],
+        channels,
+        covariance[np.ix_(both, both)],
+        np.full(shapes.shape, shape_error),
+    )
+
+
+def stiffnesses(structure, element="k"):
+    return parameters(structure, [Unknown("stiffness", element, each=True)])
+
+
+def require_exact_slope(problem, theta, tolerance=1e-6):
+    at = problem.linearize(theta)
+    assert len(at.residual) == len(problem.residual(theta))
+    assert problem.n_data == len(problem.lines) == len(problem.series)
+    step = 1e-5
+    for j, unit in enumerate(np.eye(len(theta))):
+        sides = [problem.residual(theta + sign * step * unit) for sign in (1, -1)]
+        change = (sides[0] - sides[1]) / (2 * step)
+        assert np.abs(at.jacobian[:, j] - change).max() < tolerance * np.abs(at.jacobian).max()
+
+
+@pytest.mark.parametrize("damping", [False, True])
+def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
+    structure = chain()
+    unknown = parameters(
+        structure,
+        [
+            Unknown("mass", "m", each=True),
+            Unknown("stiffness", "k", each=True),
+            Unknown("loss_factor", "k"),
+            Unknown("viscous_damping", "c", prior=Prior(0.5, 0.2)),
+        ],
+    )
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(0))
+    problem = ModalProblem(structure, unknown, record, use_damping=damping)
+    theta = problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(12)
+    require_exact_slope(problem, theta)
+
+
+def gradient_errors(problem, theta):
+    """Gradient of the sum of squares, and by differences."""
+    at = problem.linearize(theta)
+    step = 1e-6
+    sums = [[np.sum(problem.residual(theta + s * step * u) ** 2) for s in (1, -1)] for u in np.eye(len(theta))]
+    return 2 * at.jacobian.T @ at.residual, np.diff(sums, axis=1)[:, 0] / (-2 * step)
+
+
+def test_modal_dynamic_slope_gives_the_gradient():
+    structure = beam()
+    unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass", "bending_stiffness")])
+    record = measured(structure, unknown.values(unknown.start), ["3Y", "5Y", "8Y"], 4, np.random.default_rng(2))
+    problem = ModalProblem(structure, unknown, record, form="dynamic")
+    theta = problem.theta_start + 0.1 * np.random.default_rng(3).standard_normal(16)
+    gradient, difference = gradient_errors(problem, theta)
+    np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.0 + 1e-7, 1.01])
+def test_modal_jacobian_stays_finite_and_exact_at_close_modes(ratio):
+    # The pairs are 4e-6 to 0.5 % apart in the model; one eigenvector's own derivative is of the size of 1 / gap.
+    structure = tower(ratio)
+    unknown = parameters(structure, [Unknown("stiffness", "k", each=True), Unknown("mass", "m", each=True)])
+    channels = ["1X", "2X", "1Y", "2Y"]
+    record = measured(structure, unknown.values(unknown.start), channels, 4, np.random.default_rng(4))
+    problem = ModalProblem(structure, unknown, record, closeness=0.05)
+    assert [len(group.members) for group in problem.groups] == [2, 2]
+    require_exact_slope(problem, problem.theta_start, 1e-5)
+    at = problem.linearize(problem.theta_start)
+    assert np.abs(at.jacobian).max() < 1e4  # one over the frequency error is 1e3
+
+
+def test_modal_residual_of_a_group_does_not_depend_on_how_the_model_turns_its_shapes():
+    # Two equal models whose links differ in sign at 1e-13 have shapes turned by a quarter in each pair.
+    residuals = []
+    for sign in (1, -1):
+        structure = tower()
+        unknown = stiffnesses(structure)
+        record = measured(structure, unknown.values(unknown.start), ["1X", "2X", "1Y", "2Y"], 4)
+        values = np.array(unknown.start)
+        values[:2] *= 1 + sign * 1e-13
+        problem = ModalProblem(structure, unknown.started_at(values), record)
+        residuals.append(problem.residual(problem.theta_start))
+    np.testing.assert_allclose(residuals[0], residuals[1], atol=1e-6)
+
+
+def test_modal_fit_recovers_parameters_of_clean_modes_from_a_poor_start_with_few_sensors():
+    structure = chain()
+    truth = stiffnesses(structure)
+    rng = np.random.default_rng(5)
+    true = truth.start * np.exp(0.2 * rng.standard_normal(5))
+    record = measured(structure, truth.values(true), ["2X", "5X"], 3)
+    problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.5 * rng.standard_normal(5))), record)
+    found = estimate(problem, plans=problem.stage_plans())
+    np.testing.assert_allclose(found.values, true, rtol=1e-7)
+
+
+def test_modal_fit_follows_modes_that_cross():
+    # The start has the y modes below the x modes, the truth above: by order the shapes would be those of others.
+    structure = tower(1.3)
+    truth = stiffnesses(structure)
+    record = measured(structure, truth.values(truth.start), ["1X", "2X", "1Y", "2Y"], 4)
+    start = truth.started_at(truth.start * np.array([1.0, 1.0, 0.6, 0.6]))
+    problem = ModalProblem(structure, start, record)
+    found = estimate(problem, plans=problem.stage_plans())
+    np.testing.assert_allclose(found.values, truth.start, rtol=1e-7)
+
+
+def test_modal_standard_deviations_are_those_of_repeated_measurements():
+    structure = chain()
+    truth = parameters(structure, [Unknown("stiffness", "k", each=True), Unknown("mass", "m:1-2", name="low")])
+    scores, chi = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        record = measured(structure, truth.values(truth.start), ["1X", "2X", "3X", "4X", "5X"], 4, rng)
+        found = estimate(ModalProblem(structure, truth, record))
+        scores.append((found.values - truth.start) / found.std_noise)
+        chi.append(found.chi_square)
+    freedom = found.degrees_of_freedom
+    assert freedom == 4 * 5 - 6  # four frequencies and four shapes of five entries, less scale, less unknowns
+    assert np.mean(chi) == pytest.approx(freedom, rel=0.15)  # standard deviation of the mean is 5 %
+    assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize(("frequency_error", "expected"), [(1e-5, 12), (1e-3, 8)])
+def test_modal_group_data_are_weighted_right(frequency_error, expected):
+    # Pairs 0.4 % apart. With sharp frequencies all 12 degrees of freedom show in chi-square; with frequencies known to
+    # 0.1 % only, the four of the mixing are held back on purpose, and the answer is as sure as it says.
+    structure = tower(1.008)
+    truth = stiffnesses(structure)
+    channels = ["1X", "2X", "1Y", "2Y"]
+    scores, chi = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        record = measured(structure, truth.values(truth.start), channels, 4, rng, frequency_error)
+        found = estimate(ModalProblem(structure, truth, record))
+        scores.append((found.values - truth.start) / found.std_noise)
+        chi.append(found.chi_square)
+    assert found.degrees_of_freedom == 4 * 4 - 4
+    assert np.mean(chi) == pytest.approx(expected, rel=0.16)  # standard deviation of the mean is 5 to 6 %
+    assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.35)
+
+
+def test_modes_alone_give_ratios_and_say_so():
+    structure = chain()
+    unknown = parameters(structure, [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)])
+    channels = ["1X", "2X", "3X", "4X", "5X"]
+    record = measured(structure, unknown.values(unknown.start), channels, 5, np.random.default_rng(6))
+    found = estimate(ModalProblem(structure, unknown, record))
+    assert found.status is Status.NOT_IDENTIFIABLE
+    assert found.identifiability.rank == 9
+    assert "only as ratios: their common scale is free" in found.identifiability.directions[0].words
+
+
+def test_modes_and_receptances_of_two_tests_fit_together():
+    structure = chain()
+    unknown = parameters(structure, [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)])
+    rng = np.random.default_rng(7)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "2X", "3X", "4X", "5X"], 5, rng)
+    like = FrfRecord(np.linspace(0.5, 6.0, 40), np.zeros((40, 1, 1)), ("5X",), ("5X",), "receptance")
+    frf = simulated_record(structure, unknown, like, 0.01, rng)
+    apart = [ModalProblem(structure, unknown, record), FrfProblem(structure, unknown, frf)]
+    together = estimate(JointProblem(tuple(apart)))
+    assert together.status is Status.CONVERGED
+    assert (np.abs(together.values - unknown.start) < 4 * together.std).all()
+    alone = estimate(apart[1])
+    assert (together.std_noise < alone.std_noise).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ({"covariance": None}, {}, "give `frequency_error`"),
+        ({"shape_std": None}, {}, "give `shape_error`"),
+        ({"channels": ("1X", "9X"), "mode_shapes": np.ones((2, 3)), "shape_std": None}, {"shape_error": 0.1}, "node 9"),
+        ({"frequency": np.zeros(3)}, {}, "no mode above 0 Hz"),
+        ({"frequency": np.array([1.0, 1.001, 1.002])}, {}, "lower `closeness`"),
+        (
+            {"damping_ratio": np.full(3, np.nan), "covariance": None},
+            {"frequency_error": 0.01, "use_damping": True},
+            "damping",
+        ),
+    ],
+)
+def test_modal_problem_names_what_is_missing(change, options, words):
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "5X"], 3)
+    with pytest.raises(InputError, match=words):
+        ModalProblem(structure, unknown, replace(record, **change), **options)
+
+
+def test_modal_problem_refuses_more_modes_than_the_model_has():
+    structure = chain(2)
+    unknown = stiffnesses(structure)
+    record = measured(chain(), chain().values, ["1X", "2X"], 3)
+    problem = ModalProblem(structure, unknown, record)
+    with pytest.raises(InputError, match="the model has 2 modes"):
+        problem.residual(problem.theta_start)
