@@ -11,6 +11,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.mark.parametrize(
     ("script", "name", "value", "deviations"),
     [
+        ("added_mass.py", "mass[outer]", 1.2, 4.0),
         ("cantilever.py", "bending_stiffness[beam:4]", 8.0, 4.0),
         ("own_matrices.py", "stiffness[upper]", 0.9, 4.0),
     ],
@@ -24,4 +25,4 @@ def test_example_finds_its_truth(script, name, value, deviations):
 
 
 def test_every_script_is_tried():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {"cantilever.py", "own_matrices.py"}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {"added_mass.py", "cantilever.py", "own_matrices.py"}

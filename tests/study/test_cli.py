@@ -108,7 +108,7 @@ def test_a_search_that_cannot_go_on_exits_1(study, monkeypatch):
     def failing(*_arguments):
         raise SingularModelError("the dynamic stiffness is singular at 3 Hz")
 
-    monkeypatch.setattr("structid.study.run.identify", failing)
+    monkeypatch.setattr("structid.study.run.identify_together", failing)
     done = invoke("identify", study)
     assert done.exit_code == 1
     assert "the search failed: the dynamic stiffness is singular at 3 Hz" in done.stderr
@@ -219,7 +219,7 @@ def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     code = (
         "import sys, time, structid.study.run as run, structid.cli as cli\n"
         "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(30)\n"
-        "run.identify = waiting\n"
+        "run.identify_together = waiting\n"
         f"sys.argv = ['structid', 'identify', {str(study)!r}]\n"
         "cli.main()\n"
     )

@@ -20,7 +20,7 @@ from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.parameters import Unknown
 from structid.records.io import ReadOptions
 from structid.structure import ELEMENT_TYPES, Beam, Structure
-from structid.study import frf_section, method_section
+from structid.study import frf_section, method_section, setup_section
 from structid.study.study import load_study
 
 # what is changed in the study, the new text, where the line is looked for, and what the message must say
@@ -401,4 +401,5 @@ def test_every_key_is_documented():
     )
     keys |= {key for kind in ELEMENT_TYPES.values() for key in inspect.signature(kind).parameters} - {"smoothing"}
     keys |= set(frf_section._KINDS) | {f"[[structure.{kind}]]" for kind in ELEMENT_TYPES}
+    keys |= set(setup_section._KINDS) | {"window_decay", "without"}
     assert {key for key in keys if f"`{key}" not in document} == set()

@@ -53,7 +53,7 @@ def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord
             f" the record has {len(record.outputs)} outputs. Use `identify`, which needs only some"
         )
     motion = _motion(structure, record)
-    coefficients = law_coefficients(structure_laws(structure), record.frequency, sliding_amplitudes(structure, record))
+    coefficients = law_coefficients(structure_laws(structure), record.laplace, sliding_amplitudes(structure, record))
     loads = structure.selection(record.inputs).toarray()
     values = np.array(unknown.start)
     bilinear = any(part.factor is not None for part in structure.contributions)

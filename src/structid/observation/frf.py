@@ -8,11 +8,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.errors import InputError
 from structid.estimation.problem import Linearization
+from structid.observation.channel_errors import ChannelErrors
+from structid.observation.continuation import continuation_plan, nearer, thinned_problem
 from structid.observation.response import Response, response
+from structid.observation.window_decay import laplace_slope, moved
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
@@ -46,6 +50,14 @@ class FrfProblem:
         Error of the model itself, as a part of each value's magnitude; added in quadrature to the noise.
     measured_sliding : bool
         Whether friction slides with measured amplitudes, for poor starts; see `Friction`.
+    channels : ChannelErrors, optional
+        Errors of the record's channels; their parameters follow those of the structure.
+    start_prior : ((n_params,) array, (n_params,) array), optional
+        Gaussian prior on the free variables besides the parameters' own: mean and standard deviation. It holds what
+        the data of an easier form of the problem do not say; see `continuation_plan`.
+    start_error : float, optional
+        Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
+        first, which carries far. None begins with ways for a start that is near.
     """
 
     structure: Structure
@@ -54,6 +66,9 @@ class FrfProblem:
     form: Form = "output"
     model_error: float = 0.0
     measured_sliding: bool = False
+    channels: ChannelErrors | None = None
+    start_prior: tuple[FloatArray, FloatArray] | None = None
+    start_error: float | None = None
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -69,22 +84,52 @@ class FrfProblem:
             )
         if self.form in ("log", "pole_free") and (self.record.values == 0).any():
             raise InputError(f"form {self.form!r} needs measured values other than 0; use form 'output'")
+        if self.channels is not None:
+            self._require_sound_channels(self.channels)
+
+    def _require_sound_channels(self, channels: ChannelErrors) -> None:
+        if self.form == "equation":
+            raise InputError("form 'equation' takes no errors of channels; use form 'output'")
+        if channels.decay(channels.start) is None:
+            return
+        if any(isinstance(element, Friction) for element in self.structure.elements):
+            raise InputError("a window's decay as a parameter needs a structure without friction; give its known value")
 
     @property
     def names(self) -> tuple[str, ...]:
-        return self.parameters.names
+        return self.parameters.names + (self.channels.names if self.channels else ())
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds
+        return self.parameters.kinds + (self.channels.kinds if self.channels else ())
 
     @property
     def units(self) -> tuple[str, ...]:
-        return self.parameters.units
+        return self.parameters.units + (self.channels.units if self.channels else ())
 
     @property
     def theta_start(self) -> FloatArray:
-        return self.parameters.theta_start
+        return _joined(self.parameters.theta_start, self.channels.theta_start if self.channels else None)
+
+    @property
+    def start(self) -> FloatArray:
+        """Initial physical values, (n_params,)."""
+        return _joined(self.parameters.start, self.channels.start if self.channels else None)
+
+    @property
+    def prior_mean(self) -> FloatArray:
+        """Mean of each parameter's own prior, NaN where it has none, (n_params,)."""
+        return _joined(self.parameters.prior_mean, self.channels.prior_mean if self.channels else None)
+
+    @property
+    def prior_std(self) -> FloatArray:
+        """Standard deviation of each parameter's own prior, NaN where it has none, (n_params,)."""
+        return _joined(self.parameters.prior_std, self.channels.prior_std if self.channels else None)
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        """What the standard deviation of each parameter is held against: its value, for a delay at least its scale."""
+        n = self.parameters.n_params
+        return _joined(np.abs(physical[:n]), self.channels.sizes(physical[n:]) if self.channels else None)
 
     @property
     def n_data(self) -> int:
@@ -114,26 +159,91 @@ class FrfProblem:
         Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
         where it is until the rest has settled. The short way takes errors of half of each value, which follows a
         start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
-        surer where many are off. Friction slides with measured amplitudes.
+        surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
+        right half-plane, which carries furthest and comes first where `start_error` is given; see `continuation_plan`.
         """
-        return tuple(self._plan(std, errors) for std, errors in _PLANS)
+        near = tuple(self._plan(std, errors) for std, errors in _PLANS)
+        if self.start_error is None:
+            far = continuation_plan(self)
+            return (*near, far) if far else near
+        far = continuation_plan(self, self.start_error)
+        return (far, nearer(far), *near) if far else near
+
+    def thinned(self) -> FrfProblem | None:
+        """The problem on about 2000 lines, closer together at low frequencies; None with less than ten times as many."""
+        return thinned_problem(self)
 
     def _plan(self, std: float, errors: tuple[float, ...]) -> tuple[tuple[str, FrfProblem], ...]:
         near = replace(self, form="pole_free", parameters=self.parameters.kept_near_start(std), measured_sliding=True)
+        if self.channels is not None:
+            near = replace(near, channels=self.channels.kept_near_start(std))
         first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
         if not any(isinstance(e, Friction) and e.measured_by for e in self.structure.elements):
             return first
         return *first, ("measured sliding", replace(self, measured_sliding=True))
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.physical(theta)
+        own, rest = self._split(theta)
+        return _joined(
+            self.parameters.transforms.physical(own),
+            self.channels.transforms.physical(rest) if self.channels else None,
+        )
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.slope(theta)
+        own, rest = self._split(theta)
+        return _joined(
+            self.parameters.transforms.slope(own), self.channels.transforms.slope(rest) if self.channels else None
+        )
+
+    def _split(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Those of the structure, and those of the channels."""
+        return values[: self.parameters.n_params], values[self.parameters.n_params :]
 
     def predicted(self, theta: FloatArray) -> ComplexArray:
-        """The model's FRF in the record's kind, (n_frequencies, n_outputs, n_inputs)."""
-        return self.model.values_at(self.physical(theta))
+        """The model's FRF in the record's kind, errors of channels included, (n_frequencies, n_outputs, n_inputs)."""
+        own, rest = self._split(self.physical(theta))
+        if self.channels is None:
+            return self.model.values_at(own)
+        model, laplace = self._moved(rest)
+        return model.values_at(own) * self.channels.factor(rest, laplace)
+
+    def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
+        """The same for the lines of `record`, which has the same channels, with physical parameters."""
+        own, rest = self._split(physical)
+        if self.channels is None:
+            return response(self.structure, self.parameters, record).values_at(own)
+        decay = self.channels.decay(rest)
+        there = record if decay is None else replace(record, decay=record.laplace.real + decay)
+        model = response(self.structure, self.parameters, there)
+        return model.values_at(own) * self.channels.factor(rest, there.laplace)
+
+    def decided(self, theta: FloatArray) -> FrfProblem:
+        """The same problem with the polarities that the model at `theta` asks for."""
+        if self.channels is None or not self.channels.polarity_names:
+            return self
+        return replace(self, channels=self.channels.decided(self.record.values, self.predicted(theta)))
+
+    def _moved(self, rest: FloatArray) -> tuple[Response, ComplexArray]:
+        """The response and its Laplace variables, moved by the window's decay where that is a parameter."""
+        decay = self.channels.decay(rest) if self.channels else None
+        if decay is None:
+            return self.model, self.record.laplace
+        laplace = self.record.laplace + decay
+        return moved(self.model, laplace, self.record.kind), laplace
+
+    def _derivatives(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The model's FRF and its derivative with respect to the physical parameters."""
+        own, rest = self._split(self.physical(theta))
+        if self.channels is None:
+            return self.model.derivatives_at(own)
+        model, laplace = self._moved(rest)
+        values, derivative = model.derivatives_at(own)
+        change = self.channels.log_slopes(rest, laplace) * values[..., None]
+        for row in self.channels.rows("window_decay"):
+            steep = laplace_slope(model, own, values, laplace, self.record.kind)
+            change[..., row] = steep - self.channels.lateness(rest) * values
+        factor = self.channels.factor(rest, laplace)[..., None]
+        return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def residual(self, theta: FloatArray) -> FloatArray:
         if self.form == "equation":
@@ -143,7 +253,7 @@ class FrfProblem:
 
     def linearize(self, theta: FloatArray) -> Linearization:
         slope = self.slope(theta)
-        predicted, derivative = self.model.derivatives_at(self.physical(theta))
+        predicted, derivative = self._derivatives(theta)
         derivative = derivative * slope
         if self.form == "equation":
             data, change = self._equation(theta, predicted, derivative)
@@ -185,5 +295,19 @@ class FrfProblem:
 
     def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rows of the priors and their derivative with respect to the free variables."""
-        residual, jacobian = self.parameters.prior_rows(self.physical(theta))
-        return residual, jacobian * self.slope(theta)
+        own, rest = self._split(self.physical(theta))
+        residual, jacobian = self.parameters.prior_rows(own)
+        if self.channels is not None:
+            more, slopes = self.channels.prior_rows(rest)
+            residual, jacobian = np.concatenate([residual, more]), linalg.block_diag(jacobian, slopes)
+        jacobian = jacobian * self.slope(theta)
+        if self.start_prior is None:
+            return residual, jacobian
+        mean, std = self.start_prior
+        rows = np.flatnonzero(np.isfinite(std))
+        held = ((theta - mean) / std)[rows]
+        return np.concatenate([residual, held]), np.concatenate([jacobian, np.diag(1 / std)[rows]])
+
+
+def _joined(first: FloatArray, second: FloatArray | None) -> FloatArray:
+    return first if second is None else np.concatenate([first, second])

@@ -175,7 +175,7 @@ def _require_linear(structure: Structure, unknown: Parameters) -> None:
                 "loss factors have no equation at an instant (structural damping is defined for harmonic motion only);"
                 " set them to 0 and use viscous damping, or identify them from FRFs with `identify`"
             )
-    if np.isfinite(unknown.prior_std).any():
+    if unknown.has_priors:
         raise InputError(
             "priors need a known noise level, which identification from motion takes from its residual;"
             " use `without_priors()`, or fix the parameters"

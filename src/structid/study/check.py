@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,13 +10,16 @@ from structid.arrays import FloatArray
 from structid.estimation import Identifiability, identifiability
 from structid.estimation.covariance import inverse_information
 from structid.estimation.estimate import relative_jacobian
-from structid.estimation.problem import Linearization
+from structid.estimation.problem import Linearization, Problem, parameter_sizes
 from structid.observation import FrfProblem
+from structid.parameters import term_name
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.identification import structure_modes
-from structid.study.run import started
+from structid.study.identification import Setup, structure_modes, titles
+from structid.study.run import Start, started
+from structid.study.search import by_name
 from structid.study.study import Study
+from structid.study.time_fit import target
 
 
 @dataclass(frozen=True)
@@ -66,13 +69,18 @@ class CheckResult:
     ----------
     study : Study
     record : FrfRecord
-        The lines in the band.
+        The lines in the band, of the first record.
     n_lines_total : int
         Lines of the whole record.
     channels : tuple of ChannelCheck
     modes : tuple of ModeCheck
+        Of the first set-up.
     identifiability : Identifiability
         Rank, condition and undetermined directions at the initial values, from the data alone.
+    names, units : tuple of str
+        Of the parameters of the structure, then those of the records' channels.
+    start, sizes : (n_params,) float arrays
+        Initial value of each, and what its standard deviation is held against.
     std : (n_params,) float array
         Predicted standard deviation of each parameter: the Cramer-Rao bound at the initial values, with the noise
         (and model error) of the study and its priors; NaN where the data do not determine it.
@@ -87,6 +95,10 @@ class CheckResult:
     channels: tuple[ChannelCheck, ...]
     modes: tuple[ModeCheck, ...]
     identifiability: Identifiability
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    start: FloatArray
+    sizes: FloatArray
     std: FloatArray
     total_mass: float
     total_mass_std: float
@@ -95,8 +107,7 @@ class CheckResult:
     @property
     def determined(self) -> bool:
         """Whether data and priors determine every parameter to better than its own size."""
-        start = np.abs(self.study.parameters.start)
-        return bool((self.std <= start).all())
+        return bool((self.std <= self.sizes).all())
 
 
 def check_study(study: Study) -> CheckResult:
@@ -108,35 +119,59 @@ def check_study(study: Study) -> CheckResult:
         As `run_study` would.
     """
     ready = started(study)
-    problem, record = ready.problem, ready.problem.record
-    theta = study.parameters.theta_start
+    problem, record = (
+        target(ready.problems, [s.time for s in ready.setups], study.options.exclude),
+        ready.problem.record,
+    )
+    theta = np.asarray(problem.theta_start)
     at = problem.linearize(theta)
     covariance = cramer_rao_bound(problem, at)
+    start = by_name(problem.names, ready.problems, "start")
     found = identifiability(relative_jacobian(problem, theta, at), problem.physical(theta), problem.names)
     values = study.parameters.values(study.parameters.start)
     gradient = study.structure.mass_gradient(study.options.direction) @ study.parameters.design
-    used = gradient != 0
-    modes = _modes(study, values, record)
+    own = np.array([problem.names.index(name) for name in study.parameters.names], dtype=int)[gradient != 0]
+    used = gradient[gradient != 0]
+    checked = [_modes(setup, part.record, study.options.n_modes) for setup, part in _pairs(ready)]
+    names = [f"{title}: " if len(checked) > 1 else "" for title in titles(ready.setups)]
     return CheckResult(
         study=study,
         record=record,
         n_lines_total=len(ready.record.frequency),
-        channels=_channels(study.structure, record),
-        modes=modes,
+        channels=tuple(
+            replace(channel, channel=name + channel.channel)
+            for name, (setup, part) in zip(names, _pairs(ready), strict=True)
+            for channel in _channels(setup.structure, part.record)
+        ),
+        modes=checked[0],
         identifiability=found,
+        names=problem.names,
+        units=problem.units,
+        start=start,
+        sizes=parameter_sizes(problem, start),
         std=np.sqrt(np.diag(covariance)),
         total_mass=study.structure.mass_of(values, study.options.direction),
-        total_mass_std=float(np.sqrt(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])),
-        warnings=(*ready.unit_warnings, *ready.warnings, *_mode_warnings(modes), *_direction_warnings(found)),
+        total_mass_std=float(np.sqrt(used @ covariance[np.ix_(own, own)] @ used)),
+        warnings=(
+            *ready.unit_warnings,
+            *ready.warnings,
+            *(name + words for name, modes in zip(names, checked, strict=True) for words in _mode_warnings(modes)),
+            *_direction_warnings(found),
+            *_regularization_warnings(study),
+        ),
     )
 
 
-def cramer_rao_bound(problem: FrfProblem, at: Linearization) -> FloatArray:
+def _pairs(ready: Start) -> list[tuple[Setup, FrfProblem]]:
+    return list(zip(ready.setups, ready.problems, strict=True))
+
+
+def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
     """Smallest covariance that an unbiased estimate can have, (n_params, n_params), physical units.
 
     (J'J)^-1 of the whitened Jacobian J with respect to the physical parameters, priors counted as data.
     """
-    slope = problem.slope(problem.theta_start)
+    slope = problem.slope(np.asarray(problem.theta_start))
     return inverse_information(at.jacobian) * np.outer(slope, slope)
 
 
@@ -152,8 +187,9 @@ def _channels(structure: Structure, record: FrfRecord) -> tuple[ChannelCheck, ..
     return tuple(found)
 
 
-def _modes(study: Study, values: FloatArray, record: FrfRecord) -> tuple[ModeCheck, ...]:
-    found = structure_modes(study.structure, values, study.options.n_modes)
+def _modes(setup: Setup, record: FrfRecord, n_modes: int) -> tuple[ModeCheck, ...]:
+    values = setup.parameters.values(setup.parameters.start)
+    found = structure_modes(setup.structure, values, n_modes)
     axis = record.frequency
     checks = []
     for frequency, ratio in zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True):
@@ -173,6 +209,11 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
         " measure with a finer frequency spacing to tell its damping"
         for mode in coarse
     ]
+
+
+def _regularization_warnings(study: Study) -> list[str]:
+    terms = " and ".join(term_name(term) for term in study.options.regularization)
+    return [f"predicted without the {terms} that `identify` will use"] if terms else []
 
 
 def _direction_warnings(found: Identifiability) -> list[str]:

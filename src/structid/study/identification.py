@@ -4,20 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import FloatArray
 from structid.dynamics import Modes, modes
-from structid.estimation import Estimate, Status, estimate
+from structid.errors import InputError
+from structid.estimation import Estimate, Problem, estimate, stage_plans, thinned
 from structid.estimation.estimate import StageProgress
+from structid.estimation.intervals import IntervalKind, intervals
 from structid.estimation.least_squares import LevenbergMarquardt, Method
-from structid.observation import Form, FrfProblem, measures_everything, one_step_values, response
-from structid.parameters import Parameters
+from structid.observation import ChannelUnknown, Form, FrfProblem, channel_errors, measures_everything, one_step_values
+from structid.observation.continuation import START_ERROR
+from structid.observation.frequency_continuation import few_line_plans
+from structid.parameters import Parameters, Regularization
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.study.checks import record_warnings
-from structid.study.resonances import Resonance, resonances
+from structid.study.identified import Identification, RecordFit, Setup
+from structid.study.regularizing import Held, regularization_warnings, regularized, shares
+from structid.study.resonances import resonances
+from structid.study.search import alike, by_name, searched, together
+from structid.study.time_fit import target, time_estimate
+from structid.study.warning_words import estimate_warnings, record_fit_warnings
 
 _RELATIVE_WEIGHT = 0.1
 
@@ -38,9 +48,18 @@ class IdentifyOptions:
         Error of the model as a part of each value's magnitude, added to the noise.
     pole_free_start : bool
         Whether a search on easier forms of the residual comes first, for starts far from the answer.
+    start : {"near", "continuation"}
+        Which way the search comes first: by easier forms of the residual, for initial values that are near, or by
+        continuation from the right half-plane, which carries further (see `continuation_plan`). The other ways
+        follow in `restarts`.
+    start_error : float
+        Expected error of the initial values in the logarithm, for the continuation: 0.5 is a factor of 1.65.
     restarts : int
         How many more searches are tried where the fit does not reach the noise: one by another way from the same
         start, then from random starts about 20 % from it. The best fit is kept.
+    uniqueness_starts : int
+        How many more searches begin at such random starts even where a search fits: a test whether other parameters
+        fit the data as well.
     seed : int
         Of those starts.
     method : Method
@@ -52,6 +71,10 @@ class IdentifyOptions:
     evaluation_band : (float, float), optional
         Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
         does on lines that had no part in the fit.
+    regularization : sequence of Smoothness or Sparsity
+        What holds parameters that the data alone do not determine.
+    intervals : {"laplace", "profile", "bootstrap", "sampling"}
+        How the 95 % interval of each parameter is found, in rising order of cost; see `structid.estimation.intervals`.
     """
 
     band: tuple[float, float] | None = None
@@ -59,65 +82,25 @@ class IdentifyOptions:
     residual: Form = "output"
     model_error: float = 0.0
     pole_free_start: bool = True
+    start: Literal["near", "continuation"] = "near"
+    start_error: float = START_ERROR
     restarts: int = 2
+    uniqueness_starts: int = 0
     seed: int = 0
     method: Method = field(default_factory=LevenbergMarquardt)
     direction: str | None = None
     n_modes: int = 12
     evaluation_band: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """An estimate with what it was made from and what it predicts.
-
-    Attributes
-    ----------
-    problem : FrfProblem
-        Structure, parameters and the lines of the record that were used.
-    measured : FrfRecord
-        The whole record, before the band was cut out.
-    estimate : Estimate
-    predicted_initial, predicted : (n_frequencies, n_outputs, n_inputs) complex arrays
-        The model's FRF at the used lines, with initial and with identified parameters.
-    evaluation : FrfRecord
-        The lines on which the fit is judged.
-    evaluation_initial, evaluation_predicted : (n_evaluated, n_outputs, n_inputs) complex arrays
-        The model's FRF there.
-    modes_initial, modes : Modes
-        Of the initial and of the identified model.
-    resonances : tuple of Resonance
-        Peaks of the evaluated lines, measured beside predicted.
-    total_mass, total_mass_std : float
-        kg; NaN where the structure has no mass property in kg.
-    warnings : tuple of str
-        What the reader should know first.
-    """
-
-    problem: FrfProblem
-    measured: FrfRecord
-    estimate: Estimate
-    predicted_initial: ComplexArray
-    predicted: ComplexArray
-    evaluation: FrfRecord
-    evaluation_initial: ComplexArray
-    evaluation_predicted: ComplexArray
-    modes_initial: Modes
-    modes: Modes
-    resonances: tuple[Resonance, ...]
-    total_mass: float
-    total_mass_std: float
-    warnings: tuple[str, ...]
-
-    @property
-    def relative_error(self) -> FloatArray:
-        """abs(predicted - measured) / abs(measured), (n_evaluated, n_outputs, n_inputs)."""
-        measured = self.evaluation.values
-        return np.abs(self.evaluation_predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)
+    regularization: Sequence[Regularization] = ()
+    intervals: IntervalKind = "laplace"
 
 
 def prepared_problem(
-    structure: Structure, unknown: Parameters, record: FrfRecord, options: IdentifyOptions
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord,
+    options: IdentifyOptions,
+    channel_unknowns: Sequence[ChannelUnknown] = (),
 ) -> tuple[FrfProblem, tuple[str, ...]]:
     """The least-squares problem of the lines that `options` choose, and what is worth a warning about it."""
     used = used_lines(record, options)
@@ -129,7 +112,11 @@ def prepared_problem(
             "the record has no noise level: every line is weighted by its own magnitude, and standard deviations come"
             " from the scatter of the residual"
         )
-    return FrfProblem(structure, unknown, used, options.residual, model_error), tuple(warnings)
+    channels = channel_errors(used, channel_unknowns) if channel_unknowns else None
+    problem = FrfProblem(structure, unknown, used, options.residual, model_error, channels=channels)
+    if options.start == "continuation":
+        problem = replace(problem, start_error=options.start_error)
+    return problem, tuple(warnings)
 
 
 def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
@@ -148,6 +135,7 @@ def identify(
     record: FrfRecord,
     options: IdentifyOptions | None = None,
     progress: StageProgress | None = None,
+    channel_unknowns: Sequence[ChannelUnknown] = (),
 ) -> Identification:
     """Parameters of `structure` from a frequency response record, from any set of sensors.
 
@@ -159,6 +147,8 @@ def identify(
     options : IdentifyOptions, optional
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
+    channel_unknowns : sequence of ChannelUnknown
+        Errors of sensors and loads that are identified too.
 
     Returns
     -------
@@ -169,36 +159,176 @@ def identify(
     ----------
     Norris (1986), chapter 4, with the unmeasured degrees of freedom eliminated.
     """
+    return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
+
+
+def identify_together(
+    setups: Sequence[Setup], options: IdentifyOptions | None = None, progress: StageProgress | None = None
+) -> Identification:
+    """Parameters from several records in one fit: other sensors, loads, supports or added masses of one structure.
+
+    Parameters of the same name are one unknown, errors of channels too: give those a `name` where two records have
+    different sensors at the same place. Such a parameter begins where the first set-up has it; a prior that any of
+    them states counts once.
+
+    Parameters
+    ----------
+    setups : sequence of Setup
+        Whose noise is independent.
+    options : IdentifyOptions, optional
+        For all records alike.
+    progress : callable, optional
+        Called with the stage's name, the iteration and the sum of squares.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    InputError
+        If a shared parameter is declared differently in two set-ups, or a record cannot be used.
+    """
     chosen = options or IdentifyOptions()
-    problem, warnings = prepared_problem(structure, unknown, record, chosen)
-    if measures_everything(structure, problem.record):
-        problem = _started_by_one_step(problem)
-    plans = problem.stage_plans() if chosen.pole_free_start else ()
-    found = estimate(problem, chosen.method, plans, restarts=chosen.restarts, seed=chosen.seed, progress=progress)
-    found = replace(found, initial=unknown.start)
-    judged = record.band(*chosen.evaluation_band) if chosen.evaluation_band else problem.record
-    judge = response(structure, unknown, judged)
-    judged_prediction = judge.values_at(found.values)
-    values = unknown.values(found.values)
-    gradient = structure.mass_gradient(chosen.direction) @ unknown.design
-    return Identification(
-        problem=problem,
-        measured=record,
-        estimate=found,
-        predicted_initial=problem.predicted(unknown.theta_start),
-        predicted=problem.predicted(found.theta),
-        evaluation=judged,
-        evaluation_initial=judge.values_at(unknown.start),
-        evaluation_predicted=judged_prediction,
-        modes_initial=structure_modes(structure, unknown.values(unknown.start), chosen.n_modes),
-        modes=structure_modes(structure, values, chosen.n_modes),
-        resonances=resonances(judged, judged_prediction),
-        total_mass=structure.mass_of(values, chosen.direction),
-        total_mass_std=float(np.sqrt(gradient @ np.nan_to_num(found.covariance) @ gradient))
-        if np.isfinite(found.covariance[np.ix_(gradient != 0, gradient != 0)]).all()
-        else float("nan"),
-        warnings=(*warnings, *_estimate_warnings(found)),
+    if not setups:
+        raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
+    pairs = [prepared_problem(s.structure, s.parameters, s.record, chosen, s.channel_unknowns) for s in setups]
+    problems = alike([problem for problem, _ in pairs])
+    initial = problems
+    if (
+        len(problems) == 1
+        and setups[0].time is None
+        and problems[0].channels is None
+        and measures_everything(setups[0].structure, problems[0].record)
+    ):
+        problems = (_started_by_one_step(problems[0]),)
+
+    answer = _searched(setups, problems, chosen, progress)
+    found, problems = (
+        replace(answer.estimate, initial=by_name(answer.estimate.names, initial, "start")),
+        answer.problems,
     )
+    if found.residual_tests is not None and not any(setup.time for setup in setups):
+        found = replace(found, residual_tests=found.residual_tests.named(_channel_names(titles(setups), problems)))
+    ends = intervals(answer.target or problems[0], found, chosen.intervals, seed=chosen.seed)
+    fits = tuple(
+        _fit(title, setup, problem, found, chosen)
+        for title, setup, problem in zip(titles(setups), setups, problems, strict=True)
+    )
+    mass, std = _total_mass(fits[0], found, chosen.direction)
+    warnings = record_fit_warnings(fits, [own for _, own in pairs])
+    prior_mean, prior_std = (by_name(found.names, problems, field) for field in ("prior_mean", "prior_std"))
+    share = np.zeros(len(found.names)) if answer.target is None else shares(answer.target, found)
+    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
+    return Identification(found, fits, prior_mean, prior_std, mass, std, tuple(warnings), answer.held, share, ends)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """What a search gave: the estimate, each record's FRF problem, and the problem that was solved, if one of many rows."""
+
+    estimate: Estimate
+    problems: tuple[FrfProblem, ...]
+    target: Problem | None
+    held: tuple[Held, ...]
+
+
+def _searched(
+    setups: Sequence[Setup], problems: tuple[FrfProblem, ...], options: IdentifyOptions, progress: StageProgress | None
+) -> _Answer:
+    """The search that the set-ups ask for: over FRFs, finite spectra, or time histories."""
+
+    def search(problem: Problem) -> Estimate:
+        plans = few_line_plans(problem, stage_plans(problem)) if options.pole_free_start else ()
+        return estimate(
+            problem,
+            options.method,
+            plans,
+            restarts=options.restarts,
+            seed=options.seed,
+            progress=progress,
+            sample=thinned(problem),
+            uniqueness_starts=options.uniqueness_starts,
+        )
+
+    fits = [setup.time for setup in setups]
+    first = fits[0]
+    if first is not None and first.fit != "spectra":
+        if (
+            len(setups) > 1
+            or options.regularization
+            or options.intervals != "laplace"
+            or options.band
+            or options.exclude
+        ):
+            raise InputError(
+                f"fit {first.fit!r} takes one record, all of it, without regularization and with Laplace intervals;"
+                " use fit 'spectra' for more"
+            )
+        return _Answer(time_estimate(problems[0], first, options.restarts, options.seed), problems, None, ())
+    if any(fit is not None for fit in fits):
+        if options.regularization or any(fit is not None and fit.fit != "spectra" for fit in fits):
+            raise InputError("several records, and regularization, go with fit 'spectra' and with FRFs only")
+        aim = target(problems, fits, options.exclude)
+        return _Answer(search(aim), problems, aim, ())
+    problems, held = regularized(problems, options.regularization, options.method, options.pole_free_start)
+    found, problems = searched(problems, search)
+    return _Answer(found, problems, together(problems), held)
+
+
+def _channel_names(records: Sequence[str], problems: Sequence[FrfProblem]) -> list[str]:
+    """Sensor of every channel, with its load and record where there are several: as a residual's series are ordered."""
+    names = []
+    for title, problem in zip(records, problems, strict=True):
+        record = problem.record
+        first = f"{title}: " if len(problems) > 1 else ""
+        loads = [f"/{load}" if len(record.inputs) > 1 else "" for load in record.inputs]
+        names += [f"{first}{output}{load}" for output in record.outputs for load in loads]
+    return names
+
+
+def titles(setups: Sequence[Setup]) -> list[str]:
+    """What reports call each record: its name, or its number."""
+    return [setup.name or f"record {number}" for number, setup in enumerate(setups, 1)]
+
+
+def _fit(title: str, setup: Setup, problem: FrfProblem, found: Estimate, options: IdentifyOptions) -> RecordFit:
+    """The whole answer seen from one record."""
+    theta, final, start = (
+        np.array([dict(zip(found.names, values, strict=True))[name] for name in problem.names])
+        for values in (found.theta, found.values, found.initial)
+    )
+    structure, unknown, n = problem.structure, setup.parameters, setup.parameters.n_params
+    judged = setup.record.band(*options.evaluation_band) if options.evaluation_band else problem.record
+    judged_prediction = problem.predicted_on(judged, final)
+    theta_start = np.concatenate([unknown.transforms.free(start[:n]), problem.theta_start[n:]])
+    return RecordFit(
+        name=title,
+        problem=problem,
+        theta=theta,
+        measured=setup.record,
+        predicted_initial=problem.predicted(theta_start),
+        predicted=problem.predicted(theta),
+        evaluation=judged,
+        evaluation_initial=problem.predicted_on(judged, start),
+        evaluation_predicted=judged_prediction,
+        modes_initial=structure_modes(structure, unknown.values(start[:n]), options.n_modes),
+        modes=structure_modes(structure, unknown.values(final[:n]), options.n_modes),
+        resonances=resonances(judged, judged_prediction),
+        time=setup.time,
+    )
+
+
+def _total_mass(fit: RecordFit, found: Estimate, direction: str | None) -> tuple[float, float]:
+    """Total mass of the first set-up's structure and its standard deviation, kg."""
+    structure, unknown = fit.problem.structure, fit.problem.parameters
+    index = np.array([found.names.index(name) for name in unknown.names])
+    gradient = structure.mass_gradient(direction) @ unknown.design
+    covariance, used = found.covariance[np.ix_(index, index)], gradient != 0
+    mass = structure.mass_of(unknown.values(found.values[index]), direction)
+    if not np.isfinite(covariance[np.ix_(used, used)]).all():
+        return mass, float("nan")
+    return mass, float(np.sqrt(gradient @ np.nan_to_num(covariance) @ gradient))
 
 
 def _started_by_one_step(problem: FrfProblem) -> FrfProblem:
@@ -215,25 +345,3 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
     return modes(mass, stiffness, damping, structural, n_modes)
-
-
-def _estimate_warnings(found: Estimate) -> tuple[str, ...]:
-    warnings = []
-    if found.status is not Status.CONVERGED:
-        warnings.append(f"{found.status.words} ({found.message})")
-    warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
-    for name, identified in zip(found.names, found.identified, strict=True):
-        if not identified:
-            warnings.append(f"{name} is not identified: its standard deviation is larger than its value")
-    if found.n_agreeing < found.n_starts:
-        warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
-            " there may be a better one still; start closer, or try more `restarts`"
-        )
-    if found.covariance_basis == "model_error":
-        warnings.append(
-            f"the model does not fit to within the stated errors (chi-square per degree of freedom"
-            f" {found.chi_square_per_dof:.3g}, residual correlated over {found.residual_correlation:.0f} lines):"
-            " standard deviations are those that carry model error"
-        )
-    return tuple(warnings)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from structid.estimation import GaussNewton, LevenbergMarquardt
+from structid.estimation.intervals import INTERVAL_KINDS
 from structid.study.identification import IdentifyOptions
-from structid.study.section import BOOLEAN, COUNT, INTEGER, NOT_NEGATIVE, RANGE, RANGES, Section, choice
+from structid.study.section import BOOLEAN, COUNT, INTEGER, NOT_NEGATIVE, POSITIVE, RANGE, RANGES, Section, choice
 
 _SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
 _KINDS = {
@@ -14,12 +15,16 @@ _KINDS = {
     "residual": choice("output", "log", "pole_free"),
     "model_error": NOT_NEGATIVE,
     "pole_free_start": BOOLEAN,
+    "start": choice("near", "continuation"),
+    "start_error": POSITIVE,
     "restarts": INTEGER,
+    "uniqueness_starts": INTEGER,
     "seed": INTEGER,
     "search": choice(*_SEARCHES),
     "max_iterations": COUNT,
     "total_mass_direction": choice("X", "Y", "Z"),
     "n_modes": COUNT,
+    "intervals": choice(*INTERVAL_KINDS),
 }
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
 from structid.errors import InputError
 from structid.parameters import Parameters, Prior, Unknown, parameters
 from structid.structure import Structure
-from structid.study.section import BOOLEAN, NUMBER, POSITIVE, RANGE, TEXT, TEXTS, Section
+from structid.study.section import BOOLEAN, NUMBER, POSITIVE, RANGE, TEXT, TEXTS, Section, as_list, choice
 
 _KINDS = {
     "property": TEXT,
@@ -25,21 +26,28 @@ _KINDS = {
 }
 
 
-def read_parameters(root: Section, structure: Structure) -> Parameters:
-    """The parameters that the ``[[unknown]]`` tables declare on `structure`."""
+def read_parameters(root: Section, structure: Structure, known: Collection[str] = ()) -> Parameters:
+    """The parameters that the ``[[unknown]]`` tables declare on `structure`.
+
+    Element sets among `known`, those of a study's other set-ups, may be missing from `structure`; what is declared on
+    them alone is then no parameter of it.
+    """
     entries = root.sections("unknown")
     if not entries:
         raise root.error(
             "the study has no parameter to identify; add [[unknown]] tables with `property` and `elements`,"
             ' as in property = "mass", elements = "plate 1"'
         )
-    unknowns = [_unknown(entry) for entry in entries]
+    pairs = [(entry, _present(_unknown(entry), structure, known)) for entry in entries]
+    entries, unknowns = [e for e, u in pairs if u is not None], [u for _, u in pairs if u is not None]
     try:
         made = parameters(structure, unknowns)
     except InputError as error:
         raise entries[_culprit(structure, unknowns)].error(str(error)) from error
     if made.n_params == 0:
-        raise entries[0].error("every parameter is fixed or tied, so there is none to identify; free at least one")
+        raise (entries or [root])[0].error(
+            "every parameter is fixed or tied, so there is none to identify; free at least one"
+        )
     return made
 
 
@@ -47,10 +55,34 @@ def _unknown(entry: Section) -> Unknown:
     given: dict[str, Any] = entry.values(_KINDS, ("property", "elements"), ("prior",))
     prior = entry.section("prior")
     if prior is not None:
-        given["prior"] = Prior(**prior.values({"mean": NUMBER, "std": POSITIVE}, ("mean", "std")))
+        given["prior"] = read_prior(prior)
     if "bounds" in given:
         given["bounds"] = (given["bounds"][0], given["bounds"][1])
     return Unknown(**given)
+
+
+def read_prior(entry: Section) -> Prior:
+    """The prior that a ``prior`` table states."""
+    kinds = {"mean": NUMBER, "std": POSITIVE, "relative_std": POSITIVE, "kind": choice("normal", "lognormal")}
+    stated: dict[str, Any] = entry.values(kinds, ("mean",))
+    relative = stated.pop("relative_std", None)
+    if (relative is None) == ("std" not in stated):
+        raise entry.error("must have either `std` or `relative_std`; add one of them")
+    if relative is not None:
+        stated["std"] = relative * abs(stated["mean"])
+    return Prior(**stated)
+
+
+def _present(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:
+    """The same declaration on the element sets that `structure` has; None where it has none of them."""
+    own = {element.name for element in structure.elements}
+    absent = set(known) - own
+    texts = as_list(unknown.elements)
+    kept = [text for text in texts if text not in absent and (text in own or text.rpartition(":")[0] not in absent)]
+    if len(kept) == len(texts):
+        return unknown
+    name = unknown.name if unknown.each else unknown.name or ", ".join(texts)
+    return replace(unknown, elements=tuple(kept), name=name) if kept else None
 
 
 def _culprit(structure: Structure, unknowns: list[Unknown]) -> int:

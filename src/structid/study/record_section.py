@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from structid.dof import Dof, parse_dofs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import ReadOptions, read_record
@@ -24,7 +26,11 @@ from structid.study.section import (
     Section,
     as_list,
 )
+from structid.study.time_fit import TimeFit
+from structid.study.time_section import TimeSource, read_time
 
+#: A time record that is fitted itself is cut into so many segments for the FRFs that show the fit.
+_SEGMENTS = 4
 _BY_ANNOTATION = {
     "float | None": POSITIVE,
     "float": NUMBER,
@@ -72,6 +78,10 @@ class RecordSource:
     noise : NoiseSource
     frf : FrfSettings, optional
         How time histories become frequency response functions.
+    window_decay : float, optional
+        Known decay of an exponential window, 1/s: the FRF is H at s = decay + i omega.
+    time : TimeSource, optional
+        How time histories are fitted themselves; their FRFs then only show the fit.
     """
 
     section: Section
@@ -80,6 +90,8 @@ class RecordSource:
     channels_used: tuple[Dof, ...]
     noise: NoiseSource
     frf: FrfSettings | None
+    window_decay: float | None = None
+    time: TimeSource | None = None
 
 
 def _kinds_of(settings: type) -> Mapping[str, Kind]:
@@ -90,7 +102,8 @@ def _kinds_of(settings: type) -> Mapping[str, Kind]:
 def read_source(section: Section, files: InputFiles) -> RecordSource:
     """The source that ``[record]`` describes, its files found but not read."""
     kinds = {"path": TEXT, "repeats": TEXTS, "channels_used": TEXTS, **_kinds_of(ReadOptions)}
-    given = section.values(kinds, others=("noise", "frf"))
+    kinds["window_decay"] = POSITIVE
+    given = section.values(kinds, others=("name", "noise", "frf", "time", "channel_error", "structure"))
     if ("path" in given) == ("repeats" in given):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
     key = "path" if "path" in given else "repeats"
@@ -102,7 +115,7 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
     with section.located("channels_used"):
         used = parse_dofs(as_list(given.get("channels_used", [])))
     frf = None
-    inner = section.section("frf")
+    inner, timed = section.section("frf"), section.section("time")
     if inner is not None:
         ends = {end: tuple(as_list(given.pop(end, []))) for end in ("inputs", "outputs")}
         frf = read_frf(inner, ends["inputs"], ends["outputs"])
@@ -110,7 +123,8 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
     with section.located():
         options = ReadOptions(**{name: _frozen(value) for name, value in given.items() if name in own})
     averaged = key == "repeats" and frf is None
-    return RecordSource(section, paths, options, used, _noise(section, averaged), frf)
+    time = None if timed is None else read_time(timed)
+    return RecordSource(section, paths, options, used, _noise(section, averaged), frf, given.get("window_decay"), time)
 
 
 def _frozen(value: Any) -> Any:
@@ -134,7 +148,12 @@ def _noise(section: Section, repeats: bool) -> NoiseSource:
 
 
 def load_record(source: RecordSource) -> FrfRecord:
-    """The record, its noise and its used sensors chosen.
+    """The record, its noise and its used sensors chosen; see `load_histories`."""
+    return load_histories(source)[0]
+
+
+def load_histories(source: RecordSource) -> tuple[FrfRecord, TimeFit | None]:
+    """The record, its noise and its used sensors chosen, and the histories that are fitted in its place.
 
     Raises
     ------
@@ -147,10 +166,20 @@ def load_record(source: RecordSource) -> FrfRecord:
         records = [read_record(path, source.options) for path in source.paths]
         named = [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
         record = _as_frf(named, source)
+        time = None if source.time is None else _as_time(named, source.time)
     with (section.section("noise") or section).located():
         record = _with_noise(record, source.noise)
+    if source.window_decay is not None:
+        record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
     with section.located("channels_used"):
-        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
+        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record, time
+
+
+def _as_time(records: list[FrfRecord | TimeRecord], source: TimeSource) -> TimeFit:
+    histories = [record for record in records if isinstance(record, TimeRecord)]
+    if not histories:
+        raise source.section.error("the record holds frequency response functions; leave this section out")
+    return source.fit(histories)
 
 
 def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
@@ -160,11 +189,16 @@ def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfR
     if responses and histories:
         raise source.section.error("some files hold time histories and some frequency response functions", "repeats")
     if histories:
-        if source.frf is None:
+        settings = source.frf
+        if settings is None and source.time is not None:
+            length = max(len(histories[0].values) // _SEGMENTS, 1)
+            settings = FrfSettings(source.section, (), (), {"estimator": "Hv", "segment_length": length})
+        if settings is None:
             raise source.section.error(
-                'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048'
+                "the record holds time histories; add [record.frf], as in estimator = \"H1\", segment_length = 2048, or"
+                " [record.time] to fit them as they are"
             )
-        return spectral_frf(histories, source.frf)
+        return spectral_frf(histories, settings)
     if source.frf is not None:
         raise source.frf.section.error("the record holds frequency response functions already; leave this section out")
     return responses[0] if len(responses) == 1 else from_repeats(responses)

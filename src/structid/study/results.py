@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import FileError
+from structid.study.identified import Identification
 from structid.study.result import StudyResult, correlation
 from structid.study.results_hdf5 import hdf5_bytes
 
@@ -22,10 +23,11 @@ _REPORT = "report.html"
 
 
 @contextmanager
-def staged_folder(folder: str | Path) -> Iterator[Path]:
+def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     """A temporary folder beside `folder`, whose files move into `folder` when the block ends without an error.
 
-    On any error the temporary folder is removed, and a folder already there stays as it was.
+    On any error the temporary folder is removed, and a folder already there stays as it was. An old `page` there goes
+    where the block writes no new one.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def staged_folder(folder: str | Path) -> Iterator[Path]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary.mkdir()
         yield temporary
-        _move(temporary, folder)
+        _move(temporary, folder, page)
     except FileError as error:
         raise FileError(str(error).replace(str(temporary), str(folder))) from error
     except OSError as error:
@@ -52,13 +54,13 @@ def staged_folder(folder: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _move(temporary: Path, folder: Path) -> None:
+def _move(temporary: Path, folder: Path, page: str) -> None:
     """The whole folder at once where there was none, file by file where there was one."""
     if not folder.exists():
         temporary.rename(folder)
         return
-    if not (temporary / _REPORT).exists():
-        (folder / _REPORT).unlink(missing_ok=True)  # it would tell of another run
+    if not (temporary / page).exists():
+        (folder / page).unlink(missing_ok=True)  # it would tell of another run
     for path in sorted(temporary.rglob("*")):
         target = folder / path.relative_to(temporary)
         if path.is_dir():
@@ -117,12 +119,27 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "n_iterations": estimate.n_iterations,
         "n_starts": estimate.n_starts,
         "n_agreeing_starts": estimate.n_agreeing,
-        "fit": _fit(result),
+        "fit": _fit(found),
+        **_records(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "parameters": _parameters(result),
+        "regularization": [
+            {
+                "name": item.name,
+                "rule": item.rule,
+                "strengths": item.strengths,
+                "text": item.words,
+                "settled": item.converged,
+            }
+            for item in found.held
+        ],
         "unidentifiable_directions": [
             {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
             for item in identifiability.directions
+        ],
+        "collinear_groups": [
+            {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
+            for g in identifiability.groups
         ],
         "correlation": correlation(estimate.covariance),
         "modes": [
@@ -130,14 +147,28 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
             for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
         ],
         "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
+        "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
+        "intervals": None
+        if found.intervals is None
+        else {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
         "provenance": asdict(result.provenance),
     }
 
 
-def _fit(result: StudyResult) -> dict[str, Any]:
-    """How well the identified model does on the lines of the evaluation band."""
-    found = result.identification
+def _records(found: Identification) -> dict[str, Any]:
+    """The fit of each record where there are several, and the polarities that the data decided."""
+    several = [
+        {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **_fit(found.seen_from(k))}
+        for k, fit in enumerate(found.fits)
+    ]
+    if len(several) > 1:
+        return {"records": several}
+    return {"polarities": found.fits[0].polarities} if found.fits[0].polarities else {}
+
+
+def _fit(found: Identification) -> dict[str, Any]:
+    """How well the identified model does on the lines of the first record's evaluation band."""
     error, record, fitted = found.relative_error, found.evaluation, found.problem.record
     channels = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
@@ -158,22 +189,27 @@ def _fit(result: StudyResult) -> dict[str, Any]:
 
 
 def _parameters(result: StudyResult) -> list[dict[str, Any]]:
-    found, unknown = result.identification.estimate, result.identification.problem.parameters
+    identification, found = result.identification, result.identification.estimate
+    parts = [fit.problem.parameters for fit in identification.fits]
+    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+    elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     return [
         {
             "name": name,
             "kind": found.kinds[i],
             "property": name.split("[")[0],
-            "elements": unknown.elements[i],
+            "elements": elements.get(name, ()),
             "unit": found.units[i],
             "value": found.values[i],
             "std": found.std[i],
             "std_noise": found.std_noise[i],
             "std_model_error": found.std_model_error[i],
-            "initial": result.study.parameters.start[i],
+            "interval_95": ends[i],
+            "initial": found.initial[i],
             "identified": bool(found.identified[i]),
-            "prior_mean": unknown.prior_mean[i],
-            "prior_std": unknown.prior_std[i],
+            "prior_mean": identification.prior_mean[i],
+            "prior_std": identification.prior_std[i],
+            "prior_share": math.nan if identification.prior_share is None else identification.prior_share[i],
         }
         for i, name in enumerate(found.names)
     ]

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from structid.dynamics import Modes
+from structid.study.identified import Identification
 from structid.study.result import StudyResult, correlation
 
 
 def hdf5_bytes(result: StudyResult) -> bytes:
     """The content of estimate.h5.
 
-    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``; units are attributes. It is made in
-    memory, so that a full disk shows as an ordinary error when the bytes are written.
+    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in ``record_2``
+    and so on for further records; units are attributes. It is made in memory, so that a full disk shows as an ordinary
+    error when the bytes are written.
     """
     import h5py  # so that `import structid` stays light
 
@@ -25,12 +27,21 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
         _parameters(file.create_group("parameters"), result)
-        _frf(file.create_group("frf"), result)
-        _evaluation(file.create_group("evaluation"), result)
         found = result.identification
-        _modes(file.create_group("modes"), found.modes, result)
-        _modes(file.create_group("modes_initial"), found.modes_initial, result)
+        _record(file, found)
+        for number in range(1, len(found.fits)):
+            group = file.create_group(f"record_{number + 1}", track_order=True)
+            group.attrs["name"] = found.fits[number].name
+            _record(group, found.seen_from(number))
     return buffer.getvalue()
+
+
+def _record(group: Any, found: Identification) -> None:
+    """What belongs to one record."""
+    _frf(group.create_group("frf"), found)
+    _evaluation(group.create_group("evaluation"), found)
+    _modes(group.create_group("modes"), found.modes, found)
+    _modes(group.create_group("modes_initial"), found.modes_initial, found)
 
 
 def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
@@ -51,7 +62,7 @@ def _parameters(group: Any, result: StudyResult) -> None:
     _texts(group, "kinds", found.kinds)
     _texts(group, "units", found.units)
     note = "as in units, one a parameter"
-    _put(group, "initial", result.study.parameters.start, note)
+    _put(group, "initial", found.initial, note)
     _put(group, "values", found.values, note)
     _put(group, "std", found.std, note)
     _put(group, "covariance_noise", found.covariance_noise, "products of units")
@@ -65,8 +76,7 @@ def _parameters(group: Any, result: StudyResult) -> None:
     _put(group, "history", found.history, note)
 
 
-def _frf(group: Any, result: StudyResult) -> None:
-    found = result.identification
+def _frf(group: Any, found: Identification) -> None:
     record = found.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
@@ -83,9 +93,8 @@ def _frf(group: Any, result: StudyResult) -> None:
         _put(group, "coherence", record.coherence, "1")
 
 
-def _evaluation(group: Any, result: StudyResult) -> None:
+def _evaluation(group: Any, found: Identification) -> None:
     """The lines on which the fit is judged, which may be more than were fitted."""
-    found = result.identification
     unit = found.evaluation.unit
     _put(group, "frequency", found.evaluation.frequency, "Hz")
     _put(group, "measured", found.evaluation.values, unit)
@@ -94,8 +103,8 @@ def _evaluation(group: Any, result: StudyResult) -> None:
     _put(group, "relative_error", found.relative_error, "1")
 
 
-def _modes(group: Any, modes: Modes, result: StudyResult) -> None:
-    _texts(group, "dofs", result.study.structure.dofs)
+def _modes(group: Any, modes: Modes, found: Identification) -> None:
+    _texts(group, "dofs", found.problem.structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")
     _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")

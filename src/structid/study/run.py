@@ -14,10 +14,19 @@ from structid.estimation.estimate import StageProgress
 from structid.observation import FrfProblem
 from structid.records import FrfRecord
 from structid.study.checks import require_sound_model, unit_warnings
-from structid.study.identification import Identification, identify, prepared_problem, used_lines
-from structid.study.record_section import load_record
+from structid.study.identification import (
+    Identification,
+    Setup,
+    identify_together,
+    prepared_problem,
+    titles,
+    used_lines,
+)
+from structid.study.record_section import load_histories
 from structid.study.result import StudyResult, provenance
+from structid.study.search import alike, together
 from structid.study.section import Section
+from structid.study.setup_section import SetupSource
 from structid.study.study import Study, load_study
 
 __all__ = ["SearchFailedError", "Start", "load_study", "run_study", "started"]
@@ -29,16 +38,16 @@ class SearchFailedError(StructidError):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A study with its record, ready for a search.
+    """A study with its records, ready for a search.
 
     Attributes
     ----------
     study : Study
-    record : FrfRecord
-        All lines.
-    problem : FrfProblem
-        Of the lines in the band.
-    predicted : complex array
+    setups : tuple of Setup
+        With all lines of their records.
+    problems : tuple of FrfProblem
+        Of the lines in the band, one a record.
+    predicted : tuple of complex arrays
         The initial model's FRF at those lines.
     warnings : tuple of str
     unit_warnings : tuple of str
@@ -46,45 +55,82 @@ class Start:
     """
 
     study: Study
-    record: FrfRecord
-    problem: FrfProblem
-    predicted: ComplexArray
+    setups: tuple[Setup, ...]
+    problems: tuple[FrfProblem, ...]
+    predicted: tuple[ComplexArray, ...]
     warnings: tuple[str, ...]
     unit_warnings: tuple[str, ...]
 
+    @property
+    def record(self) -> FrfRecord:
+        """The first record, all lines."""
+        return self.setups[0].record
+
+    @property
+    def problem(self) -> FrfProblem:
+        """Of the first record."""
+        return self.problems[0]
+
 
 def started(study: Study) -> Start:
-    """The study's record read and compared with its initial model.
+    """The study's records read and compared with their initial models.
 
     Raises
     ------
     InputError
-        If the record, the sensors or the band cannot be used; with the place in the study file.
+        If a record, its sensors or the band cannot be used, or set-ups contradict each other; with the place in the
+        study file.
     SingularModelError
-        If the initial model has a mechanism; with the place of the structure.
+        If an initial model has a mechanism; with the place of the structure.
     """
-    record = load_record(study.record)
-    section = study.record.section
+    setups = tuple(_loaded(study, source) for source in study.setups)
+    problems, predicted, warnings, units = [], [], [], []
+    for title, setup, source in zip(titles(setups), setups, study.setups, strict=True):
+        problem, own = _prepared(study, source, setup)
+        prefix = f"{title}: " if len(setups) > 1 else ""
+        problems.append(problem)
+        predicted.append(_initial(study, source, problem))
+        warnings += [prefix + warning for warning in own]
+        units += [prefix + warning for warning in unit_warnings(problem.record, predicted[-1])]
+    with study.root.located():
+        same = alike(problems)
+        together(same)
+    return Start(study, setups, same, tuple(predicted), tuple(warnings), tuple(units))
+
+
+def _loaded(study: Study, source: SetupSource) -> Setup:
+    record, time = load_histories(source.record)
+    section = source.section
     for key, dofs in (("outputs", record.outputs), ("inputs", record.inputs)):
         with section.located(_channel_key(section, key)):
-            study.structure.selection(dofs)
+            source.structure.selection(dofs)
+    source.require_channels(record)
+    return Setup(source.structure, source.parameters, record, source.channel_unknowns, source.name, time)
+
+
+def _prepared(study: Study, source: SetupSource, setup: Setup) -> tuple[FrfProblem, tuple[str, ...]]:
+    """The problem of one record, its model looked at first."""
     method = study.section("method")
     with method.located("band" if "band" in method.table else None):
-        used = used_lines(record, study.options)
+        used = used_lines(setup.record, study.options)
     with method.located("evaluation_band"):
-        judged = record.band(*study.options.evaluation_band) if study.options.evaluation_band else used
-    values = study.parameters.values(study.parameters.start)
+        judged = setup.record.band(*study.options.evaluation_band) if study.options.evaluation_band else used
+    values = setup.parameters.values(setup.parameters.start)
     with _placed_mechanism(study.section("structure")):
-        require_sound_model(study.structure, values, min(used.frequency[0], judged.frequency[0]))
-    with section.located():
-        problem, warnings = prepared_problem(study.structure, study.parameters, record, study.options)
-    with _placed_mechanism(study.section("structure")), section.located():
-        predicted = problem.predicted(study.parameters.theta_start)
+        require_sound_model(setup.structure, values, min(used.frequency[0], judged.frequency[0]))
+    with source.section.located():
+        return prepared_problem(setup.structure, setup.parameters, setup.record, study.options, setup.channel_unknowns)
+
+
+def _initial(study: Study, source: SetupSource, problem: FrfProblem) -> ComplexArray:
+    """The initial model's FRF."""
+    with _placed_mechanism(study.section("structure")), source.section.located():
+        predicted = problem.predicted(problem.theta_start)
     if not np.isfinite(predicted).all():
         raise study.section("structure").error(
             "the initial model's response is not finite; check its masses, stiffnesses and supports"
         )
-    return Start(study, record, problem, predicted, warnings, unit_warnings(problem.record, predicted))
+    return predicted
 
 
 def _channel_key(section: Section, key: str) -> str:
@@ -128,7 +174,7 @@ def run_study(study: Study, progress: StageProgress | None = None) -> StudyResul
     """
     ready = started(study)
     try:
-        found = identify(study.structure, study.parameters, ready.record, study.options, progress)
+        found = identify_together(ready.setups, study.options, progress)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"

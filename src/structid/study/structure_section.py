@@ -32,6 +32,9 @@ from structid.study.section import (
 )
 
 Positions = dict[int, list[float]]
+Elements = list[tuple[Section, ElementSet]]
+Ties = list[tuple[Section, Tie]]
+Parts = tuple[Elements, Ties, list[Dof]]
 
 _KINDS = {
     "name": TEXT,
@@ -50,7 +53,7 @@ _DOF_KEYS = ("first", "second", "measured_by")
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
 
 
-def read_structure(section: Section, files: InputFiles) -> Structure:
+def read_structure(section: Section, files: InputFiles, changes: Section | None = None) -> Structure:
     """The structure that `section` describes.
 
     Parameters
@@ -59,6 +62,9 @@ def read_structure(section: Section, files: InputFiles) -> Structure:
         ``[structure]``.
     files : InputFiles
         Takes note of the matrix files read.
+    changes : Section, optional
+        ``[record.structure]``: element sets, nodes and ties that one set-up has beside, what it is `without`, and what
+        is `fixed` instead.
     """
     plain = {"active": TEXTS, "fixed": TEXTS}
     tables = ("nodes", "matrices", "matrix_group", *ELEMENT_TYPES, "rigid_link", "constraint")
@@ -66,13 +72,15 @@ def read_structure(section: Section, files: InputFiles) -> Structure:
     groups = _groups(section, files)
     nodes = _nodes(section, groups)
     entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in section.sections(kind)]
-    elements: list[tuple[Section, ElementSet]] = [(entry, _element(entry, kind, nodes)) for entry, kind in entries]
+    elements: Elements = [(entry, _element(entry, kind, nodes)) for entry, kind in entries]
     elements.extend(groups)
     if not elements:
         kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
     ties = [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in section.sections(key)]
     fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(section, text, nodes)]
+    if changes is not None:
+        elements, ties, fixed = _changed(changes, nodes, elements, ties, fixed)
     active = as_list(given["active"]) if "active" in given else None
     try:
         structure = Structure(nodes, [element for _, element in elements], fixed, [tie for _, tie in ties], active)
@@ -83,9 +91,36 @@ def read_structure(section: Section, files: InputFiles) -> Structure:
     return structure
 
 
-def _placed(
-    section: Section, message: str, elements: list[tuple[Section, ElementSet]], ties: list[tuple[Section, Tie]]
-) -> InputError:
+def _changed(changes: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof]) -> Parts:
+    """What one set-up makes of the structure; its own nodes are added to `nodes`."""
+    tables = ("nodes", *ELEMENT_TYPES, "rigid_link", "constraint")
+    given = changes.values({"fixed": TEXTS, "without": TEXTS}, others=tables)
+    names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
+    absent = as_list(given.get("without", []))
+    for name in absent:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1, 0.0)
+            raise changes.error(f"there is no element set or tie {name!r}; the nearest is {near[0]!r}", "without")
+    if changes.section("nodes") is not None:
+        size = len(next(iter(nodes.values())))
+        for label, position in _nodes(changes, []).items():
+            if label in nodes:
+                raise changes.error(
+                    f"node {label} is in [structure.nodes] already; take it out of one of them", "nodes"
+                )
+            if len(position) != size:
+                raise changes.error(f"node {label} must have {size} coordinates like the others", "nodes")
+            nodes[label] = position
+    elements = [pair for pair in elements if pair[1].name not in absent]
+    ties = [pair for pair in ties if pair[1].name not in absent]
+    elements += [(entry, _element(entry, kind, nodes)) for kind in ELEMENT_TYPES for entry in changes.sections(kind)]
+    ties += [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in changes.sections(key)]
+    if "fixed" in given:
+        fixed = [dof for text in as_list(given["fixed"]) for dof in _fixed(changes, text, nodes)]
+    return elements, ties, fixed
+
+
+def _placed(section: Section, message: str, elements: Elements, ties: Ties) -> InputError:
     """The error with the place of the element set or tie that its message names."""
     named = [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
     for entry, name in named:

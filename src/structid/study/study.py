@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ from structid.structure import Structure
 from structid.study.identification import IdentifyOptions
 from structid.study.input_files import InputFiles
 from structid.study.method_section import read_method
-from structid.study.parameters_section import read_parameters
-from structid.study.record_section import RecordSource, read_source
+from structid.study.record_section import RecordSource
+from structid.study.regularization_section import read_regularization
 from structid.study.section import TEXT, Section, StudyError, StudyText
-from structid.study.structure_section import read_structure
+from structid.study.setup_section import SetupSource, read_setups
 from structid.study.toml_lines import toml_lines
 
-_SECTIONS = ("structure", "unknown", "record", "method")
+KNOWN_SECTIONS = ("structure", "unknown", "record", "method", "regularization", "plan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,8 @@ class Study:
     Attributes
     ----------
     title : str
-    structure : Structure
-    parameters : Parameters
-    record : RecordSource
+    setups : tuple of SetupSource
+        One a record: the structure as it was then, its parameters and where the record is.
     options : IdentifyOptions
     root : Section
         The whole file, for the place of errors.
@@ -42,12 +41,25 @@ class Study:
     """
 
     title: str
-    structure: Structure
-    parameters: Parameters
-    record: RecordSource
+    setups: tuple[SetupSource, ...]
     options: IdentifyOptions
     root: Section
     digests: Mapping[str, str]
+
+    @property
+    def structure(self) -> Structure:
+        """Of the first set-up."""
+        return self.setups[0].structure
+
+    @property
+    def parameters(self) -> Parameters:
+        """Of the first set-up."""
+        return self.setups[0].parameters
+
+    @property
+    def record(self) -> RecordSource:
+        """Of the first set-up."""
+        return self.setups[0].record
 
     @property
     def path(self) -> Path:
@@ -63,6 +75,9 @@ class Study:
         """Options with their defaults, as plain values."""
         settings = asdict(self.options)
         settings["search"] = {"type": type(self.options.method).__name__, **settings.pop("method")}
+        settings["regularization"] = [
+            {"kind": type(term).__name__.lower(), **asdict(term)} for term in self.options.regularization
+        ]
         return settings
 
     def section(self, name: str) -> Section:
@@ -81,20 +96,18 @@ def load_study(path: str | Path) -> Study:
     """
     source = read_study_text(path)
     root = Section(source, (), tomllib.loads(source.text))
-    given = root.values({"title": TEXT}, others=_SECTIONS)
-    sections = {}
+    given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
+    structure = root.section("structure")
     for name in ("structure", "record"):
-        found = root.section(name)
-        if found is None:
+        if name not in root.table:
             raise root.error(f"the section [{name}] is missing; add it")
-        sections[name] = found
     files = InputFiles(source.path.parent)
     files.path(source.path.name)
-    structure = read_structure(sections["structure"], files)
-    unknown = read_parameters(root, structure)
-    record = read_source(sections["record"], files)
+    setups = read_setups(root, structure or root, files)
     options = read_method(root.section("method"))
-    return Study(given.get("title", source.path.stem), structure, unknown, record, options, root, files.digests)
+    terms = read_regularization(root, setups[0].structure, setups[0].parameters)
+    options = replace(options, regularization=terms)
+    return Study(given.get("title", source.path.stem), setups, options, root, files.digests)
 
 
 def read_study_text(path: str | Path) -> StudyText:

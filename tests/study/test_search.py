@@ -1,0 +1,72 @@
+"""Polarities: which are tried, and which is kept."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
+from structid.estimation import JointProblem, Status
+from structid.parameters import Unknown
+from structid.records import FrfRecord
+from structid.structure import PointMass, Spring, Structure
+from structid.study.search import searched, together
+
+
+def problem(signs, free=("1X", "2X")):
+    springs = [Spring("link", "1X", "2X", stiffness=50.0), Spring("ground", "1X", stiffness=80.0)]
+    structure = Structure({1: 0.0, 2: 1.0}, [PointMass("m", [1, 2], 1.0), *springs], active=["X"])
+    unknown = parameters(structure, [Unknown("mass", "m")])
+    frequency = np.linspace(0.2, 4.0, 40)
+    record = FrfRecord(frequency, np.ones((40, 2, 1)), ("1X", "2X"), ("2X",), "accelerance")
+    exact = FrfProblem(structure, unknown, with_declared_noise(record, 0.01)).predicted(unknown.theta_start)
+    measured = with_declared_noise(
+        FrfRecord(frequency, exact * np.array(signs)[:, None], ("1X", "2X"), ("2X",), "accelerance"), 0.01
+    )
+    errors = channel_errors(measured, [ChannelUnknown("polarity", dof) for dof in free])
+    return FrfProblem(structure, unknown, measured, channels=errors)
+
+
+def signs_of(problem):
+    parts = problem.problems if isinstance(problem, JointProblem) else (problem,)
+    return tuple(sign for part in parts for sign in part.channels.polarities.tolist())
+
+
+def fake_search(costs, tried):
+    def search(problem):
+        tried.append(signs_of(problem))
+        return SimpleNamespace(
+            names=problem.names,
+            theta=np.array(problem.theta_start),
+            chi_square=costs(tried[-1]),
+            covariance_basis="noise" if costs(tried[-1]) < 1 else "model_error",
+            status=Status.CONVERGED,
+        )
+
+    return search
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_polarities_that_the_initial_model_shows_take_one_search(signs):
+    tried = []
+    _, (found,) = searched((problem(signs),), fake_search(lambda s: 0.5, tried))
+    assert tried == [signs]
+    assert tuple(found.channels.polarities) == signs
+
+
+def test_where_the_fit_misses_every_other_choice_is_tried_and_the_best_kept():
+    tried = []
+    best = (-1.0, 1.0, 1.0)
+    problems = (problem((1, 1)), problem((1, 1), ("2X",)))
+    _, found = searched(problems, fake_search(lambda s: 2.0 if s == best else 9.0, tried))
+    assert tried[0] == (1.0, 1.0, 1.0)
+    assert sorted(tried) == sorted({(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)})
+    assert signs_of(together(found)) == best
+
+
+def test_without_polarities_there_is_one_search():
+    tried = []
+    alone = problem((1, 1), ())
+    _, found = searched((alone,), fake_search(lambda s: 9.0, tried))
+    assert tried == [()]
+    assert found[0] is alone
