@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.estimation.collinearity import CollinearGroup, collinear_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +43,15 @@ class Identifiability:
         Inverse standard deviations of the relative directions, largest first.
     directions : tuple of Direction
         Those not determined.
+    groups : tuple of CollinearGroup
+        Parameters that the data see almost only together, the worst determined first.
     """
 
     rank: int
     condition: float
     singular_values: FloatArray
     directions: tuple[Direction, ...]
+    groups: tuple[CollinearGroup, ...] = ()
 
 
 def identifiability(
@@ -82,7 +86,8 @@ def identifiability(
         directions.append(Direction(vector, float(relative_std), direction_words(vector, values, names)))
     smallest = singular.min(initial=np.inf)
     condition = float(largest / smallest) if smallest > 0 else np.inf
-    return Identifiability(n_params - len(directions), condition, singular, tuple(directions))
+    groups = collinear_groups(jacobian, names, noise_scale)
+    return Identifiability(n_params - len(directions), condition, singular, tuple(directions), groups)
 
 
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
@@ -104,10 +109,26 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
         together = _together(vector[members], values[members], kinds.pop())
         if together:
             return f"{joined} only {together}"
+    scaled = _gain_words(vector[members], listed)
+    if scaled:
+        return scaled
     if np.ptp(vector[members]) < 0.1 * np.abs(vector[members]).max():
         return f"{joined} only as ratios: their common scale is free"
     parts = " ".join(f"{'+' if v > 0 else '-'}{abs(v):.2f} {n}" for v, n in zip(vector[members], listed, strict=True))
     return f"{joined} only in combination: free along the relative change {parts}"
+
+
+def _gain_words(relative: FloatArray, names: list[str]) -> str:
+    """What to say where a common scale of everything else goes with gains of channels; "" where it does not."""
+    is_gain = np.array([name.startswith("gain[") for name in names])
+    others = relative[~is_gain]
+    if not is_gain.any() or len(others) == 0 or np.ptp(others) > 0.1 * np.abs(others).max():
+        return ""
+    listed = [name for name, gain in zip(names, is_gain, strict=True) if not gain]
+    gains = " and ".join(name for name, gain in zip(names, is_gain, strict=True) if gain)
+    joined = listed[0] if len(listed) == 1 else ", ".join(listed[:-1]) + " and " + listed[-1]
+    how = "" if len(listed) == 1 else " only as ratios: their absolute size goes with"
+    return f"{joined}{how or ' only together with'} {gains}"
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:

@@ -1,0 +1,70 @@
+"""The page of a plan, with its pictures in it."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from structid._version import __version__
+from structid.files import made_folder
+from structid.report.plan_figures import plan_pictures, write_plan_pictures
+from structid.report.plan_text import (
+    TEST_HEADER,
+    choice_lines,
+    enough_lines,
+    next_lines,
+    options_text,
+    parameter_rows,
+    test_rows,
+)
+from structid.study.plan_results import PLAN_PAGE
+from structid.study.plan_types import Plan
+
+
+def write_plan_page(found: Plan, folder: Path, title: str = "", notes: tuple[str, ...] = ()) -> Path:
+    """Path of ``plan.html`` in `folder`, written with its PNG files in ``figures``. The same plan gives the same bytes.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be made.
+    """
+    pictures = plan_pictures(found)
+    write_plan_pictures(pictures, made_folder(Path(folder) / "figures"))
+    path = Path(folder) / PLAN_PAGE
+    path.write_text(plan_page(found, pictures, title, notes), encoding="utf-8")
+    return path
+
+
+def plan_page(found: Plan, pictures: dict[str, bytes], title: str = "", notes: tuple[str, ...] = ()) -> str:
+    """The page as text."""
+    header, rows = parameter_rows(found)
+    return _template().render(
+        title=title or "Structure",
+        version=__version__,
+        determined=found.determined,
+        chosen_determines=found.chosen.determined,
+        options=options_text(found),
+        lines=[*choice_lines(found), *enough_lines(found), *next_lines(found)],
+        notes=notes,
+        directions=[d.words for d in found.identifiability.directions],
+        groups=[group.words for group in found.identifiability.groups],
+        test_header=TEST_HEADER,
+        tests=test_rows(found),
+        parameter_header=header,
+        parameters=rows,
+        pictures={name: f"data:image/png;base64,{b64encode(png).decode('ascii')}" for name, png in pictures.items()},
+    )
+
+
+@cache
+def _template() -> Any:
+    environment = Environment(
+        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.get_template("plan.html.j2")
