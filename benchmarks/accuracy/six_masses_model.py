@@ -23,6 +23,7 @@ import structid as sid
 from structid.estimation.comparison import Comparison, compare_jointly
 from structid.estimation.problem import Linearization
 from structid.estimation.states import LATER, states_problem
+from structid.parameters import NamedUnknowns
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
 LENGTH, THICKNESS = 0.38, 4.75e-3
@@ -154,7 +155,7 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
 
 
 @dataclass(frozen=True, eq=False)
-class ResonanceProblem:
+class ResonanceProblem(NamedUnknowns):
     """Parameters of an undamped structure from its lowest resonance frequencies: log(model / measured) / error."""
 
     structure: sid.Structure
@@ -162,22 +163,6 @@ class ResonanceProblem:
     frequency: np.ndarray
     modes: tuple[int, ...]
     error: float = ERROR
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.parameters.names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.parameters.units
-
-    @property
-    def theta_start(self) -> np.ndarray:
-        return self.parameters.theta_start
 
     @property
     def n_data(self) -> int:
@@ -190,12 +175,6 @@ class ResonanceProblem:
     @property
     def series(self) -> np.ndarray:
         return np.zeros(self.n_data, dtype=int)
-
-    def physical(self, theta: np.ndarray) -> np.ndarray:
-        return self.parameters.transforms.physical(theta)
-
-    def slope(self, theta: np.ndarray) -> np.ndarray:
-        return self.parameters.transforms.slope(theta)
 
     @cached_property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:

@@ -5,72 +5,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from structid.arrays import FloatArray, IntArray
+from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.joint_problem import JointProblem, stage_plans
-from structid.estimation.problem import Linearization, Problem, parameter_sizes
+from structid.estimation.problem import Problem, parameter_sizes
+from structid.estimation.wrapped import Wrapped
 
 #: What is added to the names of the later state's own parameters.
 LATER = " (later)"
 
 
 @dataclass(frozen=True, eq=False)
-class Renamed:
+class Renamed(Wrapped):
     """A problem whose parameters have other names.
 
     Parameters
     ----------
     problem : Problem
-    names : tuple of str
+    new_names : tuple of str
         One a parameter, in order.
     """
 
     problem: Problem
-    names: tuple[str, ...]
+    new_names: tuple[str, ...]
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.problem.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.problem.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.problem.theta_start
-
-    @property
-    def n_data(self) -> int:
-        return self.problem.n_data
-
-    @property
-    def lines(self) -> IntArray:
-        return self.problem.lines
-
-    @property
-    def series(self) -> IntArray:
-        return self.problem.series
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self.problem.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self.problem.slope(theta)
+    def names(self) -> tuple[str, ...]:
+        return self.new_names
 
     def sizes(self, physical: FloatArray) -> FloatArray:
         return parameter_sizes(self.problem, physical)
 
-    def residual(self, theta: FloatArray) -> FloatArray:
-        return self.problem.residual(theta)
-
-    def linearize(self, theta: FloatArray) -> Linearization:
-        return self.problem.linearize(theta)
-
     def stage_plans(self) -> tuple[tuple[tuple[str, Problem], ...], ...]:
         """The problem's own ways, with the same names."""
         return tuple(
-            tuple((stage, Renamed(problem, self.names)) for stage, problem in plan)
+            tuple((stage, Renamed(problem, self.new_names)) for stage, problem in plan)
             for plan in stage_plans(self.problem)
         )
 

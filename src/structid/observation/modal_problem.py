@@ -17,7 +17,7 @@ from structid.modal import ModalRecord
 from structid.observation.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal_dynamic import dynamic_residual
 from structid.observation.modal_output import GroupData, GroupFit, ModelState, group_fit
-from structid.parameters import Parameters
+from structid.parameters import NamedUnknowns, Parameters
 from structid.structure import Structure
 
 ModalForm = Literal["output", "dynamic"]
@@ -28,7 +28,7 @@ _START_ERROR = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ModalProblem:
+class ModalProblem(NamedUnknowns):
     """Parameters of a structure from measured modes.
 
     Forms of the residual:
@@ -102,28 +102,6 @@ class ModalProblem:
                 f" {len(self.record.channels)} sensors; lower `closeness`, or measure more places"
             )
         _ = self._sensors
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.parameters.names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.parameters.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.parameters.theta_start
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.slope(theta)
 
     @cached_property
     def measured(self) -> IntArray:

@@ -13,7 +13,7 @@ from structid.dynamics import modes
 from structid.errors import InputError
 from structid.estimation.problem import Linearization, Problem
 from structid.observation.response import Response, response
-from structid.parameters import Parameters
+from structid.parameters import NamedUnknowns, Parameters
 from structid.records import FrfRecord, TimeRecord
 from structid.records.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
@@ -29,7 +29,7 @@ _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class SpectraProblem:
+class SpectraProblem(NamedUnknowns):
     """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
 
     A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
@@ -81,22 +81,6 @@ class SpectraProblem:
             )
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.parameters.names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.parameters.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.parameters.theta_start
-
-    @property
     def n_data(self) -> int:
         return 2 * self.spectra.motion.size
 
@@ -111,12 +95,6 @@ class SpectraProblem:
         """Channel of each data row: 2 output, plus 1 for imaginary parts."""
         index = np.tile(2 * np.arange(len(self.spectra.outputs)), len(self.spectra.frequency))
         return np.concatenate([index, index + 1])
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self.parameters.transforms.slope(theta)
 
     @cached_property
     def model(self) -> Response:

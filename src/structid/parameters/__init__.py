@@ -1,5 +1,6 @@
 """What is unknown: names, units, groups of elements, transforms, bounds and priors."""
 
+from structid.parameters.named_unknowns import NamedUnknowns
 from structid.parameters.parameters import Parameters, parameters
 from structid.parameters.penalties import Regularization, Smoothness, Sparsity, penalty, term_name
 from structid.parameters.priors import Coupling, Prior, joint_prior
@@ -8,6 +9,7 @@ from structid.parameters.unknown import Unknown
 
 __all__ = [
     "Coupling",
+    "NamedUnknowns",
     "Parameters",
     "Prior",
     "Regularization",

@@ -11,7 +11,7 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.estimation.design import information_root
-from structid.observation import response
+from structid.observation.response import response
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import FrfKind

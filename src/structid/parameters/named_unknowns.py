@@ -1,0 +1,36 @@
+"""The part of a least-squares problem that its parameters alone decide."""
+
+from __future__ import annotations
+
+from structid.arrays import FloatArray
+from structid.parameters.parameters import Parameters
+
+
+class NamedUnknowns:
+    """Names, units, start and transforms of a problem whose unknowns are `parameters` and nothing else."""
+
+    parameters: Parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.parameters.names
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.parameters.kinds
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.parameters.units
+
+    @property
+    def theta_start(self) -> FloatArray:
+        return self.parameters.theta_start
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        """Physical parameters, (n_params,)."""
+        return self.parameters.transforms.physical(theta)
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        """Derivative of each with respect to its free variable, (n_params,)."""
+        return self.parameters.transforms.slope(theta)
