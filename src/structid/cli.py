@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 from rich.console import Console
@@ -25,11 +25,17 @@ from structid.console import (
 from structid.errors import FileError, StructidError
 from structid.estimation import Status
 from structid.estimation.estimate import StageProgress
+from structid.estimation.multiple_tests import Correction
 from structid.records.io import ReadOptions, read_record, write_record
 from structid.reproduce.item import Progress as ItemProgress
 from structid.study.check import check_study
+from structid.study.comparing import COMPARE_PAGE, CompareOptions, ComparisonResult, comparison_summary
+from structid.study.comparing import compare as compared
+from structid.study.plan import Plan, planned
+from structid.study.plan_results import PLAN_PAGE, write_plan
+from structid.study.plan_section import PlanStudy, load_plan
 from structid.study.result import StudyResult
-from structid.study.results import staged_folder, write_results
+from structid.study.results import json_text, staged_folder, write_results
 from structid.study.run import SearchFailedError, load_study, run_study
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -84,8 +90,10 @@ def structid(
 
     \b
     Examples:
+      structid plan frame.toml --sensors 4
       structid check frame.toml
       structid identify frame.toml --out frame_results
+      structid compare before.toml after.toml --unchanged mass
       structid convert measured.uff measured.npz
       structid reproduce --chapter 4
 
@@ -152,6 +160,107 @@ def check(study: StudyPath) -> None:
             standard_output().print(part)
         if not result.determined:
             _fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
+
+
+@app.command()
+def plan(
+    study: StudyPath,
+    sensors: Annotated[int | None, typer.Option(help="How many sensors to choose.")] = None,
+    loads: Annotated[int | None, typer.Option(help="How many loads to choose.")] = None,
+    frequencies: Annotated[int | None, typer.Option(help="How many lines to choose [default: all are used].")] = None,
+    criterion: Annotated[str | None, typer.Option(help="d (determinant) or a (trace) [default: d].")] = None,
+    target: Annotated[float | None, typer.Option(help="Wanted relative standard deviation, as in 0.02.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_plan].")
+    ] = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write plan.html and figures.")] = True,
+) -> None:
+    """Predict what a test will tell before it is run, and choose its sensors, loads and lines; write plan.json.
+
+    Options left out come from [plan] in the study, or from its record; neither is needed. The exit code is 1 where
+    even all candidates together do not determine every parameter.
+
+    \b
+    Examples:
+      structid plan frame.toml --sensors 4
+      structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
+    """
+    with _reported():
+        given = {"n_sensors": sensors, "n_loads": loads, "n_frequencies": frequencies, "criterion": criterion}
+        changes = {name: value for name, value in {**given, "target": target}.items() if value is not None}
+        read = load_plan(study, **changes)
+        found = planned(read)
+        folder = out if out is not None else Path(f"{study.stem}_plan")
+        with staged_folder(folder, PLAN_PAGE) as staged:
+            name = _write_plan(found, read, staged, report)
+        from structid.report.plan_text import plan_text  # imported here, so that nothing else waits for it
+
+        for part in plan_text(found, read.title, read.notes):
+            standard_output().print(part)
+        typer.echo(str(folder / name))
+        if not found.determined:
+            _fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
+
+
+def _write_plan(found: Plan, read: PlanStudy, folder: Path, report: bool) -> str:
+    """The name of the page in `folder`, or of plan.json; drawing is imported here, so that nothing else waits for it."""
+    write_plan(found, read, folder)
+    if not report:
+        return "plan.json"
+    from structid.report.plan_page import write_plan_page
+
+    return write_plan_page(found, folder, read.title, read.notes).name
+
+
+@app.command()
+def compare(
+    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Study file, or results folder of identify.")],
+    later: Annotated[Path, typer.Argument(metavar="LATER", help="The same of the later state.")],
+    unchanged: Annotated[
+        str, typer.Option(help="What is the same in both states, as in mass or 'mass[beam:*],loss_factor'.")
+    ] = "",
+    level: Annotated[float, typer.Option(help="Accepted rate of false declarations.")] = 0.05,
+    power: Annotated[float, typer.Option(help="Probability that belongs to the detection limit.")] = 0.9,
+    correction: Annotated[str, typer.Option(help="holm (family-wise) or benjamini_hochberg.")] = "holm",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <later>_comparison].")
+    ] = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write compare.html and figures.")] = True,
+) -> None:
+    """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.
+
+    Every change is tested, corrected for their number. Exit code 1: a state is not determined (results are written).
+
+    \b
+    Examples:
+      structid compare before.toml after.toml --unchanged mass
+      structid compare before_results after_results --level 0.01
+      structid compare before_results after.toml --unchanged mass --out damage
+    """
+    with _reported():
+        from structid.report.compare_text import comparison_text  # imported here, so that nothing else waits for it
+
+        options = CompareOptions(_words(unchanged), level, power, cast(Correction, correction))
+        with _progress(100) as progress:
+            found = compared(baseline, later, options, progress)
+        folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
+        with staged_folder(folder, COMPARE_PAGE) as staged:
+            name = _write_comparison(found, staged, report)
+        for part in comparison_text(found):
+            standard_output().print(part)
+        typer.echo(str(folder / name))
+        if not found.comparison.is_complete:
+            _fail("the data do not determine every change; see the warnings", NOT_DETERMINED)
+
+
+def _write_comparison(found: ComparisonResult, folder: Path, report: bool) -> str:
+    """The name of the page in `folder`, or of compare.json; drawing is imported here, so that nothing else waits."""
+    (folder / "compare.json").write_text(json_text(comparison_summary(found)), encoding="utf-8")
+    if not report:
+        return "compare.json"
+    from structid.report.compare_page import write_comparison_page
+
+    return write_comparison_page(found, folder).name
 
 
 @app.command()

@@ -10,12 +10,14 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from structid.estimation import Identifiability
 from structid.records import FrfRecord, Record
 from structid.reproduce.item import Item
 from structid.study.check import CheckResult
 from structid.study.result import StudyResult
 
 _WIDTH_OF_FILES = 1000
+_MOST_GROUPS = 3
 
 
 def standard_output() -> Console:
@@ -29,12 +31,14 @@ def standard_output() -> Console:
 def identification_summary(result: StudyResult) -> list[RenderableType]:
     """Warnings, status, parameters, total mass, fit and modes of an identification."""
     found = result.identification
-    estimate, unknown = found.estimate, result.study.parameters
-    table = _table("parameter", "unit", "initial", "value", "std", "")
+    estimate = found.estimate
+    table = _table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
+    ends = estimate.interval() if found.intervals is None else found.intervals.ends
     for i, name in enumerate(estimate.names):
         note = "" if estimate.identified[i] else "not identified"
-        numbers = (number(unknown.start[i]), number(estimate.values[i]), number(estimate.std[i], 2))
-        table.add_row(name, estimate.units[i], *numbers, note)
+        numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
+        span = " to ".join(number(end, digits) for end, digits in zip(ends[i], _span_digits(*ends[i]), strict=True))
+        table.add_row(name, estimate.units[i], *numbers, span, note)
     modes = _table("mode", "frequency Hz", "damping ratio")
     for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
         modes.add_row(str(i + 1), number(frequency), number(ratio, 3))
@@ -46,14 +50,23 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
         f"rank {identifiability.rank} of {len(estimate.names)} parameters, condition {number(identifiability.condition, 3)}"
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
-        f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}",
+        f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
+        f"; intervals: {'laplace' if found.intervals is None else found.intervals.kind}",
         f"median relative error of the fit {number(_median(found.relative_error.ravel().tolist()), 3)} over"
         f" {len(found.evaluation.frequency)} lines ({len(found.problem.record.frequency)} of them fitted),"
         f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs",
     ]
+    if len(found.fits) > 1:
+        facts[-1] = "median relative error of the fit: " + ", ".join(
+            f"{fit.name} {number(_median(found.seen_from(k).relative_error.ravel().tolist()), 3)}"
+            for k, fit in enumerate(found.fits)
+        )
+    if found.intervals is not None:
+        facts += found.intervals.notes
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [modes, peaks] if found.resonances else [modes]
-    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(mass), *shown]
+    together = _groups(identifiability)
+    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
 
 
 def check_summary(result: CheckResult) -> list[RenderableType]:
@@ -74,17 +87,15 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
     found = result.identifiability
-    rank = f"rank {found.rank} of {len(study.parameters.names)} parameters from the data alone, condition" + (
+    rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {number(found.condition, 3)}; predicted at the"
         " initial values, for a model that is right and errors that are independent from line to line:"
     )
     table = _table("parameter", "unit", "initial", "predicted std", "relative")
-    for name, unit, start, std in zip(
-        study.parameters.names, study.parameters.units, study.parameters.start, result.std, strict=True
-    ):
+    for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
     head = _heading(study.title, result.warnings)
-    return [*head, *map(Text, facts), channels, modes, Text(rank), table]
+    return [*head, *map(Text, facts), channels, modes, Text(rank), table, *_groups(found)]
 
 
 def record_summary(record: Record, path: Path) -> str:
@@ -113,6 +124,16 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
 
 
+def _span_digits(low: float, high: float) -> tuple[int, int]:
+    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
+    largest = max(abs(low), abs(high))
+    if not (math.isfinite(largest) and high > low):
+        return 4, 4
+    last = math.floor(math.log10(high - low)) - 2
+    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
+    return min(max(first, 1), 10), min(max(second, 1), 10)
+
+
 def _heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
     return [Text(title, style="bold"), *(Text(f"warning: {warning}", style="yellow") for warning in warnings)]
 
@@ -122,6 +143,11 @@ def _table(*columns: str) -> Table:
     for i, column in enumerate(columns):
         table.add_column(column, overflow="fold" if i == 0 else "ellipsis")
     return table
+
+
+def _groups(found: Identifiability) -> list[RenderableType]:
+    """The groups of parameters that the data see together, the worst determined ones, in words."""
+    return [Text(group.words) for group in found.groups[:_MOST_GROUPS]]
 
 
 def _noise(record: FrfRecord) -> str:

@@ -10,10 +10,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dynamics.modal_fields import modal_fields
 from structid.errors import SingularModelError
 
 _DENSE_UP_TO = 64
 _CHUNK_ENTRIES = 4_000_000
+_LINES_A_DOF = 30
 
 
 def harmonic_fields(
@@ -43,6 +45,11 @@ def harmonic_fields(
     -------
     (n_frequencies, n_dofs, n_loads) complex array
 
+    Notes
+    -----
+    Small structures are solved line by line as dense matrices, large ones as sparse ones. A small one with very many
+    lines and no friction is summed from its poles (`modal_fields`), unless that differs from the direct solution.
+
     Raises
     ------
     SingularModelError
@@ -52,7 +59,10 @@ def harmonic_fields(
     right = loads.toarray().astype(np.complex128)
     fields = np.empty((len(frequency), n, right.shape[1]), dtype=np.complex128)
     with _thread_pools().limit(limits=1, user_api="blas"):
-        if n <= _DENSE_UP_TO:
+        modal = _modal(indices, indptr, data, coefficients, right) if n <= _DENSE_UP_TO else None
+        if modal is not None:
+            fields = modal
+        elif n <= _DENSE_UP_TO:
             _solve_dense(indices, indptr, data, coefficients, right, fields, frequency)
         else:
             for line in range(len(frequency)):
@@ -66,6 +76,21 @@ def _thread_pools() -> Any:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
+
+
+def _modal(
+    indices: IntArray, indptr: IntArray, data: FloatArray, coefficients: ComplexArray, right: ComplexArray
+) -> ComplexArray | None:
+    """The fields from poles and residues; None where lines are few, laws are others than s^2, s, 1 and i, or it fails."""
+    n, laplace = len(indptr) - 1, coefficients[:, 1] if coefficients.shape[1] > 3 else None
+    if laplace is None or len(laplace) < _LINES_A_DOF * n or data[4:].any():
+        return None
+    plain = np.stack([laplace**2, laplace, np.ones_like(laplace), np.full_like(laplace, 1j)], axis=1)
+    if not np.array_equal(coefficients[:, :4], plain):
+        return None
+    matrices = np.zeros((4, n, n))
+    matrices[:, indices, np.repeat(np.arange(n), np.diff(indptr))] = data[:4]
+    return modal_fields(matrices[0], matrices[1], matrices[2] + 1j * matrices[3], right, laplace)
 
 
 def _solve_dense(

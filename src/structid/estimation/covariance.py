@@ -11,6 +11,9 @@ from structid.estimation.problem import Linearization, Problem
 _FEWEST_BLOCKS = 10
 _FEWEST_CHANNELS = 4
 
+#: Least degrees of freedom of Student's t: with one the intervals of simulated truths held them all.
+LEAST_FREEDOM = 2.0
+
 
 def inverse_information(jacobian: FloatArray) -> FloatArray:
     """(J'J)^-1 by a scaled singular value decomposition; NaN for every parameter that takes part in a null direction.
@@ -56,41 +59,70 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     """Covariance that counts each stretch of lines, and each channel, as one observation of the model's error.
 
     With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
-    along the frequency or time axis (four correlation lengths long, at least ten of them) and, where there are
-    four channels or more, a second sum with channels as blocks. Priors add their own information unchanged.
-    Few blocks make a rough variance: each sum is scaled so that 1.96 standard deviations are the 95 % interval of
-    Student's t with one degree of freedom less than there are blocks. It needs no noise level, but no error that is
-    the same in all blocks can show in it.
+    along the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four
+    channels or more, a variance is raised to that with channels as blocks if that is larger. Priors add their own
+    information unchanged. Few blocks make a rough variance: standard deviations are scaled so that 1.96 of them are
+    the 95 % interval of Student's t with one degree of freedom less than there are effective blocks (at least two), fewer
+    than blocks where a parameter is seen at few resonances. It needs no noise level, but no error that is the same in
+    all blocks can show in it.
 
     References
     ----------
-    Liang and Zeger (1986), Biometrika 73, Eq. (5); Cameron, Gelbach and Miller (2011), J. Bus. Econ. Stat. 29.
+    Liang and Zeger (1986), Biometrika 73, Eq. (5); Carter, Schnepel and Steigerwald (2017), Rev. Econ. Stat. 99,
+    Eq. (8), for the effective number of blocks, here for errors of one size.
     """
     rows = problem.n_data
     residual, jacobian = at.residual[:rows], at.jacobian[:rows]
-    n_lines = int(problem.lines.max(initial=0)) + 1
-    length = 4 * correlation_length(residual, problem.lines, problem.series)
-    n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
-    meat = _block_scores(jacobian, residual, problem.lines * n_blocks // n_lines)
-    channels = problem.series // 2
-    if len(np.unique(channels)) >= _FEWEST_CHANNELS:
-        meat = meat + _block_scores(jacobian, residual, channels)
     prior = at.jacobian[rows:]
     bread = inverse_information(at.jacobian)
     seen = np.isfinite(np.diag(bread))
     inner = np.ix_(seen, seen)
     covariance = np.full_like(bread, np.nan)
-    covariance[inner] = bread[inner] @ (meat + prior.T @ prior)[inner] @ bread[inner]
+    if not seen.any():
+        return covariance
+    root, known = bread[inner], prior[:, seen].T @ prior[:, seen]
+    sums = [
+        _block_scores(jacobian[:, seen], residual, b) for b in error_blocks(residual, problem.lines, problem.series)
+    ]
+    along = root @ (sums[0] + known) @ root
+    freedom = effective_blocks(problem, at)[seen] - 1
+    scale = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
+    if len(sums) > 1:
+        channels = np.diag(root @ (sums[1] + known) @ root)
+        scale = np.maximum(scale, np.sqrt(channels / np.diag(along)))
+    covariance[inner] = along * np.outer(scale, scale)
     return covariance
 
 
+def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
+    """Which block each data row belongs to, (n_data,) each: stretches of lines, and channels where there are four."""
+    n_lines = int(lines.max(initial=0)) + 1
+    length = 4 * correlation_length(residual, lines, series)
+    n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
+    _, stretches = np.unique(lines * n_blocks // n_lines, return_inverse=True)
+    found, channels = np.unique(series // 2, return_inverse=True)
+    return (stretches, channels) if len(found) >= _FEWEST_CHANNELS else (stretches,)
+
+
+def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
+    """How many stretches of lines each parameter rests on, (n_params,): (sum a)^2 / sum a^2 of their shares a.
+
+    The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
+    """
+    rows = problem.n_data
+    block = error_blocks(at.residual[:rows], problem.lines, problem.series)[0]
+    influence = at.jacobian[:rows] @ np.nan_to_num(inverse_information(at.jacobian))
+    shares = np.zeros((int(block.max(initial=0)) + 1, influence.shape[1]))
+    np.add.at(shares, block, influence**2)
+    total, squares = shares.sum(axis=0), (shares**2).sum(axis=0)
+    return np.divide(total**2, squares, out=np.full(len(total), np.nan), where=squares > 0)
+
+
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1) and the squared ratio of t to normal quantiles."""
-    _, block = np.unique(block, return_inverse=True)
+    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1)."""
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])
     if n_blocks < 2:
         return np.full((jacobian.shape[1],) * 2, np.nan)
-    wider = special.stdtrit(n_blocks - 1, 0.975) / special.ndtri(0.975)
-    return scores.T @ scores * (n_blocks / (n_blocks - 1)) * wider**2
+    return scores.T @ scores * (n_blocks / (n_blocks - 1))

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, locked
+from structid.errors import InputError
 from structid.estimation.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.estimation.identifiability import Identifiability, identifiability
 from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum, minimize
-from structid.estimation.problem import Linearization, Problem
+from structid.estimation.multistart import Answer, Search, StageProgress, Way, distinct_answers, named, searched_minima
+from structid.estimation.problem import Linearization, Problem, parameter_sizes
+from structid.estimation.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation.residual_tests import ResidualTests, residual_tests
 
 
 class Status(Enum):
@@ -56,10 +60,10 @@ class Estimate:
     covariance_basis : str
         ``"noise"`` or ``"model_error"``: which of the two `covariance` and `std` are.
     identified : (n_params,) bool array
-        Whether the relative standard deviation is at most 1.
+        Whether the relative standard deviation is at most 1, at the estimate and at the initial values (see `carried`).
     status : Status
     message : str
-        What ended the search.
+        What ended the search, and the Cramer-Rao bound where the data do not determine every parameter.
     identifiability : Identifiability
         Rank, condition and undetermined directions, from the data alone.
     chi_square : float
@@ -74,6 +78,16 @@ class Estimate:
         Free variables at the end.
     history : (n_iterations + 1, n_params) float array
         Physical values along the way of the last stage.
+    residual_tests : ResidualTests or None
+        Whether the residual looks like noise; None where there is no residual to test.
+    to_physical : callable
+        Physical values of free variables, each of its own (`Problem.physical`).
+    slope : (n_params,) float array or None
+        Derivative of each physical value with respect to its free variable at `theta`; ones where None.
+    bound_initial : (n_params,) float array or None
+        Cramer-Rao bound of each parameter if the truth were the initial values, physical units.
+    answers : tuple of Answer
+        The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
     """
 
     names: tuple[str, ...]
@@ -96,6 +110,16 @@ class Estimate:
     n_agreeing: int
     theta: FloatArray
     history: FloatArray
+    residual_tests: ResidualTests | None = None
+    to_physical: Callable[[FloatArray], FloatArray] = np.array
+    slope: FloatArray | None = None
+    bound_initial: FloatArray | None = None
+    answers: tuple[Answer, ...] = ()
+
+    @property
+    def n_fitting(self) -> int:
+        """How many distinct parameter sets among `answers` the data allow."""
+        return sum(answer.fits for answer in self.answers)
 
     @property
     def covariance(self) -> FloatArray:
@@ -131,6 +155,30 @@ class Estimate:
             return float("nan")
         return float(special.gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
 
+    @property
+    def std_free(self) -> FloatArray:
+        """Standard deviations of the free variables, from `covariance`: of the logarithm for a log parameter."""
+        if self.slope is None:
+            return self.std
+        return np.divide(self.std, np.abs(self.slope), out=np.full(len(self.std), np.nan), where=self.slope != 0)
+
+    def interval(self, level: float = 0.95) -> FloatArray:
+        """Interval of each parameter in physical units, lower and upper end: (n_params, 2), NaN where not determined.
+
+        The normal interval of the free variable, taken to physical units: of a positive parameter it is
+        exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds.
+
+        Parameters
+        ----------
+        level : float
+            Probability between 0 and 1 that it covers the truth, where the problem is nearly linear.
+        """
+        if not 0 < level < 1:
+            raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+        half = float(special.ndtri(0.5 + level / 2)) * self.std_free
+        with np.errstate(over="ignore"):
+            return np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
+
     def __getitem__(self, name: str) -> tuple[float, float]:
         """Value and standard deviation of one parameter."""
         index = self.names.index(name)
@@ -144,17 +192,16 @@ class Estimate:
         return "\n".join([f"{self.status.value}; standard deviations from {self.covariance_basis}", *lines])
 
 
-StageProgress = Callable[[str, int, float], None]
-
-
 def estimate(
     problem: Problem,
     method: Method | None = None,
-    plans: Sequence[Sequence[tuple[str, Problem]]] = (),
+    plans: Sequence[Way] = (),
     misfit_probability: float = 1e-3,
     restarts: int = 0,
     seed: int = 0,
     progress: StageProgress | None = None,
+    sample: Problem | None = None,
+    uniqueness_starts: int = 0,
 ) -> Estimate:
     """Parameters that minimize the problem's sum of squares, with their uncertainty.
 
@@ -164,7 +211,7 @@ def estimate(
         Its residual is whitened by the noise; it gives the final values and the covariance.
     method : Method, optional
         Levenberg-Marquardt by default.
-    plans : sequence of sequences of (name, Problem)
+    plans : sequence of sequences of (name, Problem), or of functions of the start that give one
         Ways to the answer: easier forms of the same problem (same parameters), run one after another before it. The
         first search takes the first way; restarts take the others in turn.
     misfit_probability : float
@@ -177,83 +224,84 @@ def estimate(
         Of the random starts.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
+    sample : Problem, optional
+        The same problem with a part of its data, on which the searches are made; only the last iterations, from the
+        best minimum, then take all of the data.
+    uniqueness_starts : int
+        How many more searches begin at random points about 20 % from the start even where a search fits: a test
+        whether other parameters fit the data as well. See ``Estimate.answers``.
     """
-    start = np.array(problem.theta_start)
-    ways: Sequence[Sequence[tuple[str, Problem]]] = plans or ((),)
-    spread = 0.2 * np.abs(problem.physical(start)) / problem.slope(start)
-    rng = np.random.default_rng(seed)
-    minima: list[tuple[Minimum, int]] = []
-    for attempt in range(restarts + 1):
-        given = start if attempt < len(ways) else start + spread * rng.standard_normal(len(start))
-        prefix = f"search {attempt + 1}, " if attempt else ""
-        way = ways[attempt % len(ways)]
-        minima.append(_staged(problem, method or LevenbergMarquardt(), way, given, progress, prefix))
-        if not _misfits(problem, minima[-1][0].linearization, misfit_probability):
-            break
+    searched = problem if sample is None else sample
+
+    def fits(at: Linearization) -> bool:
+        return not _misfits(searched, at, misfit_probability)
+
+    search = Search(restarts, uniqueness_starts, seed)
+    minima = searched_minima(searched, method or LevenbergMarquardt(), plans, search, fits, progress)
+    answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
     best = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
-    same = sum(m[0].converged and m[0].costs[-1] <= best[0].costs[-1] * (1 + 1e-6) + 1e-12 for m in minima)
-    return _complete(problem, best[0], best[1], misfit_probability, (len(minima), same))
+    same = answers[0].n_searches if answers else 0
+    if sample is not None:
+        polished = minimize(problem, _close_by(method), best[0].theta, named(progress, "all data"))
+        best = polished, best[1] + len(polished.costs) - 1
+    return _complete(problem, best[0], best[1], misfit_probability, (len(minima), same), answers)
 
 
-def _staged(
-    problem: Problem,
-    method: Method,
-    stages: Sequence[tuple[str, Problem]],
-    theta: FloatArray,
-    progress: StageProgress | None,
-    prefix: str = "",
-) -> tuple[Minimum, int]:
-    """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
-    iterations = 0
-    for name, stage in stages:
-        minimum = minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta, _named(progress, prefix + name))
-        theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
-    minimum = minimize(problem, method, theta, _named(progress, prefix + "final"))
-    return minimum, iterations + len(minimum.costs) - 1
+def _close_by(method: Method | None) -> Method:
+    """The same search where the minimum is known to be close: steps are hardly damped."""
+    chosen = method or LevenbergMarquardt()
+    if not isinstance(chosen, LevenbergMarquardt):
+        return chosen
+    return replace(chosen, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(chosen.gain_tolerance, 1e-10))
 
 
 def _misfits(problem: Problem, at: Linearization, probability: float) -> bool:
     """Whether chi-square is larger than noise alone would make it with this probability."""
     data = at.residual[: problem.n_data]
-    freedom = len(at.residual) - at.jacobian.shape[1]
+    freedom = len(at.residual) - at.jacobian.shape[1] - at.n_eliminated
     return freedom > 0 and bool(special.gammaincc(freedom / 2, float(data @ data) / 2) < probability)
 
 
 def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
     """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
-    values = problem.physical(theta)
-    scale = np.where(values != 0, np.abs(values), 1.0)
-    return at.jacobian[: problem.n_data] * (scale / problem.slope(theta))
-
-
-def _named(progress: StageProgress | None, name: str) -> Callable[[int, float], None] | None:
-    if progress is None:
-        return None
-    report = progress
-    return lambda iteration, cost: report(name, iteration, cost)
+    sizes = parameter_sizes(problem, problem.physical(theta))
+    scale = np.where(sizes != 0, sizes, 1.0)
+    slope = problem.slope(theta)
+    return at.jacobian[: problem.n_data] * np.divide(scale, slope, out=np.zeros(len(slope)), where=slope != 0)
 
 
 def _complete(
-    problem: Problem, minimum: Minimum, n_iterations: int, misfit_probability: float, starts: tuple[int, int]
+    problem: Problem,
+    minimum: Minimum,
+    n_iterations: int,
+    misfit_probability: float,
+    starts: tuple[int, int],
+    answers: tuple[Answer, ...],
 ) -> Estimate:
     theta, at = minimum.theta, minimum.linearization
     values, slope = problem.physical(theta), problem.slope(theta)
     data = at.residual[: problem.n_data]
     chi_square = float(data @ data)
-    freedom = max(len(at.residual) - len(values), 0)
+    freedom = max(len(at.residual) - len(values) - at.n_eliminated, 0)
     noise = inverse_information(at.jacobian) * np.outer(slope, slope)
     model = model_error_covariance(problem, at) * np.outer(slope, slope)
     misfit = _misfits(problem, at, misfit_probability)
     noise_scale = float(np.sqrt(chi_square / freedom)) if misfit else 1.0
     found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale)
     adopted = np.sqrt(np.diag(model if misfit else noise))
-    identified = adopted <= np.abs(values)
-    if not minimum.converged:
+    sizes = parameter_sizes(problem, values)
+    initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
+    final = Bound(np.sqrt(np.diag(noise)), sizes, "the estimate")
+    carried_at_start = carried(initial, sizes, adopted, minimum.converged and not misfit)
+    identified = carried_at_start & (adopted <= sizes)
+    if not minimum.converged and carried_at_start.all():
         status = Status.NOT_CONVERGED
-    elif not identified.all():
+    elif not identified.all() or sum(answer.fits for answer in answers) > 1:
         status = Status.NOT_IDENTIFIABLE
     else:
         status = Status.CONVERGED
+    refused = status is Status.NOT_IDENTIFIABLE and not identified.all()
+    refusal = refusal_words(initial, final, carried_at_start, problem.names) if refused else ""
     return Estimate(
         names=problem.names,
         kinds=problem.kinds,
@@ -265,7 +313,7 @@ def _complete(
         covariance_basis="model_error" if misfit else "noise",
         identified=locked(identified),
         status=status,
-        message=minimum.message,
+        message=f"{minimum.message}; {refusal}" if refusal else minimum.message,
         identifiability=found,
         chi_square=chi_square,
         degrees_of_freedom=freedom,
@@ -275,4 +323,9 @@ def _complete(
         n_agreeing=starts[1],
         theta=locked(theta),
         history=locked(np.array([problem.physical(t) for t in minimum.history])),
+        residual_tests=residual_tests(problem, at.residual, freedom),
+        to_physical=problem.physical,
+        slope=locked(slope),
+        bound_initial=initial.std,
+        answers=answers,
     )

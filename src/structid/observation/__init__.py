@@ -1,25 +1,48 @@
 """Parameters and a record become a least-squares problem: whitened residual and its derivatives."""
 
+from structid.observation.channel_errors import ChannelErrors, ChannelUnknown, channel_errors
 from structid.observation.equations import measures_everything, one_step_values
+from structid.observation.frequency_continuation import frequency_continuation
 from structid.observation.frf import Form, FrfProblem
+from structid.observation.identify_time import identify_time
+from structid.observation.modal_problem import ModalProblem
 from structid.observation.motion import Motion, completed, recorded_motion
 from structid.observation.motion_fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
+from structid.observation.output_error import OutputErrorProblem
 from structid.observation.response import Response, response
 from structid.observation.simulation import simulated_record
+from structid.observation.spectra_problem import SpectraProblem, damped_stages, spectra_problem
+from structid.observation.time_options import Oscillation, TimeOptions
+from structid.observation.time_problem import output_error_problem
+from structid.observation.time_simulation import simulated_time_record
 
 __all__ = [
+    "ChannelErrors",
+    "ChannelUnknown",
     "Form",
     "FrfProblem",
+    "ModalProblem",
     "Motion",
+    "Oscillation",
+    "OutputErrorProblem",
     "RecursiveMotionFit",
     "Response",
+    "SpectraProblem",
+    "TimeOptions",
+    "channel_errors",
     "completed",
+    "damped_stages",
+    "frequency_continuation",
     "identify_motion",
+    "identify_time",
     "least_squares_bias",
     "measures_everything",
     "motion_fit",
     "one_step_values",
+    "output_error_problem",
     "recorded_motion",
     "response",
     "simulated_record",
+    "simulated_time_record",
+    "spectra_problem",
 ]

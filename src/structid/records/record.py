@@ -71,6 +71,9 @@ class FrfRecord:
         Where `variance` comes from: ``"coherence"``, ``"repeats"``, ``"declared"`` or ``"unknown"``.
     source : str
         File or procedure that the record comes from.
+    decay : (n_frequencies,) float array, optional
+        Real part of the Laplace variable of each line, 1/s, at least 0: the values are taken at decay + i omega
+        (see `structid.records.half_plane`). None on the imaginary axis, where FRFs are measured.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class FrfRecord:
     averages: int | None = None
     noise_source: str = "unknown"
     source: str = ""
+    decay: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
@@ -118,11 +122,22 @@ class FrfRecord:
             require_finite(name, array)
             if (array < 0).any() or (name == "coherence" and (array > 1 + 1e-9).any()):
                 raise InputError(f"`{name}` must be {'from 0 to 1' if name == 'coherence' else 'at least 0'}")
+        if self.decay is not None:
+            object.__setattr__(self, "decay", locked(self.decay, np.float64))
+            require_shape("decay", self.decay, self.frequency.shape, "one value a line")
+            require_finite("decay", self.decay)
+            if (self.decay < 0).any():
+                raise InputError(f"`decay` must be at least 0, got {self.decay.min():g} 1/s")
 
     @property
     def omega(self) -> FloatArray:
         """Circular frequency in rad/s."""
         return 2 * np.pi * self.frequency
+
+    @property
+    def laplace(self) -> ComplexArray:
+        """Laplace variable of each line, decay + i omega, in 1/s."""
+        return (0.0 if self.decay is None else self.decay) + 1j * self.omega
 
     @property
     def unit(self) -> str:
@@ -146,6 +161,7 @@ class FrfRecord:
             values=self.values[keep],
             variance=None if self.variance is None else self.variance[keep],
             coherence=None if self.coherence is None else self.coherence[keep],
+            decay=None if self.decay is None else self.decay[keep],
         )
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
@@ -165,7 +181,7 @@ class FrfRecord:
         )
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
-        """The same measurement as receptance, mobility or accelerance: multiplied by a power of i omega.
+        """The same measurement as receptance, mobility or accelerance: multiplied by a power of its Laplace variable.
 
         Raises
         ------
@@ -177,9 +193,9 @@ class FrfRecord:
         power = DERIVATIVES[kind] - DERIVATIVES[self.kind]
         if power == 0:
             return self
-        if power < 0 and self.frequency[0] == 0:
+        if power < 0 and self.laplace[0] == 0:
             raise InputError(f"{self.kind} at 0 Hz cannot become {kind}; drop that line first with `band`")
-        factor = (1j * self.omega) ** power
+        factor = self.laplace**power
         variance = None if self.variance is None else self.variance * (np.abs(factor) ** 2)[:, None, None]
         return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance)
 

@@ -91,7 +91,8 @@ def panels(identification: Identification) -> tuple[Panel, ...]:
 def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
     structure, unknown = identification.problem.structure, identification.problem.parameters
     found = identification.estimate
-    before, after = unknown.values(found.initial), unknown.values(found.values)
+    own = identification.own_index
+    before, after = unknown.values(found.initial[own]), unknown.values(found.values[own])
     design = unknown.design.tocsr()
     changes: Changes = {}
     for item in structure.properties:
@@ -103,7 +104,7 @@ def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
                 continue
             ratio = float(after[index] / before[index] - 1) if before[index] else np.nan
             values = f"{exact(float(before[index]))} to {with_unit(exact(float(after[index])), item.term.unit)}"
-            identified = bool(found.identified[columns].all())
+            identified = bool(found.identified[own[columns]].all())
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
             text += "" if identified else ", not identified"
             key = (item.element, row)

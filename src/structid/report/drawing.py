@@ -13,6 +13,7 @@ from structid.dof import DIRECTIONS, Dof
 from structid.report import symbols
 from structid.report.changes import Panel, panels
 from structid.report.labels import Label, Placed, place
+from structid.report.picture import Arrow, Mark, Picture
 from structid.report.text import counted
 from structid.structure import Dashpot, Friction, PointMass, RotaryInertia, Spring, Structure
 from structid.structure.elements import ElementSet
@@ -38,77 +39,6 @@ _IN_THE_WAY = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Mark:
-    """One element: its outline, whether it is an area, and where it is."""
-
-    element: str
-    index: int
-    label: str
-    path: FloatArray
-    filled: bool
-    centre: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Arrow:
-    """A sensor or a load."""
-
-    dof: Dof
-    shaft: FloatArray
-    heads: tuple[FloatArray, ...]
-    tip: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """Shapes of the structure in drawing units.
-
-    Attributes
-    ----------
-    marks : tuple of Mark
-    grounds, links, supports : (n, 2) paths
-        Walls of grounded connectors, rigid links and constraints, and triangles of supports.
-    nodes : (n_nodes, 2) float array
-    node_texts : tuple of str
-        What each node is, for the reader who points at it.
-    sensors, loads : tuple of Arrow
-    axes : tuple of (str, path)
-        Names and short lines of the global axes.
-    labels : tuple of Placed
-    bounds : (float, float, float, float)
-        Left, right, bottom, top.
-    panels : tuple of Panel
-    notes : tuple of str
-        What the reader should know about the drawing.
-    """
-
-    marks: tuple[Mark, ...]
-    grounds: FloatArray
-    links: FloatArray
-    supports: tuple[FloatArray, ...]
-    nodes: FloatArray
-    node_texts: tuple[str, ...]
-    sensors: tuple[Arrow, ...]
-    loads: tuple[Arrow, ...]
-    axes: tuple[tuple[str, FloatArray], ...]
-    labels: tuple[Placed, ...]
-    bounds: tuple[float, float, float, float]
-    panels: tuple[Panel, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def aspect(self) -> float:
-        """Width over height."""
-        left, right, bottom, top = self.bounds
-        return (right - left) / (top - bottom)
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether panels belong below instead of beside each other."""
-        return self.aspect > 2.0
-
-
-@dataclass(frozen=True, eq=False)
 class _Frame:
     """Projected nodes and the sizes of symbols."""
 
@@ -131,11 +61,18 @@ class _Frame:
 
 def picture(identification: Identification) -> Picture:
     """The structure of `identification` with its sensors, loads and changes."""
-    structure, record = identification.problem.structure, identification.problem.record
+    record = identification.problem.record
+    return structure_picture(identification.problem.structure, record.outputs, record.inputs, panels(identification))
+
+
+def structure_picture(
+    structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], shown: tuple[Panel, ...] = ()
+) -> Picture:
+    """`structure` with sensors and loads, and with what `shown` says of its elements."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
-    sensors = tuple(_arrow(frame, dof, is_load=False) for dof in record.outputs)
-    loads = tuple(_arrow(frame, dof, is_load=True) for dof in record.inputs)
+    sensors = tuple(_arrow(frame, dof, is_load=False) for dof in outputs)
+    loads = tuple(_arrow(frame, dof, is_load=True) for dof in inputs)
     foot = min(1.6 * frame.height, max(0.9 * frame.spacing, 0.012 * frame.size))
     held = dict.fromkeys(dof.node for dof in structure.fixed)
     supports = tuple(symbols.triangle(frame.points[node], foot) for node in held)
@@ -156,10 +93,10 @@ def picture(identification: Identification) -> Picture:
             f"{counted(lost, 'label')} that would cover another {'is' if lost == 1 else 'are'} left out of the drawing"
         )
         notes = (*notes, f"{left}; point at an element to read its name.")
-    axes = _axes(frame, low, {dof.direction for dof in (*record.outputs, *record.inputs)})
+    axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
     return Picture(
         marks, grounds, links, supports, points, _node_texts(structure), sensors, loads, axes, labels,
-        _bounds(corners, labels, axes, per_inch), panels(identification), notes,
+        _bounds(corners, labels, axes, per_inch), shown, notes,
     )  # fmt: skip
 
 

@@ -61,11 +61,11 @@ class ParameterRatios:
 
 def parameter_ratios(identification: Identification) -> ParameterRatios:
     """Parameters and priors of `identification` over the initial values."""
-    found, unknown = identification.estimate, identification.problem.parameters
+    found = identification.estimate
     scale = np.where(found.initial != 0, found.initial, np.nan)
     size = np.abs(scale)
     ratio, std = found.values / scale, found.std / size
-    prior_mean, prior_std = unknown.prior_mean / scale, unknown.prior_std / size
+    prior_mean, prior_std = identification.prior_mean / scale, identification.prior_std / size
     low, high, log = _ratio_limits(ratio, std, prior_mean, prior_std, found.identified)
     notes = ("" if initial else " (initial value 0)" for initial in found.initial)
     names = tuple(name + note for name, note in zip(found.names, notes, strict=True))
@@ -174,7 +174,7 @@ def responses(identification: Identification) -> Responses:
     fitted[judged_rows], initial[judged_rows] = identification.evaluation_predicted, identification.evaluation_initial
     fitted[rows], initial[rows] = identification.predicted, identification.predicted_initial
     n_data = identification.problem.n_data
-    real, imaginary = identification.problem.residual(identification.estimate.theta)[:n_data].reshape(2, len(rows), -1)
+    real, imaginary = identification.problem.residual(identification.theta)[:n_data].reshape(2, len(rows), -1)
     whitened = np.full((n_lines, real.shape[1]), np.nan)
     whitened[rows] = np.sqrt((real**2 + imaginary**2) / 2)
     return Responses(

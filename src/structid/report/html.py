@@ -16,15 +16,16 @@ from structid._version import __version__
 from structid.estimation import Status
 from structid.files import atomic_write, made_folder
 from structid.report import tables
-from structid.report.drawing import Picture, picture
+from structid.report.drawing import picture
 from structid.report.figures_data import Responses, mode_rows, responses
 from structid.report.interactive import page_figures
+from structid.report.picture import Picture
 from structid.report.png import write_figures
 from structid.study.identification import Identification
 
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
-_REPEATED = re.compile(r"is not identified: its standard deviation is larger than its value$")
-_MOST_REPEATED = 4
+_REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
+_MOST_REPEATED, _MOST_GROUPS = 4, 8
 
 
 def write_report(
@@ -85,15 +86,22 @@ def page(
         warnings=warnings,
         repeated=repeated,
         directions=tables.direction_table(found),
+        groups=[group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
         summary=tables.summary_facts(identification),
         record=tables.record_facts(identification),
         structure=tables.structure_facts(problem.structure),
         elements=tables.element_table(problem.structure),
         parameters=tables.parameter_table(identification),
+        intervals=tables.interval_words(identification),
+        interval_notes=() if identification.intervals is None else identification.intervals.notes,
+        residual_tests=tables.residual_table(found),
+        residual_words=() if found.residual_tests is None else found.residual_tests.words,
         modes=tables.mode_table(mode_rows(identification), data.band),
         resonances=tables.resonance_table(identification.resonances) if identification.resonances else None,
         provenance=tables.provenance_facts(provenance),
         channels=[channel.label for channel in data.channels],
+        first=identification.fits[0].name if len(identification.fits) > 1 else "",
+        others=[_other(identification, number) for number in range(1, len(identification.fits))],
         notes=drawn.notes,
         figures=figures,
         structure_figures=[name for name in figures if name.startswith("structure")],
@@ -102,6 +110,18 @@ def page(
         plotly=get_plotlyjs(),
         described=_embedded({name: figure.described() for name, figure in figures.items()}),
     )
+
+
+def _other(identification: Identification, number: int) -> dict[str, Any]:
+    """What the page shows of a further record."""
+    part = identification.seen_from(number)
+    return {
+        "number": number + 1,
+        "title": part.fits[0].name,
+        "facts": tables.record_facts(part),
+        "channels": [channel.label for channel in responses(part).channels],
+        "resonances": tables.resonance_table(part.resonances) if part.resonances else None,
+    }
 
 
 def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:

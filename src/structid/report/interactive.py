@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from structid.report import palette
-from structid.report.drawing import Picture
 from structid.report.figures_data import (
     NORMAL_95,
     History,
@@ -19,11 +18,13 @@ from structid.report.figures_data import (
     mode_rows,
     parameter_ratios,
     ratio_ticks,
+    responses,
 )
 from structid.report.interactive_base import Figure, axis, base_layout, clean, numbers
 from structid.report.interactive_residuals import residual_channels_figure, residual_map_figure
 from structid.report.interactive_responses import responses_figure
 from structid.report.interactive_structure import structure_figures
+from structid.report.picture import Picture
 from structid.report.text import with_std
 from structid.study.identification import Identification
 
@@ -42,10 +43,21 @@ def page_figures(identification: Identification, data: Responses, drawn: Picture
         "responses": responses_figure(data),
         "residual-channels": residual_channels_figure(data),
         "residual-map": residual_map_figure(data),
+        **_further_records(identification),
         "correlation": correlation_figure(correlation(identification), identification.estimate.names),
         "modes": modes_figure(mode_rows(identification), data.band),
         "convergence": convergence_figure(history(identification)),
     }
+
+
+def _further_records(identification: Identification) -> dict[str, Figure]:
+    """Responses and residuals of every record but the first."""
+    figures = {}
+    for number in range(1, len(identification.fits)):
+        data = responses(identification.seen_from(number))
+        figures[f"responses-{number + 1}"] = responses_figure(data)
+        figures[f"residual-channels-{number + 1}"] = residual_channels_figure(data)
+    return figures
 
 
 def parameters_figure(rows: ParameterRatios) -> Figure:

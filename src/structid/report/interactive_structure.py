@@ -9,8 +9,8 @@ import numpy as np
 
 from structid.report import palette, symbols
 from structid.report.changes import Look, Panel, look
-from structid.report.drawing import Arrow, Mark, Picture
 from structid.report.interactive_base import Figure, axis, base_layout, clean, numbers
+from structid.report.picture import Arrow, Mark, Picture
 
 _EDGE = "#333333"
 _DASH = "7px,4px"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 
 from structid.files import atomic_write
 from structid.report import palette
-from structid.report.drawing import Picture
 from structid.report.figures_data import (
     NORMAL_95,
     History,
@@ -25,7 +25,9 @@ from structid.report.figures_data import (
     mode_rows,
     parameter_ratios,
     ratio_ticks,
+    responses,
 )
+from structid.report.picture import Picture
 from structid.report.png_residuals import residual_channels_figure, residual_map_figure
 from structid.report.png_responses import coherence_figure, magnitude_figure, phase_figure
 from structid.report.png_structure import structure_figure
@@ -50,6 +52,7 @@ def write_figures(identification: Identification, data: Responses, drawn: Pictur
         "modes": lambda: modes_figure(mode_rows(identification), data.band),
         "convergence": lambda: convergence_figure(history(identification)),
     }
+    makers.update(further_records(identification))
     written = []
     with matplotlib.rc_context(STYLE):
         for name, make in makers.items():
@@ -62,6 +65,20 @@ def write_figures(identification: Identification, data: Responses, drawn: Pictur
                 figure.savefig(temporary, dpi=DPI, format="png", metadata={"Software": None})
             written.append(path)
     return tuple(written)
+
+
+def further_records(identification: Identification) -> dict[str, Callable[[], Figure | None]]:
+    """Responses and residuals of every record but the first."""
+    makers: dict[str, Callable[[], Figure | None]] = {}
+    for number in range(1, len(identification.fits)):
+        data = responses(identification.seen_from(number))
+        for name, draw in (
+            ("frf_magnitude", magnitude_figure),
+            ("frf_phase", phase_figure),
+            ("residual_by_channel", residual_channels_figure),
+        ):
+            makers[f"record_{number + 1}_{name}"] = partial(draw, data)
+    return makers
 
 
 def parameters_figure(rows: ParameterRatios) -> Figure:

@@ -16,7 +16,8 @@ from matplotlib.patheffects import Normal, Stroke
 
 from structid.report import palette
 from structid.report.changes import Panel, look
-from structid.report.drawing import PANEL_INCHES, WIDE_INCHES, Arrow, Mark, Picture
+from structid.report.drawing import PANEL_INCHES, WIDE_INCHES
+from structid.report.picture import Arrow, Mark, Picture
 from structid.report.png_style import plain
 
 _DASHES = (0, (2.2, 1.3))
@@ -37,7 +38,7 @@ def structure_figure(drawn: Picture) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     for axes, panel in zip(figure.subplots(*shape, squeeze=False).flat, shown, strict=True):
         _panel(figure, axes, drawn, panel)
-    figure.legend(handles=_key(), loc="outside lower center", ncols=4)
+    figure.legend(handles=_key(bool(drawn.panels)), loc="outside lower center", ncols=4)
     return figure
 
 
@@ -109,12 +110,16 @@ def _arrow(axes: Axes, arrow: Arrow, colour: str, width: float, order: int) -> N
         axes.fill(*head.T, color=colour, lw=0.5, zorder=order)
 
 
-def _key() -> list[Line2D | Patch]:
-    return [
+def _key(has_changes: bool) -> list[Line2D | Patch]:
+    changes: list[Line2D | Patch] = [
         Line2D([], [], color=palette.colours(palette.DIVERGING)[17], lw=3.5, label="parameter, coloured by change"),
         Line2D([], [], color=palette.colours(palette.DIVERGING)[17], lw=3.5, ls=_DASHES, label="line not identified"),
         Patch(facecolor="white", edgecolor=_EDGE, lw=0.9, hatch="////", label="mass not identified"),
-        Line2D([], [], color=palette.KNOWN, lw=2.5, label="not a parameter of this kind"),
+    ]
+    known = "not a parameter of this kind" if has_changes else "element"
+    return [
+        *(changes if has_changes else []),
+        Line2D([], [], color=palette.KNOWN, lw=2.5, label=known),
         Line2D([], [], color=palette.RIGID, lw=1.1, ls="--", label="rigid link"),
         Line2D([], [], color=palette.SENSOR, lw=1.5, marker=">", label="sensor, positive sense"),
         Line2D([], [], color=palette.LOAD, lw=2.4, marker=">", label="load"),

@@ -31,6 +31,13 @@ _NOISE = {
     "declared": "declared by the user",
     "unknown": "not stated",
 }
+_INTERVALS = {
+    "laplace": "from the curvature at the estimate (Laplace), taken to physical units: not symmetric for a positive"
+    " or bounded parameter",
+    "profile": "from the profile likelihood: all other parameters fitted again at each value",
+    "bootstrap": "from refits to data drawn again (bootstrap), 400 of them",
+    "sampling": "from samples of the posterior by the no-U-turn sampler",
+}
 _MANY = 24
 
 
@@ -54,11 +61,11 @@ class Table:
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
     """For each parameter whether it is identified, and if only with help."""
-    found, unknown = identification.estimate, identification.problem.parameters
+    found = identification.estimate
     weak = np.zeros(len(found.names), dtype=bool)
     for direction in found.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
-    has_prior = bool(np.isfinite(unknown.prior_std).any())
+    has_prior = bool(np.isfinite(identification.prior_std).any())
     states = []
     for identified, doubtful in zip(found.identified, weak, strict=True):
         if not identified:
@@ -72,25 +79,27 @@ def parameter_states(identification: Identification) -> tuple[str, ...]:
 
 def parameter_table(identification: Identification) -> Table:
     """Every parameter in physical units, with both standard deviations."""
-    found, unknown = identification.estimate, identification.problem.parameters
+    found = identification.estimate
     adopted = "model error" if found.covariance_basis == "model_error" else "noise"
     header = (
         "Parameter", "Unit", "Initial", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std",
-        "Change", "Std (noise)", "Std (model error)", "State",
+        "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
+    ends = found.interval() if identification.intervals is None else identification.intervals.ends
     rows = []
     for i, name in enumerate(found.names):
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
-        prior = with_std(float(unknown.prior_mean[i]), float(unknown.prior_std[i]))
+        prior = with_std(float(identification.prior_mean[i]), float(identification.prior_std[i]))
         rows.append(
             (
                 name,
                 unit_text(found.units[i]) or "1",
                 exact(initial),
-                prior if np.isfinite(unknown.prior_std[i]) else NOTHING,
+                prior if np.isfinite(identification.prior_std[i]) else NOTHING,
                 with_std(value, std),
                 percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
+                span_text(float(ends[i, 0]), float(ends[i, 1])),
                 percent(value / initial - 1) if initial else NOTHING,
                 number(float(found.std_noise[i]), 2),
                 number(float(found.std_model_error[i]), 2),
@@ -98,7 +107,53 @@ def parameter_table(identification: Identification) -> Table:
             )
         )
     marks = tuple("" if state == "identified" else "doubtful" for state in states)
-    return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8), marks)
+    return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8, 9), marks)
+
+
+def span_text(low: float, high: float) -> str:
+    """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
+    if math.isnan(low) or math.isnan(high):
+        return NOTHING
+    if not math.isfinite(high):
+        return f"above {number(low)}, no upper limit"
+    first, second = _span_digits(low, high)
+    return f"{number(low, first)} to {number(high, second)}"
+
+
+def _span_digits(low: float, high: float) -> tuple[int, int]:
+    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
+    largest = max(abs(low), abs(high))
+    if not (math.isfinite(largest) and high > low):
+        return 4, 4
+    last = math.floor(math.log10(high - low)) - 2
+    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
+    return min(max(first, 1), 10), min(max(second, 1), 10)
+
+
+def interval_words(identification: Identification) -> str:
+    """How the intervals of the parameters were found."""
+    kind = "laplace" if identification.intervals is None else identification.intervals.kind
+    return _INTERVALS[kind]
+
+
+def residual_table(found: Estimate) -> Table | None:
+    """Tests of every channel's residual; real and imaginary parts have a row each. None where nothing was tested."""
+    tests = found.residual_tests
+    if tests is None:
+        return None
+    header = (
+        "Channel", "Lines", "First autocorrelation", "p of whiteness", "Runs", "Runs expected", "p of runs",
+    )  # fmt: skip
+    rows = [
+        (
+            test.name, str(test.n_rows), number(test.lag_1, 2), number(test.whiteness_probability, 2), str(test.runs),
+            number(test.runs_expected, 3), number(test.runs_probability, 2),
+        )
+        for test in tests.series
+    ]  # fmt: skip
+    doubtful = {*tests.not_white, *tests.one_sided}
+    marks = tuple("doubtful" if test.name in doubtful else "" for test in tests.series)
+    return Table(header, tuple(rows), (1, 2, 3, 4, 5, 6), marks)
 
 
 def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:

@@ -65,7 +65,7 @@ def provenance(study: Study) -> Provenance:
         scipy=scipy.__version__,
         python=platform.python_version(),
         inputs=dict(study.digests),
-        seed=study.options.seed if study.options.restarts else None,
+        seed=study.options.seed if study.options.restarts or study.options.uniqueness_starts else None,
         settings=study.settings,
     )
 

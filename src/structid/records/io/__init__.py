@@ -77,6 +77,10 @@ def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
     ------
     FileError
         If the suffix is not known or the file cannot be written; a file already there stays as it was.
+    InputError
+        If the record lies right of the axis (`FrfRecord.decay`), which no format keeps.
     """
     path = Path(path)
+    if isinstance(record, FrfRecord) and record.decay is not None:
+        raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")
     _format(path).write(path, record)

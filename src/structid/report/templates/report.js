@@ -3,20 +3,22 @@ for (const [name, figure] of Object.entries(FIGURES)) {
   const place = document.getElementById("figure-" + name);
   if (place) { Plotly.newPlot(place, figure.data, figure.layout, CONFIG); }
 }
-const chooser = document.getElementById("channel");
-function showChannel() {
-  const figure = FIGURES["responses"], chosen = figure.channels[Number(chooser.value)];
+function showChannel(name, chooser) {
+  const figure = FIGURES[name], chosen = figure.channels[Number(chooser.value)];
   figure.data.forEach((trace, i) => { trace.y = chosen.y[i]; });
   figure.layout.yaxis.title.text = chosen.title;
   figure.layout.yaxis.range = chosen.range;
   figure.layout.title.text = chosen.heading;
-  Plotly.react(document.getElementById("figure-responses"), figure.data, figure.layout, CONFIG);
+  Plotly.react(document.getElementById("figure-" + name), figure.data, figure.layout, CONFIG);
 }
-function step(by) {
-  const count = chooser.options.length;
-  chooser.value = String((Number(chooser.value) + by + count) % count);
-  showChannel();
+for (const box of document.querySelectorAll(".chooser")) {
+  const name = box.dataset.figure, chooser = box.querySelector("select"), [previous, next] = box.querySelectorAll("button");
+  const step = (by) => {
+    const count = chooser.options.length;
+    chooser.value = String((Number(chooser.value) + by + count) % count);
+    showChannel(name, chooser);
+  };
+  chooser.addEventListener("change", () => showChannel(name, chooser));
+  previous.addEventListener("click", () => step(-1));
+  next.addEventListener("click", () => step(1));
 }
-chooser.addEventListener("change", showChannel);
-document.getElementById("previous").addEventListener("click", () => step(-1));
-document.getElementById("next").addEventListener("click", () => step(1));

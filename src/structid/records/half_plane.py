@@ -1,0 +1,239 @@
+"""Receptances at s = decay + i omega, right of the axis where they are measured: smooth, with their error.
+
+The receptance H(s) of a stable structure is analytic for Re s > 0. Its values there follow from FRFs on the axis by the
+Poisson integral, and from time histories that start at rest by a transform with a decaying factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.errors import InputError
+from structid.records.record import DERIVATIVES, FrfKind, FrfRecord
+
+#: Share of |H| that an error may reach before the value counts for nothing.
+LARGEST_ERROR = 0.25
+#: Error that is never undercut in the weight of a value.
+SMALLEST_ERROR = 0.02
+_CHUNK_ENTRIES = 4_000_000
+_LINES_A_DECAY = 2.0
+_MEANS_A_DECAY = 8
+_FEWEST_MEANS = 250
+
+
+def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) -> FrfRecord:
+    """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with the error they carry.
+
+    H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): a Lorentzian
+    average, which takes noise down too. It is made of receptance, mobility and accelerance, each then brought to the
+    record's kind by powers of s, and the one with the smallest error is taken at each line: receptance is cut off
+    best at the end of the band, accelerance alone is bounded at 0 where a structure is free. Beyond the last line
+    receptance and mobility count as 0, accelerance, which tends to a real limit, as its mean near the end.
+
+    Parameters
+    ----------
+    record : FrfRecord
+        On the axis, or with the same `decay` at every line; evenly spaced lines or not.
+    frequency : (n_lines,) array
+        omega / 2 pi of the new lines, Hz, increasing.
+    decay : (n_lines,) array
+        1/s, positive.
+
+    Returns
+    -------
+    FrfRecord
+        Its `decay` set. `variance` is E|error|^2: that of the noise, plus what a finite number of lines costs, judged
+        by the part of the kernel that lies beyond either end of the band times the size of the FRF there, and by the
+        differences to every second line; the error counts as `SMALLEST_ERROR` at least. Lines where no channel has an
+        error below `LARGEST_ERROR` are left out; a single value above it keeps a weight of almost nothing.
+
+    Raises
+    ------
+    InputError
+        If the record has several decays or too few lines, a decay does not lie to its right, or no line is left: the
+        lines are too coarse or the band too short for such a decay.
+
+    Notes
+    -----
+    Real receptances only: a constant loss factor makes a structure that moves before it is struck, and the integral
+    is then off by about the loss factor.
+
+    References
+    ----------
+    Shin and Cha (2009), Geophysical Journal International 177, 1067-1079: inversion in the Laplace-Fourier domain.
+    """
+    at, depth = np.atleast_1d(np.asarray(frequency, float)), np.atleast_1d(np.asarray(decay, float))
+    own = 0.0 if record.decay is None else float(record.decay[0])
+    if record.decay is not None and np.ptp(record.decay) > 0:
+        raise InputError("`record` must have one decay for all lines, got several; give what was measured")
+    if at.shape != depth.shape or not (depth > own).all():
+        raise InputError(
+            f"`decay` must hold one value above {own:g} 1/s a line, got {depth.shape} for {at.shape} lines"
+        )
+    used = record.lines(np.flatnonzero(record.frequency > 0)) if record.frequency[0] == 0 else record
+    if len(used.frequency) < 8:
+        raise InputError(f"the Poisson integral needs at least 8 lines, got {len(used.frequency)}")
+    values, variance = _best_of_kinds(used, depth + 2j * np.pi * at, own)
+    size = np.abs(values)
+    error = np.maximum(np.sqrt(variance), SMALLEST_ERROR * size)
+    poor = error > LARGEST_ERROR * size
+    keep = np.flatnonzero(~poor.all(axis=(1, 2)))
+    if not keep.size:
+        raise InputError(
+            f"no line of {at[0]:g}-{at[-1]:g} Hz has an error below {100 * LARGEST_ERROR:.0f} % after the Poisson integral:"
+            " `decay` is too small for the spacing of the lines, or the band too short; give finer lines or a larger decay"
+        )
+    error = np.where(poor, 100 * np.maximum(error, size), error)
+    return replace(
+        record,
+        frequency=at[keep],
+        values=values[keep],
+        variance=np.square(error[keep]),
+        coherence=None,
+        averages=None,
+        noise_source="declared",
+        decay=depth[keep],
+    )
+
+
+def _best_of_kinds(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
+    """Values in the record's kind and E|error|^2, from the kind of least error at each value."""
+    seen = laplace - own
+    values = np.zeros((len(laplace), *record.values.shape[1:]), dtype=np.complex128)
+    variance = np.full(values.shape, np.inf)
+    kinds: tuple[FrfKind, ...] = ("receptance", "mobility", "accelerance")
+    ratio = float((seen.real / np.abs(seen)).min())
+    measured = [[_means(record.lines(lines).as_kind(kind), ratio) for lines in _subsets(record)] for kind in kinds]
+    step = max(1, _CHUNK_ENTRIES // len(measured[0][0].frequency))
+    for first in range(0, len(laplace), step):
+        part = slice(first, first + step)
+        weights = [poisson_weights(one.omega, seen[part]) for one in measured[0]]
+        for kind, records in zip(kinds, measured, strict=True):
+            power = laplace[part] ** float(DERIVATIVES[record.kind] - DERIVATIVES[kind])
+            found, error = _smoothed(records, seen[part], weights)
+            found, error = found * power[:, None, None], error * (np.abs(power) ** 2)[:, None, None]
+            better = error < variance[part]
+            values[part] = np.where(better, found, values[part])
+            variance[part] = np.where(better, error, variance[part])
+    return values, variance
+
+
+def _subsets(record: FrfRecord) -> tuple[IntArray, IntArray, IntArray]:
+    """All lines, and every second in either way, whose difference to all shows what the spacing costs."""
+    every = np.arange(len(record.frequency))
+    return every, every[::2], every[1::2]
+
+
+def _means(record: FrfRecord, ratio: float) -> FrfRecord:
+    """Means over stretches much shorter than the decay ratio * omega and than resonances: fewer lines, the same integral."""
+    per_unit = max(_MEANS_A_DECAY / ratio, _FEWEST_MEANS)
+    stretch = np.floor(per_unit * np.log(record.omega / record.omega[0]))
+    first = np.flatnonzero(np.concatenate([[True], np.diff(stretch) > 0]))
+    count = np.diff(np.append(first, len(stretch)))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        return np.asarray(np.add.reduceat(values, first, axis=0) / count.reshape(shape))
+
+    return replace(
+        record,
+        frequency=mean(record.frequency),
+        values=mean(record.values),
+        variance=None if record.variance is None else mean(record.variance) / count[:, None, None],
+        coherence=None,
+        decay=None if record.decay is None else record.decay[first],
+    )
+
+
+def _smoothed(
+    records: list[FrfRecord], laplace: ComplexArray, weights: list[tuple[FloatArray, FloatArray]]
+) -> tuple[ComplexArray, FloatArray]:
+    """Weighted sums of the first record's values, and E|error|^2 of them with the others' for comparison."""
+    record = records[0]
+    shape = (len(laplace), *record.values.shape[1:])
+    flats = [one.values.reshape(len(one.frequency), -1) for one in records]
+    flat = flats[0]
+    sums = [w[0] @ part + w[1] @ np.conj(part) for w, part in zip(weights, flats, strict=True)]
+    error = np.zeros(sums[0].shape)
+    for other in sums[1:]:
+        error += np.abs(other - sums[0]) ** 2
+    below, above = _beyond(record.omega, laplace)
+    last = flat[record.omega > 0.8 * record.omega[-1]]
+    limit = np.mean(last.real, axis=0) * (record.kind == "accelerance")
+    sums[0] = sums[0] + above[:, None] * limit
+    error += (2 * below[:, None] * np.abs(flat[0])) ** 2
+    error += above[:, None] ** 2 * np.mean(np.abs(last) ** 2, axis=0)
+    if record.variance is not None:
+        error += (weights[0][0] ** 2 + weights[0][1] ** 2) @ record.variance.reshape(len(flat), -1)
+    return sums[0].reshape(shape), error.reshape(shape)
+
+
+def _beyond(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Parts of the kernel below the first line, with its mirror image, and above the last, with its."""
+
+    def reach(end: float) -> FloatArray:
+        """The part between -end and end."""
+        return np.asarray(
+            (np.arctan((end - laplace.imag) / laplace.real) + np.arctan((end + laplace.imag) / laplace.real)) / np.pi
+        )
+
+    return reach(float(omega[0])), 1 - reach(float(omega[-1]))
+
+
+def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Quadrature weights of the Poisson integral on the lines `omega` and on their mirror images.
+
+    H(s_i) is forward[i] @ H + backward[i] @ conj(H). Where the decay is at least twice the spacing of the lines near
+    omega, by the trapezoidal rule, whose error is of the order exp(-2 pi decay / spacing); else H is taken to run
+    straight between lines and the kernel is integrated exactly. Beyond the last line H counts as 0, below the first
+    as straight to its mirror image.
+
+    Parameters
+    ----------
+    omega : (n_lines,) float array
+        rad/s, positive and increasing.
+    laplace : (n_points,) complex array
+        1/s, real parts positive.
+
+    Returns
+    -------
+    forward, backward : (n_points, n_lines) float arrays
+    """
+    nodes = np.concatenate([-omega[::-1], omega])
+    spacing = np.diff(nodes)
+    count = len(omega)
+    weights = np.empty((len(laplace), len(nodes)))
+    width = 0.5 * (np.append(spacing, 0.0) + np.insert(spacing, 0, 0.0))
+    near = np.interp(np.abs(laplace.imag), nodes, width)
+    fine = (laplace.real >= _LINES_A_DECAY * near) & (laplace.imag > 2 * omega[0])
+    weights[fine] = _trapezoid(nodes, width, laplace[fine])
+    weights[~fine] = _exact(nodes, spacing, laplace[~fine])
+    return weights[:, count:], weights[:, count - 1 :: -1]
+
+
+def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> FloatArray:
+    kernel = nodes - laplace.imag[:, None]
+    kernel *= kernel
+    kernel += np.square(laplace.real)[:, None]
+    np.divide(width, kernel, out=kernel)
+    kernel *= (laplace.real / np.pi)[:, None]
+    return kernel
+
+
+def _exact(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
+    """Integrals of the kernel times the hat function of each node."""
+    depth = laplace.real[:, None]
+    away = (nodes - laplace.imag[:, None]) / depth
+    zeroth = np.arctan(away) / np.pi
+    first = depth * np.log1p(away**2) / (2 * np.pi)
+    mass = np.diff(zeroth, axis=1)
+    moment = np.diff(first, axis=1) - depth * away[:, :-1] * mass
+    rising = moment / spacing
+    weights = np.zeros(away.shape)
+    weights[:, 1:] = rising
+    weights[:, :-1] += mass - rising
+    return weights
