@@ -235,11 +235,14 @@ def table(folder: Path) -> None:
         missed = sum(r["accepted"] and not r["converged"] for r in rows)
         refused = sum(r["converged"] and not r["accepted"] for r in rows)
         seeds = sorted(r["seed"] for r in rows if not r["converged"])
+        shown = 8100 if name.startswith("impact") else lines or len(FINE)
         print(
-            f"{name:16s} {lines or len(FINE):6d} lines {method:20s} from {rms:4g} %: {len(good):3d} of {len(rows):3d}"
+            f"{name:17s} {shown:6d} lines {method:20s} from {rms:4g} %: {len(good):3d} of {len(rows):3d}"
             f" [{low:.0f}, {high:.0f}] %" + (f", target {target} %" if target else "")
         )
-        if good:
+        if (
+            good and method == "continuation"
+        ):  # the others stop on part of the lines, to which the bound does not belong
             error, limit = (np.sqrt(np.mean(np.square([r[key] for r in good]), axis=0)) for key in ("error", "bound"))
             ratio = np.sqrt(np.mean([r["normalized"] ** 2 for r in good]))
             print(

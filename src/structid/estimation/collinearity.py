@@ -145,6 +145,7 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
     named = tuple(of.names[i] for i in members)
     smallest = float(np.abs(correlation[np.ix_(members, members)]).min())
     index = float(of.condition[int(np.argmax(of.proportions[:, members].sum(axis=1)))])
+    caveat = "" if noise_scale == 1.0 else " (were the model's errors independent from line to line)"
     if len(members) == 2:
         pair = float(correlation[members[0], members[1]])
         together = float(np.linalg.norm(inverse[0] - np.sign(pair) * inverse[1]))
@@ -152,12 +153,12 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
             f"{named[0]} and {named[1]} move together (correlation {_correlation_text(pair)}): their"
             f" {'ratio' if pair > 0 else 'product'} is known to {percent_text(together)}, each alone to {_span(alone)}"
         )
-        return CollinearGroup(named, smallest, alone, together, index, words)
+        return CollinearGroup(named, smallest, alone, together, index, words + caveat)
     words = (
         f"{', '.join(named[:-1])} and {named[-1]} move together (condition index {float(f'{index:.2g}'):g}): with the"
         f" others of them known each would be known to {_span(given)}, each alone is to {_span(alone)}"
     )
-    return CollinearGroup(named, smallest, alone, float(given.max()), index, words)
+    return CollinearGroup(named, smallest, alone, float(given.max()), index, words + caveat)
 
 
 def percent_text(value: float) -> str:

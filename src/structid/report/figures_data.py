@@ -24,6 +24,8 @@ class ParameterRatios:
     names : tuple of str
     ratio, std : (n_params,) float arrays
         Identified value and its standard deviation; NaN where the initial value is 0 or nothing is known.
+    interval : (n_params, 2) float array
+        Ends of the 95 % interval; those of 1.96 standard deviations where it is open or not known.
     prior_mean, prior_std : (n_params,) float arrays
         The prior in the same ratio; NaN where there is none.
     identified : (n_params,) bool array
@@ -36,6 +38,7 @@ class ParameterRatios:
     names: tuple[str, ...]
     ratio: FloatArray
     std: FloatArray
+    interval: FloatArray
     prior_mean: FloatArray
     prior_std: FloatArray
     identified: np.ndarray
@@ -66,18 +69,21 @@ def parameter_ratios(identification: Identification) -> ParameterRatios:
     size = np.abs(scale)
     ratio, std = found.values / scale, found.std / size
     prior_mean, prior_std = identification.prior_mean / scale, identification.prior_std / size
-    low, high, log = _ratio_limits(ratio, std, prior_mean, prior_std, found.identified)
+    interval = ratio[:, None] + NORMAL_95 * std[:, None] * np.array([-1.0, 1.0])
+    if identification.intervals is not None:
+        ends = np.sort(identification.intervals.ends / scale[:, None], axis=1)
+        interval = np.where(np.isfinite(ends), ends, interval)
+    low, high, log = _ratio_limits(ratio, interval, prior_mean, prior_std, found.identified)
     notes = ("" if initial else " (initial value 0)" for initial in found.initial)
     names = tuple(name + note for name, note in zip(found.names, notes, strict=True))
-    return ParameterRatios(names, ratio, std, prior_mean, prior_std, found.identified, (low, high), log)
+    return ParameterRatios(names, ratio, std, interval, prior_mean, prior_std, found.identified, (low, high), log)
 
 
 def _ratio_limits(
-    ratio: FloatArray, std: FloatArray, prior_mean: FloatArray, prior_std: FloatArray, identified: np.ndarray
+    ratio: FloatArray, interval: FloatArray, prior_mean: FloatArray, prior_std: FloatArray, identified: np.ndarray
 ) -> tuple[float, float, bool]:
     """Axis limits that hold what is identified, with its interval, and the priors; others where they are near."""
-    width = NORMAL_95 * std
-    parts = [[1.0], *((part[identified]) for part in (ratio, ratio - width, ratio + width))]
+    parts = [[1.0], *((part[identified]) for part in (ratio, *interval.T))]
     ends = np.concatenate([*parts, prior_mean - prior_std, prior_mean + prior_std])
     ends = ends[np.isfinite(ends)]
     centre = np.append(ratio[identified & np.isfinite(ratio)], 1.0)

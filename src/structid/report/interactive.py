@@ -8,7 +8,6 @@ import numpy as np
 
 from structid.report import palette
 from structid.report.figures_data import (
-    NORMAL_95,
     History,
     ModeRows,
     ParameterRatios,
@@ -78,8 +77,9 @@ def parameters_figure(rows: ParameterRatios) -> Figure:
     if not known.all():
         data.append(_segments(*rows.limits, place[~known], palette.MUTED, 1.2, "not determined", "dash"))
     floor = rows.limits[0] / 10 if rows.log else None
-    for factor, width, name in ((NORMAL_95, 1.2, "95 % interval"), (1.0, 4.0, "± 1 std")):
-        low, high = (np.clip(rows.ratio + s * factor * rows.std, floor, None)[known] for s in (-1, 1))
+    one_std = rows.ratio[:, None] + rows.std[:, None] * np.array([-1.0, 1.0])
+    for ends, width, name in ((rows.interval, 1.2, "95 % interval"), (one_std, 4.0, "± 1 std")):
+        low, high = np.clip(ends[known], floor, None).T
         data.append(_segments(low, high, place[known], palette.INK, width, name))
     for sure, name in ((rows.identified, "identified"), (~rows.identified, "not identified")):
         if sure.any():

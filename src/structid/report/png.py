@@ -15,7 +15,6 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from structid.files import atomic_write
 from structid.report import palette
 from structid.report.figures_data import (
-    NORMAL_95,
     History,
     ModeRows,
     ParameterRatios,
@@ -114,8 +113,7 @@ def _parameter_rows(axes: matplotlib.axes.Axes, rows: ParameterRatios, part: np.
         look = {"color": palette.MUTED, "lw": 1.2, "ls": (0, (4, 3)), "zorder": 2}
         axes.hlines(place[wild], low, high, label="not determined", **look)
     known = ~wild
-    tail = std[known] * NORMAL_95
-    ends = np.clip([ratio[known] - tail, ratio[known] + tail], low / 10 if rows.log else None, None)
+    ends = np.clip(rows.interval[part][known].T, low / 10 if rows.log else None, None)
     axes.hlines(place[known], *ends, color=palette.INK, lw=1.0, label="95 % interval", zorder=3)
     ends = np.clip([ratio[known] - std[known], ratio[known] + std[known]], low / 10 if rows.log else None, None)
     axes.hlines(place[known], *ends, color=palette.INK, lw=3.2, label="± 1 std", zorder=3)
