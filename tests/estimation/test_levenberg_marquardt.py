@@ -91,6 +91,32 @@ def test_no_parameter_moves_by_more_than_its_largest_step():
     assert len(found.costs) > 15
 
 
+class Positive(Residual):
+    """The same in the logarithms of positive parameters."""
+
+    def physical(self, theta):
+        return np.exp(theta)
+
+    def slope(self, theta):
+        return np.exp(theta)
+
+
+def test_a_parameter_that_runs_to_zero_does_not_stop_the_others():
+    """Data with one negative coefficient fitted by positive ones: that one goes to 0, the rest to its least squares."""
+    x = np.linspace(0, 1, 60)
+    design = np.column_stack([np.sin((k + 1) * 2.2 * x) for k in range(6)]) * np.array([1, 1, 1, 1, 1, 1e-3])
+    data = design @ np.array([1.3, 0.6, 1.9, 0.8, 1.1, -40.0])
+    best = np.linalg.lstsq(design[:, :5], data, rcond=None)[0]
+    assert (best > 0).all()
+    found = minimize(
+        Positive(lambda t: design @ np.exp(t) - data, lambda t: design * np.exp(t), np.zeros(6)), LevenbergMarquardt()
+    )
+    assert found.converged
+    assert np.exp(found.theta[:5]) == pytest.approx(best, rel=1e-4)
+    assert np.exp(found.theta[5]) < 1e-3
+    assert len(found.costs) < 60
+
+
 def test_a_parameter_that_starts_at_zero_can_leave_it():
     found = minimize(Residual(lambda p: p - 3.0, lambda p: np.eye(1), np.zeros(1)), LevenbergMarquardt())
     assert found.theta == pytest.approx([3.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import FloatArray
@@ -15,6 +16,8 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
 _ROUNDING = 1e-14
 #: A step that lowers the sum of squares by more than this part of what the linear model promises goes as it is.
 _KEPT = 0.7
+#: A parameter whose largest step changes the residual by less than this part of what the whole step promises is held.
+_NEGLIGIBLE = 0.01
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,14 @@ class _Damped:
         right = self.orthogonal[: len(projected)].T @ projected
         return np.asarray(-linalg.solve_triangular(self.triangle, right, check_finite=False))
 
+    def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
+        """The same minimizer with the entries `held` at their `values`."""
+        right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
+        orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
+        step = np.array(values)
+        step[~held] = -linalg.solve_triangular(factor, orthogonal.T @ right, check_finite=False)
+        return step
+
     def length(self, step: FloatArray) -> float:
         return float(np.linalg.norm(self.scale * step))
 
@@ -118,7 +129,7 @@ def levenberg_marquardt(
         scale = np.maximum(np.linalg.norm(here.triangle, axis=0), 0.1 * scale)
         limit = np.maximum(limit, np.where(here.size > 0, method.largest_step * here.size, np.inf))
         damped = _damped(here.triangle, damping, scale)
-        velocity = damped.step(here.projected)
+        velocity = _velocity(here, damped, limit)
         linear = here.triangle @ velocity
         promised = -float(linear @ linear + 2 * linear @ here.projected)
         if (np.abs(velocity) <= method.step_tolerance * here.size).all() or damping > _MOST_DAMPING:
@@ -140,6 +151,22 @@ def levenberg_marquardt(
         if progress is not None:
             progress(iteration + 1, here.cost)
     return Minimum(here.theta, here.at, np.array(history), np.array(costs), converged, message)
+
+
+def _velocity(here: _Point, damped: _Damped, limit: FloatArray) -> FloatArray:
+    """The damped step, with parameters that run away held at their limits.
+
+    One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
+    for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still.
+    """
+    velocity = damped.step(here.projected)
+    linear = here.triangle @ velocity
+    promised = -float(linear @ linear + 2 * linear @ here.projected)
+    effect = np.linalg.norm(here.triangle, axis=0) * limit
+    runs = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * promised)
+    if not runs.any() or runs.all():
+        return velocity
+    return damped.step_holding(here.projected, runs, np.clip(velocity, -limit, limit))
 
 
 def _trial(
