@@ -1,0 +1,233 @@
+"""Output covariances of time records at lags, arranged as block Hankel matrices, whole and piece by piece.
+
+R_k = <y(t + k) y(t)'>, over all pairs of samples (divisor N - k), or over one window for all lags, which keeps
+G = C F^k X exact for a free decay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.errors import InputError
+from structid.records import TimeRecord
+from structid.records.record import Quantity
+
+_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+_DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """Motion channels of one or more records, each channel scaled to a root mean square of 1.
+
+    Attributes
+    ----------
+    series : tuple of (n_times, n_channels) float arrays
+        One a record, dimensionless.
+    scale : (n_channels,) float array
+        Root mean square of every channel over all records, in its unit.
+    channels, quantities : tuples
+        Place and kind of every channel.
+    sampling_rate : float
+        Hz.
+    """
+
+    series: tuple[FloatArray, ...]
+    scale: FloatArray
+    channels: tuple[Dof, ...]
+    quantities: tuple[Quantity, ...]
+    sampling_rate: float
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.channels)
+
+    @property
+    def derivative(self) -> FloatArray:
+        """0, 1 or 2 for displacement, velocity or acceleration, (n_channels,)."""
+        return np.array([_ORDER[quantity] for quantity in self.quantities])
+
+    @property
+    def duration(self) -> float:
+        """Of the longest record, s."""
+        return max(len(y) for y in self.series) / self.sampling_rate
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Samples `start` to `stop` - 1 of record number `record`, and their part of all windows."""
+
+    record: int
+    start: int
+    stop: int
+    part: float
+
+
+def outputs(records: TimeRecord | Sequence[TimeRecord]) -> Outputs:
+    """The motion channels of `records`; forces are left out.
+
+    Raises
+    ------
+    InputError
+        If there is no record, channels or sampling rates differ, nothing is left, or a channel does not move.
+    """
+    given = (records,) if isinstance(records, TimeRecord) else tuple(records)
+    if not given or not all(isinstance(record, TimeRecord) for record in given):
+        raise InputError("`records` must be one or more TimeRecords; read them from a file, or construct them")
+    first = given[0]
+    for number, record in enumerate(given[1:], 2):
+        if record.channels != first.channels or record.quantities != first.quantities:
+            raise InputError(
+                f"record {number} must have the channels and quantities of record 1, in the same order; select them"
+            )
+        if not np.isclose(record.sampling_rate, first.sampling_rate, rtol=1e-9):
+            raise InputError(
+                f"record {number} must be sampled at {first.sampling_rate:g} Hz as record 1 is, "
+                f"got {record.sampling_rate:g} Hz; resample it"
+            )
+    moving = [i for i, quantity in enumerate(first.quantities) if quantity in _ORDER]
+    if not moving:
+        raise InputError("`records` must hold displacement, velocity or acceleration, got forces only")
+    channels = tuple(first.channels[i] for i in moving)
+    quantities = tuple(first.quantities[i] for i in moving)
+    series = [record.values[:, moving] for record in given]
+    scale = _scale(series, channels, quantities)
+    return Outputs(tuple(y / scale for y in series), scale, channels, quantities, first.sampling_rate)
+
+
+def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
+    """Root mean square of every channel, all of which must vary."""
+    n_samples = sum(len(y) for y in series)
+    scale = np.sqrt(sum(np.sum(np.square(y), axis=0) for y in series) / n_samples)
+    spread = np.sqrt(sum(np.sum(np.square(y - y.mean(axis=0)), axis=0) for y in series) / n_samples)
+    kinds = np.array(quantities)
+    for i, (channel, quantity) in enumerate(zip(channels, quantities, strict=True)):
+        typical = np.median(spread[kinds == quantity])
+        if spread[i] <= _DEAD * max(typical, scale[i]) or spread[i] == 0.0:
+            raise InputError(
+                f"{quantity} channel {channel} is dead or constant (standard deviation {spread[i]:.3g}); "
+                "leave this channel out, or repair the sensor"
+            )
+    return np.asarray(scale)
+
+
+def require_length(data: Outputs, lags: int, max_order: int) -> None:
+    """Refuse records too short for the lags asked for."""
+    shortest = min(len(y) for y in data.series)
+    needed = 3 * lags
+    if shortest < needed:
+        raise InputError(
+            f"every record must hold at least {needed} samples for lags up to {lags} samples, got {shortest}; "
+            "measure longer, or lower `block_rows`"
+        )
+    n_rows = sum(len(y) - lags for y in data.series)
+    if n_rows < max_order:
+        raise InputError(
+            f"`records` must hold more than {max_order} instants for models of order {max_order}, got {n_rows}; "
+            "measure longer, or lower `orders`"
+        )
+
+
+def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piece, ...]:
+    """Consecutive windows of about equal length, `n_pieces` in all where the lengths of the records allow it.
+
+    Parameters
+    ----------
+    head, tail : int
+        Samples that each record needs before the first and from the last instant of a window on.
+    n_pieces : int
+        Number wanted; each record has at least one.
+    """
+    lengths = np.array([len(y) - head - tail for y in data.series])
+    counts = np.maximum(1, np.round(n_pieces * lengths / lengths.sum()).astype(int))
+    found = []
+    for number, (length, count) in enumerate(zip(lengths, counts, strict=True)):
+        edges = head + np.round(np.linspace(0, length, count + 1)).astype(int)
+        for start, stop in pairwise(edges.tolist()):
+            found.append(Piece(number, start, stop, (stop - start) / float(lengths.sum())))
+    return tuple(found)
+
+
+def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int, offset: int) -> FloatArray:
+    """Sum over t = start .. stop - 1 of [y(t+offset); ...; y(t+offset+rows-1)] [y(t); ...; y(t-columns+1)]'.
+
+    Blocks of one lag differ by two samples at the ends of the window, so that each lag costs one product only.
+
+    Returns
+    -------
+    (rows * n_channels, columns * n_channels) float array
+    """
+    m = y.shape[1]
+    blocks = np.empty((rows, m, columns, m))
+    for lag in range(offset, offset + rows + columns - 1):
+        first = max(0, lag - offset - rows + 1)
+        block = lag_product(y, lag, start - first, stop - first)
+        blocks[lag - offset - first, :, first] = block
+        for c in range(first + 1, min(columns, lag - offset + 1)):
+            block = block + np.outer(y[start - c + lag], y[start - c]) - np.outer(y[stop - c + lag], y[stop - c])
+            blocks[lag - offset - c, :, c] = block
+    return blocks.reshape(rows * m, columns * m)
+
+
+def lag_product(y: FloatArray, lag: int, start: int, stop: int) -> FloatArray:
+    """Sum over s = start .. stop - 1 of y(s + lag) y(s)', (n_channels, n_channels)."""
+    return np.asarray(y[start + lag : stop + lag].T @ y[start:stop])
+
+
+def window_hankels(
+    data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
+) -> Iterator[FloatArray]:
+    """`window_hankel` of every piece, over the number of instants in all of them."""
+    total = sum(piece.stop - piece.start for piece in windows)
+    for piece in windows:
+        y = data.series[piece.record]
+        yield window_hankel(y, piece.start, piece.stop, rows, columns, offset) / total
+
+
+def correlations(
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, n_lags: int, fixed_window: bool = False
+) -> FloatArray:
+    """R_k for k = 0 .. n_lags - 1 of the scaled channels, (n_lags, n_channels, n_channels).
+
+    Parameters
+    ----------
+    n_lags : int
+        Lags wanted.
+    fixed_window : bool
+        Average the same instants t for every lag. Otherwise all pairs of samples count, with divisor N - k, which
+        is unbiased for stationary motion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> record = TimeRecord(1.0, np.tile([[1.0], [-1.0]], (50, 1)), ("1Z",), ("velocity",))
+    >>> correlations(record, 3).ravel().tolist()
+    [1.0, -1.0, 1.0]
+    """
+    data = records if isinstance(records, Outputs) else outputs(records)
+    require_length(data, n_lags, 0)
+    found = []
+    for lag in range(n_lags):
+        held = n_lags - 1 if fixed_window else lag
+        product = sum(lag_product(y, lag, 0, len(y) - held) for y in data.series)
+        found.append(product / sum(len(y) - held for y in data.series))
+    return np.array(found)
+
+
+def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
+    """Block Hankel matrices of R_(offset + r + c), as each piece contributes to it with divisor N - k."""
+    for piece in windows:
+        y = data.series[piece.record]
+        last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)
+        stack = []
+        for lag in range(offset, offset + rows + columns - 1):
+            stop = len(y) - lag if last else piece.stop
+            total = sum(len(x) - lag for x in data.series)
+            stack.append(lag_product(y, lag, piece.start, stop) / total)
+        yield np.block([[stack[r + c] for c in range(columns)] for r in range(rows)])

@@ -1,0 +1,133 @@
+"""Poles of a vibrating structure with their mode shapes, and the hard criteria that a physical pole meets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Poles:
+    """Poles in the upper half plane, each standing for its conjugate pair, by increasing magnitude.
+
+    Parameters
+    ----------
+    poles : (n_poles,) complex array
+        s = -zeta omega + i omega sqrt(1 - zeta^2), rad/s.
+    shapes : (n_channels, n_poles) complex array
+        Motion of every channel, in the unit of the channel.
+    order : int
+        States of the model that the poles come from.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree or an entry is not finite.
+    """
+
+    poles: ComplexArray
+    shapes: ComplexArray
+    order: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "poles", locked(self.poles, np.complex128))
+        object.__setattr__(self, "shapes", locked(self.shapes, np.complex128))
+        require_shape("poles", self.poles, (None,))
+        require_shape("shapes", self.shapes, (None, len(self.poles)), "one column a pole")
+        require_finite("poles", self.poles)
+        require_finite("shapes", self.shapes)
+
+    @property
+    def omega(self) -> FloatArray:
+        """Undamped circular frequency |s|, rad/s."""
+        return np.abs(self.poles)
+
+    @property
+    def frequency(self) -> FloatArray:
+        """Undamped natural frequency, Hz."""
+        return self.omega / (2 * np.pi)
+
+    @property
+    def damping_ratio(self) -> FloatArray:
+        """Viscous damping ratio -Re(s) / |s|."""
+        return np.asarray(-self.poles.real / self.omega)
+
+    @property
+    def mpc(self) -> FloatArray:
+        """Modal phase collinearity of every shape: 1 for a real shape in any phase, 0 for a circular one."""
+        return modal_phase_collinearity(self.shapes)
+
+
+@dataclass(frozen=True)
+class HardCriteria:
+    """What a pole must meet to be looked at; the defaults exclude only what no structure shows.
+
+    Parameters
+    ----------
+    frequency : (float, float)
+        Least and greatest undamped frequency, Hz.
+    damping_ratio : (float, float)
+        Least and greatest; a little below 0, for undamped motion in noise.
+    mpc : float
+        Least modal phase collinearity; 0 lets every shape pass.
+    """
+
+    frequency: tuple[float, float] = (0.0, np.inf)
+    damping_ratio: tuple[float, float] = (-0.01, 0.2)
+    mpc: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "damping_ratio"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise InputError(f"`{name}` must be a range (least, greatest), got ({low!r}, {high!r})")
+
+    def indices(self, poles: Poles) -> IntArray:
+        """Which of `poles` meet all criteria."""
+        frequency, ratio = poles.frequency, poles.damping_ratio
+        good = (frequency >= self.frequency[0]) & (frequency <= self.frequency[1])
+        good &= (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1])
+        if self.mpc > 0:
+            good &= poles.mpc >= self.mpc
+        return np.flatnonzero(good)
+
+
+def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
+    """((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2 of real and imaginary parts x, y of each column, (n_modes,).
+
+    References
+    ----------
+    Pappa, Elliott and Schenk (1993), J. Guid. Control Dyn. 16(5), Eq. (21), without removal of the mean.
+    """
+    x, y = shapes.real, shapes.imag
+    xx, yy, xy = (np.sum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
+    total = xx + yy
+    return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total > 0, total, 1.0) ** 2)
+
+
+def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float) -> Poles:
+    """Poles of x(k+1) = A x(k), y(k) = C x(k).
+
+    Parameters
+    ----------
+    transition : (order, order) float array
+        A. Eigenvalues on the real axis belong to no vibration, or to one at the Nyquist frequency, and are left out.
+    output : (n_channels, order) float array
+        C.
+    sampling_rate : float
+        Hz.
+    """
+    values, vectors = np.linalg.eig(transition)
+    kept = oscillating(values, sampling_rate)
+    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition))
+
+
+def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:
+    """Indices of discrete poles in the upper half plane, by increasing magnitude of their continuous ones."""
+    kept = np.flatnonzero(values.imag > 0)
+    size = np.abs(np.log(values[kept].astype(np.complex128)) * sampling_rate)
+    return np.asarray(kept[np.argsort(size, kind="stable")])

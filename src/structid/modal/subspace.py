@@ -1,0 +1,125 @@
+"""One kernel for all methods: a block Hankel matrix, its singular vectors, and poles by shift invariance.
+
+The column space of the matrix is that of the observability matrix O = [C; C A; C A^2; ...]. Left singular vectors
+U_n stand for O in another basis, and A_n = U_n(without the last block row)^+ U_n(without the first). Matrices of all
+orders are leading parts of those of the greatest: one QR decomposition serves them all.
+
+References
+----------
+Doehler and Mevel (2012), Fast multi-order computation of system matrices in subspace-based system identification,
+Control Eng. Pract. 20, 882-894.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.modal.correlations import Outputs, Piece
+from structid.modal.poles import Poles, state_poles
+
+Parts = Callable[[Outputs, Sequence[Piece]], Iterator[FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """Singular vectors of the matrix that a method forms, and the transition matrices of all orders.
+
+    Attributes
+    ----------
+    data : Outputs
+        Channels the first block row stands for.
+    left, singular, right : arrays (n_rows, rank), (rank,), (n_columns, rank)
+        Singular value decomposition of the matrix.
+    triangle, moved : (max_order, max_order) float arrays
+        A_n = triangle[:n, :n]^-1 moved[:n, :n].
+    parts : function of (data, windows), or None
+        Yields what each piece of the records contributes to the matrix; their sum is the matrix.
+    windows : tuple of Piece
+        The pieces.
+    method : str
+        Name of the method.
+    """
+
+    data: Outputs
+    left: FloatArray
+    singular: FloatArray
+    right: FloatArray
+    triangle: FloatArray
+    moved: FloatArray
+    parts: Parts | None
+    windows: tuple[Piece, ...]
+    method: str
+
+    @property
+    def max_order(self) -> int:
+        return len(self.triangle)
+
+    def transition(self, order: int) -> FloatArray:
+        """A of `order` states."""
+        return np.asarray(linalg.solve_triangular(self.triangle[:order, :order], self.moved[:order, :order]))
+
+    def output(self, order: int) -> FloatArray:
+        """C of `order` states, in the units of the channels."""
+        return self.data.scale[:, None] * self.left[: self.data.n_channels, :order]
+
+
+def shift_invariant(
+    matrix: FloatArray,
+    data: Outputs,
+    method: str,
+    max_order: int,
+    parts: Parts | None = None,
+    windows: Sequence[Piece] = (),
+) -> Subspace:
+    """`Subspace` of the block Hankel `matrix`, its block rows one sample apart."""
+    left, singular, right = linalg.svd(matrix, full_matrices=False)
+    m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
+    q, triangle = np.linalg.qr(left[:-m, :n])
+    _require_full(triangle, n)
+    return Subspace(data, left, singular, right.T, triangle, q.T @ left[m:, :n], parts, tuple(windows), method)
+
+
+def _require_full(triangle: FloatArray, order: int) -> None:
+    if np.abs(np.diag(triangle)).min(initial=1.0) <= 1e-14:
+        raise InputError(f"`orders` must be lower than {order}: the block rows hold fewer states; raise `block_rows`")
+
+
+def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tuple[Poles, ...]:
+    """Poles of the model of every order.
+
+    Raises
+    ------
+    InputError
+        If an order is not between 1 and the greatest that the method has room for.
+    """
+    for order in orders:
+        if not 1 <= order <= subspace.max_order:
+            raise InputError(
+                f"`orders` must lie from 1 to {subspace.max_order}, got {order}; raise `block_rows` for more"
+            )
+    rate = subspace.data.sampling_rate
+    return tuple(state_poles(subspace.transition(int(n)), subspace.output(int(n)), rate) for n in orders)
+
+
+def delayed_triangle(data: Outputs, rows: int) -> FloatArray:
+    """R of the QR decomposition of all instants' [y(t), ..., y(t + rows - 1)], in chunks.
+
+    Returns
+    -------
+    (rows * n_channels, rows * n_channels) float array
+    """
+    width = rows * data.n_channels
+    triangle = np.zeros((0, width))
+    for y in data.series:
+        delayed = np.lib.stride_tricks.sliding_window_view(y, rows, axis=0).transpose(0, 2, 1)
+        size = max(4 * width, 1024)
+        for start in range(0, len(delayed), size):
+            chunk = delayed[start : start + size].reshape(-1, width)
+            triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, chunk]), mode="r"))
+    return triangle

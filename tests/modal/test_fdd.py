@@ -1,0 +1,36 @@
+"""Peaks of the spectral matrix: a chain of known modes, and a spectrum written out."""
+
+import numpy as np
+import pytest
+from modal_cases import ambient_chain, chain_modes
+
+from structid import InputError
+from structid.compare import mac
+from structid.modal import fdd
+from structid.modal.fdd import singular_spectra
+
+
+def test_peaks_are_the_modes_of_the_chain():
+    """Frequencies within half the width of a peak of 1 % damping, one line at the least."""
+    omega, shapes = chain_modes()
+    found = fdd(ambient_chain(0, 1200.0), [0.56, 1.6, 2.42, 3.0], 1024)
+    assert np.abs(found.frequency / (omega / (2 * np.pi)) - 1).max() <= 0.02
+    assert np.diag(mac(found.mode_shapes, shapes)).min() >= 0.98
+    assert np.isnan(found.damping_ratio).all()
+
+
+def test_singular_values_hold_the_power_of_all_channels():
+    """The sum over lines of the trace is the mean square of four channels scaled to 1."""
+    frequency, values, vectors = singular_spectra(ambient_chain(1), 512)
+    assert values.sum() * frequency[1] == pytest.approx(4.0, rel=0.05)
+    assert np.abs(vectors[40].conj().T @ vectors[40] - np.eye(4)).max() <= 1e-12
+
+
+def test_bad_settings_are_named():
+    record = ambient_chain(0, 60.0)
+    with pytest.raises(InputError, match="`segment` must lie from 8 to 600"):
+        fdd(record, [0.5])
+    with pytest.raises(InputError, match="`frequencies` must lie between 0 and 5 Hz"):
+        fdd(record, [9.0], 256)
+    with pytest.raises(InputError, match="different peaks"):
+        fdd(record, [1.59, 1.591], 256)
