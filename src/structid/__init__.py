@@ -7,7 +7,7 @@ from structid.dynamics import harmonic_transient, sampled_transient
 from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, Status, estimate
 from structid.estimation.comparison import Comparison, compare_jointly, compare_states
-from structid.modal import ModalRecord, pseudo_rayleigh
+from structid.modal import ModalRecord, identify_modes, pseudo_rayleigh
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,
@@ -127,6 +127,7 @@ __all__ = [
     "from_repeats",
     "harmonic_transient",
     "identify",
+    "identify_modes",
     "identify_motion",
     "identify_time",
     "identify_together",

@@ -11,7 +11,8 @@ from structid.observation import ModalProblem
 
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames"
 pytestmark = pytest.mark.skipif(
-    not FRAMES.exists(), reason="the measured modes of the SMU frames are not part of the package: shared/data is missing"
+    not FRAMES.exists(),
+    reason="the measured modes of the SMU frames are not part of the package: shared/data is missing",
 )
 
 

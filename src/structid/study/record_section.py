@@ -195,7 +195,7 @@ def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfR
             settings = FrfSettings(source.section, (), (), {"estimator": "Hv", "segment_length": length})
         if settings is None:
             raise source.section.error(
-                "the record holds time histories; add [record.frf], as in estimator = \"H1\", segment_length = 2048, or"
+                'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048, or'
                 " [record.time] to fit them as they are"
             )
         return spectral_frf(histories, settings)
