@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from structid.estimation import Identifiability
+from structid.estimation.intervals import span_digits
 from structid.records import FrfRecord, Record
 from structid.reproduce.item import Item
 from structid.study.check import CheckResult
@@ -37,7 +38,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     for i, name in enumerate(estimate.names):
         note = "" if estimate.identified[i] else "not identified"
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
-        span = " to ".join(number(end, digits) for end, digits in zip(ends[i], _span_digits(*ends[i]), strict=True))
+        span = " to ".join(number(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
         table.add_row(name, estimate.units[i], *numbers, span, note)
     modes = _table("mode", "frequency Hz", "damping ratio")
     for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
@@ -122,16 +123,6 @@ def reproduction_summary(items: Iterable[Item]) -> list[RenderableType]:
 def number(value: float, digits: int = 5) -> str:
     """A number of `digits` significant digits; a dash where there is none."""
     return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
-
-
-def _span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
-    largest = max(abs(low), abs(high))
-    if not (math.isfinite(largest) and high > low):
-        return 4, 4
-    last = math.floor(math.log10(high - low)) - 2
-    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
-    return min(max(first, 1), 10), min(max(second, 1), 10)
 
 
 def _heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:

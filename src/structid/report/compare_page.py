@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from functools import cache
 from pathlib import Path
-from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from structid._version import __version__
 from structid.files import made_folder
 from structid.report.compare_figures import comparison_pictures
 from structid.report.compare_text import HEADER, comparison_rows, facts
+from structid.report.page_template import page_template
 from structid.study.comparing import COMPARE_PAGE, ComparisonResult
 
 
@@ -38,7 +35,7 @@ def write_comparison_page(result: ComparisonResult, folder: Path) -> Path:
 def comparison_page(result: ComparisonResult, pictures: dict[str, bytes]) -> str:
     """The page as text, with the pictures in it."""
     found = result.comparison
-    return _template().render(
+    return page_template("compare.html.j2").render(
         title=f"{result.baseline.title} → {result.later.title}",
         version=__version__,
         complete=found.is_complete,
@@ -50,12 +47,3 @@ def comparison_page(result: ComparisonResult, pictures: dict[str, bytes]) -> str
         rows=comparison_rows(result),
         pictures={name: f"data:image/png;base64,{b64encode(png).decode('ascii')}" for name, png in pictures.items()},
     )
-
-
-@cache
-def _template() -> Any:
-    environment = Environment(
-        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    return environment.get_template("compare.html.j2")

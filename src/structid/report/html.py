@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
 from structid._version import __version__
@@ -19,6 +17,7 @@ from structid.report import tables
 from structid.report.drawing import picture
 from structid.report.figures_data import Responses, mode_rows, responses
 from structid.report.interactive import page_figures
+from structid.report.page_template import page_template
 from structid.report.picture import Picture
 from structid.report.png import write_figures
 from structid.study.identification import Identification
@@ -77,7 +76,7 @@ def page(
     found, problem = identification.estimate, identification.problem
     figures = page_figures(identification, data, drawn)
     warnings, repeated = sorted_warnings(identification)
-    return _template().render(
+    return page_template("report.html.j2").render(
         title=title or "Structural identification",
         version=__version__,
         status=found.status.value,
@@ -148,12 +147,3 @@ def _embedded(value: Any) -> str:
     """`value` as JSON that cannot end a script element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-@cache
-def _template() -> Any:
-    environment = Environment(
-        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    return environment.get_template("report.html.j2")

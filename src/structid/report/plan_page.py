@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from functools import cache
 from pathlib import Path
-from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from structid._version import __version__
 from structid.files import made_folder
+from structid.report.page_template import page_template
 from structid.report.plan_figures import plan_pictures, write_plan_pictures
 from structid.report.plan_text import (
     TEST_HEADER,
@@ -43,7 +40,7 @@ def write_plan_page(found: Plan, folder: Path, title: str = "", notes: tuple[str
 def plan_page(found: Plan, pictures: dict[str, bytes], title: str = "", notes: tuple[str, ...] = ()) -> str:
     """The page as text."""
     header, rows = parameter_rows(found)
-    return _template().render(
+    return page_template("plan.html.j2").render(
         title=title or "Structure",
         version=__version__,
         determined=found.determined,
@@ -59,12 +56,3 @@ def plan_page(found: Plan, pictures: dict[str, bytes], title: str = "", notes: t
         parameters=rows,
         pictures={name: f"data:image/png;base64,{b64encode(png).decode('ascii')}" for name, png in pictures.items()},
     )
-
-
-@cache
-def _template() -> Any:
-    environment = Environment(
-        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    return environment.get_template("plan.html.j2")

@@ -5,14 +5,12 @@ from __future__ import annotations
 import re
 from base64 import b64encode
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from structid._version import __version__
 from structid.files import atomic_write, made_folder
+from structid.report.page_template import page_template
 from structid.report.png_reproduction import panels_png
 from structid.report.reproduction_tables import table_text
 from structid.report.text import NOTHING, number, unit_text
@@ -121,7 +119,7 @@ def _rounded(value: Any) -> Any:
 def page(items: Sequence[Item], pictures: dict[str, bytes]) -> str:
     """The page as text, with the pictures in it."""
     counts = [(verdict, sum(item.verdict is verdict for item in items)) for verdict in Verdict]
-    return _template().render(
+    return page_template("reproduction.html.j2").render(
         version=__version__,
         counts=[(verdict.value, _CLASSES[verdict], count) for verdict, count in counts if count],
         items=[_item_view(item, pictures) for item in items],
@@ -150,12 +148,3 @@ def _item_view(item: Item, pictures: dict[str, bytes]) -> dict[str, Any]:
 def _slug(item: Item) -> str:
     """Name of `item` in files and links: lower case, and one underscore for what is no letter or digit."""
     return re.sub(r"\W+", "_", item.name.lower()).strip("_")
-
-
-@cache
-def _template() -> Any:
-    environment = Environment(
-        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    return environment.get_template("reproduction.html.j2")

@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
+from structid.estimation.intervals import span_digits
 from structid.report.figures_data import ModeRows, initial_relative_error
 from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit
 from structid.structure import Structure
@@ -116,18 +117,8 @@ def span_text(low: float, high: float) -> str:
         return NOTHING
     if not math.isfinite(high):
         return f"above {number(low)}, no upper limit"
-    first, second = _span_digits(low, high)
+    first, second = span_digits(low, high)
     return f"{number(low, first)} to {number(high, second)}"
-
-
-def _span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
-    largest = max(abs(low), abs(high))
-    if not (math.isfinite(largest) and high > low):
-        return 4, 4
-    last = math.floor(math.log10(high - low)) - 2
-    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
-    return min(max(first, 1), 10), min(max(second, 1), 10)
 
 
 def interval_words(identification: Identification) -> str:
