@@ -5,12 +5,12 @@ import pytest
 from modal_cases import ambient_chain, beam_decay, chain_modes, nearest
 
 from structid.modal import identify_modes
-from structid.modal.correlations import outputs
-from structid.modal.identification import _covariance, displacement_rows
+from structid.modal.correlations import displacement_rows, outputs
 from structid.modal.pencil import pencil
 from structid.modal.pole_uncertainty import free_decay_fit, piece_deviations, pole_deviations
 from structid.modal.ssi import ssi_cov, ssi_data
 from structid.modal.subspace import poles_of_orders, shift_invariant
+from structid.modal.subspace_modes import frequency_damping_covariance
 from structid.reproduce.simple_beam import beam_omega
 
 
@@ -62,7 +62,7 @@ def test_covariance_of_frequency_and_damping_follows_that_of_poles():
 
     change = (numbers(s + 1e-7 * ds) - numbers(s - 1e-7 * ds)) / 2e-7
     expected = change.T @ change
-    assert np.abs(_covariance(s, ds, []) - expected).max() <= 1e-6 * np.abs(expected).max()
+    assert np.abs(frequency_damping_covariance(s, ds, []) - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 def test_quantities_at_one_place_merge_by_least_squares():

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.records import TimeRecord
@@ -115,6 +115,22 @@ def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tupl
                 "leave this channel out, or repair the sensor"
             )
     return np.asarray(scale)
+
+
+def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], ComplexArray]:
+    """Degrees of freedom, and the weights of channels in their displacement, (n_dofs, n_channels, n_modes).
+
+    A channel of the k-th derivative holds s^k times the displacement, in noise that is taken to be in proportion to
+    its root mean square: least squares over the channels of one place.
+    """
+    dofs = tuple(dict.fromkeys(data.channels))
+    if len(set(data.quantities)) == 1:
+        return dofs, np.repeat(np.eye(len(dofs))[:, :, None], len(s), axis=2).astype(np.complex128)
+    factor = s[None, :] ** data.derivative[:, None]
+    here = np.array([[channel == dof for channel in data.channels] for dof in dofs])[:, :, None]
+    weight = np.where(here, factor.conj() / data.scale[:, None] ** 2, 0.0)
+    total = np.sum(weight * factor, axis=1, keepdims=True)
+    return dofs, weight / total
 
 
 def require_length(data: Outputs, lags: int, max_order: int) -> None:

@@ -14,8 +14,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError
-from structid.modal.correlations import outputs
-from structid.modal.identification import displacement_rows
+from structid.modal.correlations import displacement_rows, outputs
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.records import TimeRecord
 

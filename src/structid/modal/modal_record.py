@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
+
+Scaling = Literal["unit_largest", "mass"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +26,7 @@ class ModalRecord:
     damping_ratio : (n_modes,) float array
         Viscous damping ratio; NaN where the method gives none.
     mode_shapes : (n_channels, n_modes) array, real or complex
-        One column a mode, largest entry 1; the sense of each `Dof` included.
+        One column a mode; the sense of each `Dof` included.
     channels : tuple of Dof
         Where the rows of `mode_shapes` were measured.
     covariance : (2 n_modes, 2 n_modes) float array, optional
@@ -34,6 +37,9 @@ class ModalRecord:
         What the user should know before using the modes: causes and remedies.
     source : str
         Method and data that the modes come from.
+    scaling : {"unit_largest", "mass"}
+        Entry of largest magnitude 1; or a modal mass of 1, shapes in kg^-1/2 (translations), where a driving point
+        or a model gives it.
 
     Raises
     ------
@@ -49,6 +55,7 @@ class ModalRecord:
     shape_std: FloatArray | None = None
     warnings: tuple[str, ...] = ()
     source: str = ""
+    scaling: Scaling = "unit_largest"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
@@ -57,6 +64,8 @@ class ModalRecord:
         object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, kind))
         object.__setattr__(self, "channels", parse_dofs(self.channels))
         object.__setattr__(self, "warnings", tuple(self.warnings))
+        if self.scaling not in ("unit_largest", "mass"):
+            raise InputError(f"`scaling` must be unit_largest or mass, got {self.scaling!r}")
         require_shape("frequency", self.frequency, (None,))
         require_finite("frequency", self.frequency)
         if (self.frequency < 0).any() or (np.diff(self.frequency) < 0).any():

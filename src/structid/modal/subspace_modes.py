@@ -1,0 +1,195 @@
+"""Modes of free or ambient motion by any method that forms a block Hankel matrix of the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.errors import InputError
+from structid.modal.correlations import Outputs, displacement_rows, outputs
+from structid.modal.era import era, era_dc
+from structid.modal.itd import itd
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalRecord
+from structid.modal.pencil import pencil
+from structid.modal.pole_uncertainty import Deviations, deviations, pole_deviations
+from structid.modal.poles import Poles
+from structid.modal.ssi import ssi_cov, ssi_data
+from structid.modal.stabilization import Cluster, clusters
+from structid.modal.subspace import Subspace, poles_of_orders
+from structid.records import TimeRecord
+
+SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {
+    "pencil": pencil,
+    "era": era,
+    "era_dc": era_dc,
+    "ssi_cov": ssi_cov,
+    "ssi_data": ssi_data,
+    "itd": itd,
+}
+_WITHOUT_PIECES = ("era", "itd")
+_MAX_ORDER = 60
+_BLOCK_ROWS = 30
+
+
+def subspace_modes(
+    records: TimeRecord | Sequence[TimeRecord], method: str, options: ModalOptions
+) -> ModalIdentification:
+    """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
+    data = outputs(records)
+    rows = _block_rows(data, options.block_rows)
+    wanted = _orders(data, rows, options.orders)
+    pieces = {} if method in _WITHOUT_PIECES else {"n_pieces": max(options.n_pieces, 1)}
+    subspace = SUBSPACE_METHODS[method](records, rows, max(wanted), **pieces)
+    wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
+    sweep = poles_of_orders(subspace, wanted)
+    picked, found, notes = picked_poles(sweep, data.scale, options)
+    if not picked:
+        raise InputError(
+            "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
+            "`block_rows` or the greatest order, or measure longer"
+        )
+    modes = _modal_record(subspace, sweep, picked, notes)
+    return ModalIdentification(modes, method, sweep, found, options)
+
+
+def _block_rows(data: Outputs, given: int | None) -> int:
+    shortest = min(len(y) for y in data.series)
+    if given is not None:
+        if given < 2:
+            raise InputError(f"`block_rows` must be at least 2, got {given}; a shift needs two samples")
+        return given
+    few_channels = -(-2 * _MAX_ORDER // data.n_channels)
+    rows = min(max(_BLOCK_ROWS, few_channels), shortest // 8)
+    if rows < 2:
+        raise InputError(f"every record must hold at least 16 samples, got {shortest}; measure longer")
+    return rows
+
+
+def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
+    room = (rows - 1) * data.n_channels
+    orders = list(range(2, min(_MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    if not orders or orders[0] < 1 or orders[-1] > room:
+        raise InputError(
+            f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "
+            f"{orders if len(orders) < 5 else f'{orders[0]} to {orders[-1]}'}; raise `block_rows`"
+        )
+    return orders
+
+
+def picked_poles(
+    sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """What stands for each mode, by frequency.
+
+    Returns
+    -------
+    list of (int, int)
+        Number of the order in `sweep`, and index of the pole.
+    tuple of Cluster
+        The poles of all orders behind each mode; empty for a single order.
+    list of str
+        Words on doubtful modes.
+    """
+    criteria, frequencies = options.criteria, options.frequencies
+    if len(sweep) == 1:
+        chosen = [(0, int(i)) for i in criteria.indices(sweep[0])]
+        if frequencies is not None:
+            found = sweep[0].frequency
+            chosen = sorted({min(chosen, key=lambda p: abs(found[p[1]] - f)) for f in frequencies}) if chosen else []
+        return chosen, (), []
+    found_clusters = clusters(sweep, scale, criteria, keep_all=frequencies is not None)
+    notes: list[str] = []
+    if frequencies is not None and found_clusters:
+        nearest = [min(found_clusters, key=lambda c: abs(c.frequency[c.chosen] - f)) for f in frequencies]
+        for wanted, cluster in zip(frequencies, nearest, strict=True):
+            got = cluster.frequency[cluster.chosen]
+            if abs(got / wanted - 1) > 0.02:
+                notes.append(f"the stable pole nearest to {wanted:g} Hz is at {got:.4g} Hz; look at the spectrum")
+        found_clusters = tuple(sorted(set(nearest), key=lambda c: float(c.frequency[c.chosen])))
+    return [(int(c.number[c.chosen]), int(c.index[c.chosen])) for c in found_clusters], found_clusters, notes
+
+
+def _modal_record(
+    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], notes: list[str]
+) -> ModalRecord:
+    data = subspace.data
+    s = np.array([sweep[k].poles[i] for k, i in picked])
+    raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
+    order = np.argsort(np.abs(s), kind="stable")
+    s, raw, picked = s[order], raw[:, order], [picked[i] for i in order]
+    dofs, merge = displacement_rows(data, s)
+    shapes = np.einsum("cdm,dm->cm", merge, raw)
+    largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
+    unit = shapes / shapes[largest]
+    covariance = std = None
+    spread = deviations(subspace, max(sweep[k].order for k, _ in picked), s)
+    if spread is not None:
+        ds, draw = _all_deviations(subspace, spread, sweep, picked)
+        dshape = np.einsum("cdm,bdm->bcm", merge, draw)
+        top = dshape[:, largest[0], largest[1]]
+        dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
+        covariance = frequency_damping_covariance(s, ds, notes)
+        std = np.sqrt(np.sum(dunit.real**2, axis=0))
+    notes += _warnings(data, s, len(subspace.windows) if spread is not None and not spread.free else 0)
+    return ModalRecord(
+        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
+        covariance=covariance, shape_std=std, warnings=tuple(notes),
+        source=f"{subspace.method}, {len(subspace.left) // data.n_channels} block rows, {data.duration:g} s",
+    )  # fmt: skip
+
+
+def _all_deviations(
+    subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
+) -> tuple[ComplexArray, ComplexArray]:
+    """`pole_deviations` of modes that come from several orders."""
+    n_pieces = len(spread.right)
+    ds = np.empty((n_pieces, len(picked)), dtype=complex)
+    dshape = np.empty((n_pieces, subspace.data.n_channels, len(picked)), dtype=complex)
+    for k in {k for k, _ in picked}:
+        modes = [m for m, (number, _) in enumerate(picked) if number == k]
+        ds[:, modes], dshape[:, :, modes] = pole_deviations(
+            subspace, spread, sweep[k].order, [picked[m][1] for m in modes]
+        )
+    return ds, dshape
+
+
+def frequency_damping_covariance(s: ComplexArray, ds: ComplexArray, notes: list[str]) -> FloatArray:
+    """Of frequencies (Hz), then damping ratios; modes taken as independent where pieces are too few to tell."""
+    size = np.abs(s)
+    dsize = (s.conj() * ds).real / size
+    dratio = -ds.real / size + s.real * dsize / size**2
+    change = np.concatenate([dsize / (2 * np.pi), dratio], axis=1)
+    covariance = change.T @ change
+    if len(change) <= 2 * len(s):
+        mode = np.tile(np.arange(len(s)), 2)
+        covariance = np.where(mode[:, None] == mode, covariance, 0.0)
+        notes.append(
+            f"{len(change)} pieces cannot tell how {2 * len(s)} numbers vary together: the covariance between modes is "
+            f"left out. Raise `n_pieces` above {2 * len(s)}, with a longer record"
+        )
+    return np.asarray(covariance)
+
+
+def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
+    """What makes the modes doubtful."""
+    notes, duration, omega = [], data.duration, np.abs(s)
+    if data.n_channels == 1:
+        notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")
+    short = np.flatnonzero(omega * duration < 2 * np.pi * 3)
+    if len(short):
+        listed = ", ".join(str(i + 1) for i in short)
+        notes.append(f"mode {listed} turns less than three times in {duration:g} s; measure longer")
+    decay = np.maximum(-s.real, 1e-300)
+    if n_pieces:
+        piece = sum(len(y) for y in data.series) / data.sampling_rate / n_pieces
+        slow = np.flatnonzero((piece * omega < 4 * np.pi) | ((piece * decay < 1) & (duration * decay > 1)))
+        if len(slow):
+            listed = ", ".join(str(i + 1) for i in slow)
+            notes.append(
+                f"pieces of {piece:.3g} s are short against the memory of mode {listed}: its standard deviation is "
+                "uncertain. Lower `n_pieces`, or measure longer"
+            )
+    return notes
