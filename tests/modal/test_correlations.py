@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from modal_cases import beam_decay
 
+import structid.modal.correlations as correlations_module
 from structid import TimeRecord
 from structid.modal.correlations import (
     correlations,
     lag_hankels,
-    lag_product,
+    lag_sums,
     outputs,
     pieces,
     window_hankel,
@@ -41,6 +42,17 @@ def test_window_hankel_is_the_sum_over_one_window(rows, columns, offset):
     np.testing.assert_allclose(found, by_hand(y, range(7, 29), rows, columns, offset), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize(("first_lag", "stop"), [(-1, 2400), (0, 2500), (3, 2490)])
+@pytest.mark.parametrize("at_once", [1, 1000, 1 << 20])
+def test_lag_sums_over_many_segments_are_products_of_the_shifted_record(first_lag, stop, at_once, monkeypatch):
+    monkeypatch.setattr(correlations_module, "_AT_ONCE", at_once)
+    y = np.random.default_rng(2).standard_normal((2500, 3))
+    ahead = np.concatenate([y, np.zeros((20, 3))])
+    expected = [ahead[5 + k : stop + k].T @ y[5:stop] for k in range(first_lag, first_lag + 17)]
+    found = lag_sums(y, first_lag, 17, 5, stop)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * len(y))
+
+
 def test_pieces_of_the_window_add_up_over_records():
     data = outputs(two_records())
     parts = pieces(data, 3, 4, 5)
@@ -70,7 +82,6 @@ def test_correlations_divide_by_the_pairs_they_sum():
     np.testing.assert_allclose(free[3], pairs / (57 + 42), atol=1e-13)
     same = sum(sum(np.outer(y[s + 3], y[s]) for s in range(len(y) - 4)) for y in data.series)
     np.testing.assert_allclose(fixed[3], same / (56 + 41), atol=1e-13)
-    assert lag_product(data.series[0], 2, 0, 5).shape == (3, 3)
 
 
 def test_every_channel_is_scaled_to_its_rms():

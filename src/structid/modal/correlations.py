@@ -19,6 +19,7 @@ from structid.records import TimeRecord
 from structid.records.record import Quantity
 
 _ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+_AT_ONCE = 1 << 20  # samples of all channels that are transformed together
 _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
 
 
@@ -170,10 +171,41 @@ def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piec
     return tuple(found)
 
 
+def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) -> FloatArray:
+    """Sum over s = start .. stop - 1 of y(s + k) y(s)' for k = first_lag .. first_lag + n_lags - 1.
+
+    By Fourier transforms of segments, whose cross spectra add up: about n_lags / 4 times fewer operations than one
+    matrix product a lag. Samples after the end of `y` count as zero.
+
+    Returns
+    -------
+    (n_lags, n_channels, n_channels) float array
+    """
+    from scipy import fft
+
+    m = y.shape[1]
+    size = fft.next_fast_len(max(8 * n_lags, 64), real=True)
+    step = size - n_lags + 1
+    spectrum = np.zeros((size // 2 + 1, m, m), dtype=np.complex128)
+    starts = np.arange(start, stop, step)
+    at_once = max(1, _AT_ONCE // (size * m))
+    for k in range(0, len(starts), at_once):
+        own = starts[k : k + at_once]
+        here, ahead = np.zeros((2, len(own), size, m))
+        for i, s in enumerate(own):
+            end = min(s + step, stop)
+            here[i, : end - s] = y[s:end]
+            part = y[s + first_lag : end + first_lag + n_lags - 1]
+            ahead[i, : len(part)] = part
+        lines, lines_ahead = fft.rfft(here, axis=1), fft.rfft(ahead, axis=1)
+        spectrum += lines_ahead.transpose(1, 2, 0) @ lines.conj().transpose(1, 0, 2)
+    return np.asarray(fft.irfft(spectrum, size, axis=0)[:n_lags])
+
+
 def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int, offset: int) -> FloatArray:
     """Sum over t = start .. stop - 1 of [y(t+offset); ...; y(t+offset+rows-1)] [y(t); ...; y(t-columns+1)]'.
 
-    Blocks of one lag differ by two samples at the ends of the window, so that each lag costs one product only.
+    Blocks of one lag differ by samples at the ends of the window only.
 
     Returns
     -------
@@ -181,19 +213,20 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
     """
     m = y.shape[1]
     blocks = np.empty((rows, m, columns, m))
-    for lag in range(offset, offset + rows + columns - 1):
-        first = max(0, lag - offset - rows + 1)
-        block = lag_product(y, lag, start - first, stop - first)
-        blocks[lag - offset - first, :, first] = block
-        for c in range(first + 1, min(columns, lag - offset + 1)):
-            block = block + np.outer(y[start - c + lag], y[start - c]) - np.outer(y[stop - c + lag], y[stop - c])
-            blocks[lag - offset - c, :, c] = block
+    sums = lag_sums(y, offset, rows + columns - 1, start, stop)
+    reach = stop + offset + rows + columns
+    after = np.zeros((max(0, reach - len(y)), m))  # as in `lag_sums`, until the window has moved back into the record
+    tail = np.concatenate([y[stop - columns : reach], after])
+    for k, whole in enumerate(sums):
+        lag = offset + k
+        block = whole
+        for c in range(min(columns, k + 1)):
+            if c:
+                left = tail[columns - c + lag]
+                block = block + np.outer(y[start - c + lag], y[start - c]) - np.outer(left, y[stop - c])
+            if k - c < rows:
+                blocks[k - c, :, c] = block
     return blocks.reshape(rows * m, columns * m)
-
-
-def lag_product(y: FloatArray, lag: int, start: int, stop: int) -> FloatArray:
-    """Sum over s = start .. stop - 1 of y(s + lag) y(s)', (n_channels, n_channels)."""
-    return np.asarray(y[start + lag : stop + lag].T @ y[start:stop])
 
 
 def window_hankels(
@@ -228,12 +261,12 @@ def correlations(
     """
     data = records if isinstance(records, Outputs) else outputs(records)
     require_length(data, n_lags, 0)
-    found = []
-    for lag in range(n_lags):
-        held = n_lags - 1 if fixed_window else lag
-        product = sum(lag_product(y, lag, 0, len(y) - held) for y in data.series)
-        found.append(product / sum(len(y) - held for y in data.series))
-    return np.array(found)
+    held = np.full(n_lags, n_lags - 1) if fixed_window else np.arange(n_lags)
+    total = np.sum(
+        [lag_sums(y, 0, n_lags, 0, len(y) - (n_lags - 1 if fixed_window else 0)) for y in data.series], axis=0
+    )
+    n_pairs = sum(len(y) - held for y in data.series)
+    return np.asarray(total / n_pairs[:, None, None])
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
@@ -241,9 +274,18 @@ def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int
     for piece in windows:
         y = data.series[piece.record]
         last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)
-        stack = []
-        for lag in range(offset, offset + rows + columns - 1):
-            stop = len(y) - lag if last else piece.stop
-            total = sum(len(x) - lag for x in data.series)
-            stack.append(lag_product(y, lag, piece.start, stop) / total)
-        yield np.block([[stack[r + c] for c in range(columns)] for r in range(rows)])
+        lags = np.arange(offset, offset + rows + columns - 1)
+        n_pairs = sum(len(x) - lags for x in data.series)
+        stack = lag_sums(y, offset, len(lags), piece.start, len(y) if last else piece.stop) / n_pairs[:, None, None]
+        yield hankel(stack, rows, columns)
+
+
+def hankel(stack: FloatArray, rows: int, columns: int) -> FloatArray:
+    """Block Hankel matrix with block stack[r + c] in block row r and block column c.
+
+    Parameters
+    ----------
+    stack : (rows + columns - 1, n_outputs, n_inputs) float array
+    """
+    blocks = np.lib.stride_tricks.sliding_window_view(stack, columns, axis=0)
+    return np.ascontiguousarray(blocks.transpose(0, 1, 3, 2)).reshape(rows * stack.shape[1], -1)

@@ -23,6 +23,7 @@ from structid.errors import InputError
 from structid.modal.correlations import Outputs, Piece
 from structid.modal.poles import Poles, state_poles
 
+_LARGE = 400  # rows or columns from which on Lanczos bidiagonalization is tried
 Parts = Callable[[Outputs, Sequence[Piece]], Iterator[FloatArray]]
 
 
@@ -35,7 +36,7 @@ class Subspace:
     data : Outputs
         Channels the first block row stands for.
     left, singular, right : arrays (n_rows, rank), (rank,), (n_columns, rank)
-        Singular value decomposition of the matrix.
+        Singular value decomposition of the matrix, complete where there are `windows` for a covariance.
     triangle, moved : (max_order, max_order) float arrays
         A_n = triangle[:n, :n]^-1 moved[:n, :n].
     parts : function of (data, windows), or None
@@ -78,11 +79,22 @@ def shift_invariant(
     windows: Sequence[Piece] = (),
 ) -> Subspace:
     """`Subspace` of the block Hankel `matrix`, its block rows one sample apart."""
-    left, singular, right = linalg.svd(matrix, full_matrices=False)
+    left, singular, right = _singular_vectors(matrix, max_order, complete=len(windows) > 1)
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
     q, triangle = np.linalg.qr(left[:-m, :n])
     _require_full(triangle, n)
     return Subspace(data, left, singular, right.T, triangle, q.T @ left[m:, :n], parts, tuple(windows), method)
+
+
+def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """U, s, V' of `matrix`: all of them, or the leading `rank` where that is several times cheaper."""
+    if complete or min(matrix.shape) < max(_LARGE, 5 * rank):
+        return tuple(linalg.svd(matrix, full_matrices=False))
+    from scipy.sparse.linalg import svds
+
+    left, singular, right = svds(matrix, k=rank, solver="propack", rng=np.random.default_rng(0))
+    order = np.argsort(-singular, kind="stable")
+    return left[:, order], singular[order], right[order]
 
 
 def _require_full(triangle: FloatArray, order: int) -> None:

@@ -1,0 +1,146 @@
+"""Stochastic subspace identification beside pyOMA2 on the same records: time and error at equal order and delays.
+
+Twelve modes from 1 to 18 Hz, damping ratios of 1 %, white forces, 2 % sensor noise, sampled at 50 Hz. Orders 2, 4, ...
+48, 20 block rows, no covariance on either side; one BLAS thread, wall time of the identification alone (no import, no
+file), the two sides in turn. Errors are those of the poles of order 48 nearest to the true ones, over all seeds.
+
+pyOMA2 is installed into an environment of its own on the first run:
+
+    python benchmarks/against_pyoma2.py [--repeats 3] [--seed 0] [--peer FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy.signal import lfilter
+
+import structid as sid
+from structid.modal import ModalOptions, modal_identification
+
+PEER = "pyOMA-2==1.4.3"
+RATE, N_MODES, RATIO, ROWS, MAX_ORDER = 50.0, 12, 0.01, 20, 48
+SIZES = ((10, 20_000), (30, 100_000), (100, 100_000))
+PAIRS = (("ssi_cov", "cov_R"), ("pencil", "cov"), ("ssi_data", "dat"))
+PEER_CODE = """
+import json, sys, time
+import numpy as np
+from pyoma2.algorithms import SSI
+from pyoma2.setup import SingleSetup
+path, method, rate, rows, order = sys.argv[1], sys.argv[2], float(sys.argv[3]), int(sys.argv[4]), int(sys.argv[5])
+setup = SingleSetup(np.load(path), fs=rate)
+start = time.perf_counter()
+run = SSI(name="ssi", method=method, br=rows, ordmax=order, step=2)
+setup.add_algorithms(run)
+setup.run_by_name("ssi")
+seconds = time.perf_counter() - start
+last = [run.result.Fn_poles[:, -1], run.result.Xi_poles[:, -1]]
+keep = np.isfinite(last[0])
+print("RESULT" + json.dumps({"seconds": seconds, "frequency": list(last[0][keep]), "ratio": list(last[1][keep])}))
+"""
+
+
+def truth() -> np.ndarray:
+    """Natural frequencies, Hz."""
+    return np.linspace(1.0, 18.0, N_MODES)
+
+
+def record(n_channels: int, n_samples: int, seed: int) -> np.ndarray:
+    """Accelerations, (n_samples, n_channels)."""
+    rng = np.random.default_rng(seed)
+    poles = np.exp((-RATIO + 1j * np.sqrt(1 - RATIO**2)) * 2 * np.pi * truth() / RATE)
+    motion = [lfilter([1.0], [1, -2 * p.real, abs(p) ** 2], rng.standard_normal(n_samples)) for p in poles]
+    place = (np.arange(n_channels) + 0.5) / n_channels
+    shapes = np.sin(np.pi * np.outer(place, np.arange(1, N_MODES + 1)))
+    values = (np.array(motion).T / np.std(motion, axis=1)) @ shapes.T
+    return np.asarray(values + 0.02 * values.std(axis=0) * rng.standard_normal(values.shape))
+
+
+def ours(values: np.ndarray, method: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """Seconds, frequencies (Hz) and damping ratios of order `MAX_ORDER`."""
+    names = [f"{i + 1}Z" for i in range(values.shape[1])]
+    given = sid.TimeRecord(RATE, values, names, ("acceleration",) * len(names))
+    start = time.perf_counter()
+    options = ModalOptions(orders=range(2, MAX_ORDER + 1, 2), block_rows=ROWS, n_pieces=0)
+    found = modal_identification(given, method, options)
+    return time.perf_counter() - start, found.sweep[-1].frequency, found.sweep[-1].damping_ratio
+
+
+def theirs(python: Path, path: Path, method: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """The same of the peer, in a process of its own."""
+    command = [python, "-c", PEER_CODE, path, method, RATE, ROWS, MAX_ORDER]
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("RESULT")]
+    if not lines:
+        raise SystemExit(f"pyOMA2 gave no result:\n{done.stderr[-2000:]}")
+    result = json.loads(lines[0][6:])
+    return result["seconds"], np.array(result["frequency"]), np.array(result["ratio"])
+
+
+def errors(frequency: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Relative frequency and damping errors of the poles nearest to the true frequencies."""
+    near = [int(np.abs(frequency - f).argmin()) for f in truth()]
+    return frequency[near] / truth() - 1, ratio[near] / RATIO - 1
+
+
+def peer_python(folder: Path) -> Path:
+    """Interpreter of the environment in `folder`, which is made where it is missing."""
+    python = folder / "bin" / "python"
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+        subprocess.run([str(python), "-m", "pip", "install", "-q", PEER], check=True)
+    return python
+
+
+def row(python: Path, size: tuple[int, int], pair: tuple[str, str], seeds: range, scratch: Path) -> None:
+    """Measure and print one line of the table."""
+    seconds: tuple[list[float], list[float]] = ([], [])
+    wrong: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for seed in seeds:
+        values = record(*size, seed)
+        path = scratch / "record.npy"
+        np.save(path, values)
+        for side, (taken, f, z) in enumerate((ours(values, pair[0]), theirs(python, path, pair[1]))):
+            seconds[side].append(taken)
+            wrong[side].append(np.array(errors(f, z)))
+    rms = [np.sqrt(np.mean(np.square(part), axis=(0, 2))) for part in wrong]
+    own, peer = (statistics.median(part) for part in seconds)
+    ratios = [b / a for a, b in zip(*seconds, strict=True)]
+    print(
+        f"{size[0]:4d} x {size[1]:6d}  {pair[0]:9s}{pair[1]:6s} {own:8.3f} {peer:8.3f} {statistics.median(ratios):7.1f}"
+        f"   {100 * rms[0][0]:.4f} {100 * rms[1][0]:.4f}   {100 * rms[0][1]:6.2f} {100 * rms[1][1]:6.2f}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--peer", type=Path, default=Path(tempfile.gettempdir()) / "structid-peer-pyoma2")
+    chosen = parser.parse_args()
+    python = peer_python(chosen.peer)
+    seeds = range(chosen.seed, chosen.seed + chosen.repeats)
+    print(f"{PEER}; seeds {seeds.start} to {seeds.stop - 1}; bar: ratio at least 5, errors no greater than theirs")
+    print("channels x samples  ours     theirs  s ours s theirs   ratio   frequency rms %   damping rms %")
+    with tempfile.TemporaryDirectory() as scratch:
+        for size in SIZES:
+            for pair in PAIRS:
+                row(python, size, pair, seeds, Path(scratch))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
