@@ -2,9 +2,10 @@
 
 Free decay: rms relative frequency error of modes 1-5 and 6-10 and median damping error over the seeds, order 24 of 20
 states, 20 block rows, poles matched to the nearest true frequency; T = 100 s, step 0.05 s, noise in percent of each
-channel's rms. Ambient: a chain of four masses, 600 s at 10 Hz, 2 % noise, damping ratios of 1 %. Every seed counts.
+channel's rms. Coverage of ERA and ITD, and of the pencil beside them, in free decays of a chain of four masses, 60 s at
+10 Hz, 1 % noise. Ambient: a chain of four masses, 600 s at 10 Hz, 2 % noise, damping ratios of 1 %. Every seed counts.
 
-    python benchmarks/accuracy/modal_noise.py [--repeats 10] [--ambient 200] [--seed 0]
+    python benchmarks/accuracy/modal_noise.py [--repeats 10] [--decays 200] [--ambient 200] [--seed 0]
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from structid.modal import identify_modes
 from structid.reproduce.simple_beam import beam_omega
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "modal"))
-from modal_cases import ambient_chain, beam_decay, chain_modes, nearest
+from modal_cases import ambient_chain, beam_decay, chain_modes, decay, nearest
 
 METHODS = ("pencil", "era", "era_dc", "itd", "ssi_data", "ssi_cov")
 CASES = ((0.01, 0.0), (0.05, 0.0), (0.01, 0.005), (0.05, 0.005))
@@ -72,6 +73,30 @@ def verdict(noise: float, ratio: float, low: float, high: float, damping: float)
     )
 
 
+def decay_coverage(seeds: range) -> None:
+    """Part of 95 % intervals that hold the truth in free decays, and errors over their median standard deviation."""
+    omega, shapes = chain_modes()
+    print(f"free decays, seeds {seeds.start} to {seeds.stop - 1}: coverage of 95 % intervals, aim 90 to 98 %")
+    for method in ("pencil", "era", "itd"):
+        for order in (8, 10):
+            errors, stds = [], []
+            for seed in seeds:
+                record = decay(omega, shapes, 60.0, 0.1, noise=0.01, seed=seed, velocity=np.ones(4), damping_ratio=0.01)
+                found = identify_modes(record, method, [order], 12)
+                assert found.covariance is not None
+                near, std = nearest(found.omega, omega), np.sqrt(np.diag(found.covariance))
+                near = np.concatenate([near, found.n_modes + near])
+                values = np.concatenate([found.frequency, found.damping_ratio])[near]
+                errors.append(values - np.concatenate([omega / (2 * np.pi), np.full(4, 0.01)]))
+                stds.append(std[near])
+            f, d = (100 * np.mean(np.abs(errors)[:, k] <= 1.96 * np.array(stds)[:, k]) for k in (range(4), range(4, 8)))
+            size = np.sqrt(np.mean(np.square(errors), axis=0)) / np.median(stds, axis=0)
+            print(
+                f"{method:9s} order {order:2d}   frequency {f:5.1f} %  damping {d:5.1f} %   rms error over median standard "
+                f"deviation {size.min():.2f} to {size.max():.2f}"
+            )
+
+
 def coverage(seeds: range) -> None:
     """Part of 95 % intervals that hold the truth, at fixed order and with modes found automatically."""
     omega, shapes = chain_modes()
@@ -105,10 +130,13 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=10)
+    parser.add_argument("--decays", type=int, default=200)
     parser.add_argument("--ambient", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     free_decays(range(chosen.seed, chosen.seed + chosen.repeats))
+    if chosen.decays:
+        decay_coverage(range(chosen.seed, chosen.seed + chosen.decays))
     if chosen.ambient:
         coverage(range(chosen.seed, chosen.seed + chosen.ambient))
 

@@ -7,7 +7,7 @@ from structid.dynamics import harmonic_transient, sampled_transient
 from structid.errors import FileError, InputError, StructidError
 from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, Status, estimate
 from structid.estimation.comparison import Comparison, compare_jointly, compare_states
-from structid.modal import ModalRecord, identify_modes, pseudo_rayleigh
+from structid.modal import ModalRecord, identify_modes, joint_modes, merge_modes, pseudo_rayleigh
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,
@@ -31,13 +31,16 @@ from structid.observation import (
 from structid.parameters import Coupling, Parameters, Prior, Smoothness, Sparsity, Unknown, joint_prior, parameters
 from structid.records import (
     FrfRecord,
+    Preparation,
     ReadOptions,
     TimeRecord,
     frf_from_rest,
     frf_from_time,
     from_repeats,
+    prepare,
     read_record,
     right_half_plane,
+    signal_checks,
     with_coherence_noise,
     with_declared_noise,
     write_record,
@@ -96,6 +99,7 @@ __all__ = [
     "Plan",
     "PlanOptions",
     "PointMass",
+    "Preparation",
     "Prior",
     "ReadOptions",
     "RecursiveMotionFit",
@@ -131,20 +135,24 @@ __all__ = [
     "identify_motion",
     "identify_time",
     "identify_together",
+    "joint_modes",
     "joint_prior",
     "least_squares_bias",
     "load_study",
     "mac",
+    "merge_modes",
     "motion_fit",
     "parameters",
     "parse_dof",
     "plan",
+    "prepare",
     "pseudo_rayleigh",
     "read_record",
     "recorded_motion",
     "right_half_plane",
     "run_study",
     "sampled_transient",
+    "signal_checks",
     "simulated_record",
     "simulated_time_record",
     "spectra_problem",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -15,6 +13,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 from structid._version import __version__
+from structid.cli_base import DONE, NOT_DETERMINED, fail, reported, words
+from structid.cli_modes import modes
+from structid.cli_motion import motion
 from structid.console import (
     check_summary,
     identification_summary,
@@ -22,7 +23,7 @@ from structid.console import (
     reproduction_summary,
     standard_output,
 )
-from structid.errors import FileError, StructidError
+from structid.errors import FileError
 from structid.estimation import Status
 from structid.estimation.estimate import StageProgress
 from structid.estimation.multiple_tests import Correction
@@ -36,9 +37,7 @@ from structid.study.plan_results import PLAN_PAGE, write_plan
 from structid.study.plan_section import PlanStudy, load_plan
 from structid.study.result import StudyResult
 from structid.study.results import json_text, staged_folder, write_results
-from structid.study.run import SearchFailedError, load_study, run_study
-
-DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+from structid.study.run import load_study, run_study
 
 app = typer.Typer(
     name="structid", add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
@@ -48,30 +47,6 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line and exit with its code."""
     app()
-
-
-@contextmanager
-def _reported() -> Iterator[None]:
-    """Turns what a user can cause into one message on stderr and an exit code."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        _fail("interrupted; nothing was written", INTERRUPTED)
-    except SearchFailedError as error:
-        _fail(str(error), NOT_DETERMINED)
-    except StructidError as error:
-        _fail(str(error), UNUSABLE_INPUT)
-    except BrokenPipeError:  # the reader of stdout left, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(NOT_DETERMINED) from None
-    except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        _fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
-
-
-def _fail(message: str, code: int) -> None:
-    typer.echo(f"error: {message}", err=True)
-    raise typer.Exit(code) from None
 
 
 def _show_version(wanted: bool) -> None:
@@ -94,6 +69,8 @@ def structid(
       structid check frame.toml
       structid identify frame.toml --out frame_results
       structid compare before.toml after.toml --unchanged mass
+      structid modes ambient.uff
+      structid motion bridge.toml --threads 2
       structid convert measured.uff measured.npz
       structid reproduce --chapter 4
 
@@ -121,7 +98,7 @@ def identify(
       structid identify frame.toml --out results/frame
       structid identify frame.toml --no-report
     """
-    with _reported():
+    with reported():
         read = load_study(study)
         folder = out if out is not None else Path(f"{study.stem}_results")
         with _progress(read.options.method.max_iterations) as progress:
@@ -134,7 +111,7 @@ def identify(
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:
-            _fail(f"{estimate.status.words} ({estimate.message})", NOT_DETERMINED)
+            fail(f"{estimate.status.words} ({estimate.message})", NOT_DETERMINED)
 
 
 def _write_report(result: StudyResult, folder: Path) -> str:
@@ -154,12 +131,12 @@ def check(study: StudyPath) -> None:
     Examples:
       structid check frame.toml
     """
-    with _reported():
+    with reported():
         result = check_study(load_study(study))
         for part in check_summary(result):
             standard_output().print(part)
         if not result.determined:
-            _fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
+            fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
 
 
 @app.command()
@@ -185,7 +162,7 @@ def plan(
       structid plan frame.toml --sensors 4
       structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
     """
-    with _reported():
+    with reported():
         given = {"n_sensors": sensors, "n_loads": loads, "n_frequencies": frequencies, "criterion": criterion}
         changes = {name: value for name, value in {**given, "target": target}.items() if value is not None}
         read = load_plan(study, **changes)
@@ -199,7 +176,7 @@ def plan(
             standard_output().print(part)
         typer.echo(str(folder / name))
         if not found.determined:
-            _fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
+            fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
 
 
 def _write_plan(found: Plan, read: PlanStudy, folder: Path, report: bool) -> str:
@@ -237,10 +214,10 @@ def compare(
       structid compare before_results after_results --level 0.01
       structid compare before_results after.toml --unchanged mass --out damage
     """
-    with _reported():
+    with reported():
         from structid.report.compare_text import comparison_text  # imported here, so that nothing else waits for it
 
-        options = CompareOptions(_words(unchanged), level, power, cast(Correction, correction))
+        options = CompareOptions(words(unchanged), level, power, cast(Correction, correction))
         with _progress(100) as progress:
             found = compared(baseline, later, options, progress)
         folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
@@ -250,7 +227,7 @@ def compare(
             standard_output().print(part)
         typer.echo(str(folder / name))
         if not found.comparison.is_complete:
-            _fail("the data do not determine every change; see the warnings", NOT_DETERMINED)
+            fail("the data do not determine every change; see the warnings", NOT_DETERMINED)
 
 
 def _write_comparison(found: ComparisonResult, folder: Path, report: bool) -> str:
@@ -289,17 +266,17 @@ def convert(
       structid convert frf.npz frf.uff --array accelerance --frequency-array freq_hz
           --outputs 1X-,2X+ --inputs 1X+ --kind accelerance
     """
-    with _reported():
+    with reported():
         options = ReadOptions(
             sampling_rate=sampling_rate,
-            channels=_words(channels),
-            quantities=_words(quantities),
-            units=_words(units),
+            channels=words(channels),
+            quantities=words(quantities),
+            units=words(units),
             array=array,
             frequency_array=frequency_array,
             coherence_array=coherence_array,
-            outputs=_words(outputs),
-            inputs=_words(inputs),
+            outputs=words(outputs),
+            inputs=words(inputs),
             kind=kind,
             unit=unit,
             averages=averages,
@@ -309,6 +286,10 @@ def convert(
         record = read_record(source, options)
         write_record(target, record)
         typer.echo(record_summary(record, target))
+
+
+app.command()(modes)
+app.command()(motion)
 
 
 @app.command()
@@ -325,7 +306,7 @@ def reproduce(
       structid reproduce
       structid reproduce --chapter 4 --out chapter_4
     """
-    with _reported():
+    with reported():
         from structid.report.reproduction import write_reproduction  # imported here, so that nothing else waits for it
         from structid.reproduce.run import CHAPTERS
         from structid.reproduce.run import reproduce as reproduced
@@ -336,10 +317,6 @@ def reproduce(
         for part in reproduction_summary(items):
             standard_output().print(part)
         typer.echo(str(page))
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from structid.estimation.intervals import span_digits
 from structid.records import FrfRecord, Record
 from structid.reproduce.item import Item
 from structid.study.check import CheckResult
+from structid.study.identified import Identification
 from structid.study.result import StudyResult
 
 _WIDTH_OF_FILES = 1000
@@ -53,29 +54,62 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {'laplace' if found.intervals is None else found.intervals.kind}",
-        f"median relative error of the fit {number(_median(found.relative_error.ravel().tolist()), 3)} over"
-        f" {len(found.evaluation.frequency)} lines ({len(found.problem.record.frequency)} of them fitted),"
-        f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs",
+        *_fit_facts(found),
     ]
-    if len(found.fits) > 1:
-        facts[-1] = "median relative error of the fit: " + ", ".join(
-            f"{fit.name} {number(_median(found.seen_from(k).relative_error.ravel().tolist()), 3)}"
-            for k, fit in enumerate(found.fits)
-        )
     if found.intervals is not None:
         facts += found.intervals.notes
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
-    shown = [modes, peaks] if found.resonances else [modes]
+    shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = _groups(identifiability)
     return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
 
 
+def _fit_facts(found: Identification) -> list[str]:
+    """How well responses are fitted."""
+    if len(found.fits) == 1:
+        return [
+            f"median relative error of the fit {number(_median(found.relative_error.ravel().tolist()), 3)} over"
+            f" {len(found.evaluation.frequency)} lines ({len(found.problem.record.frequency)} of them fitted),"
+            f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs"
+        ]
+    errors = ", ".join(
+        f"{fit.name} {number(_median(found.seen_from(k).relative_error.ravel().tolist()), 3)}"
+        for k, fit in enumerate(found.fits)
+    )
+    return [f"median relative error of the fit: {errors}"] if errors else []
+
+
+def _pairs(found: Identification) -> list[RenderableType]:
+    """Measured modes beside those of the model, and the ratios that a free scale leaves."""
+    shown = []
+    for fit in found.modal_fits:
+        table = _table("measured mode", "Hz", "std", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
+        for i, mode in enumerate(fit.problem.measured.tolist()):
+            table.add_row(
+                str(mode + 1),
+                number(fit.measured.frequency[mode]),
+                number(fit.problem.frequency_std[i], 2),
+                number(fit.fitted.frequency[i]),
+                number(fit.fitted.mac[i], 3),
+                number(fit.initial.frequency[i]),
+                number(fit.initial.mac[i], 3),
+            )
+        shown.append(table)
+    if found.ratios is not None:
+        table = _table("ratio", "value", "std", "95 % interval")
+        rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends, strict=True)
+        for name, value, std, ends in rows:
+            span = f"{number(ends[0])} to {number(ends[1])}"
+            table.add_row(f"{name} / {found.ratios.reference}", number(value), number(std, 2), span)
+        shown.append(table)
+    return [*shown]
+
+
 def check_summary(result: CheckResult) -> list[RenderableType]:
     """What `structid check` says: record, sensors, modes, rank and predicted accuracy."""
-    record, study = result.record, result.study
+    study = result.study
     facts = [
-        f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
-        f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {_noise(record)}",
+        *_measured(result),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
         f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
     ]
@@ -97,6 +131,20 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
     head = _heading(study.title, result.warnings)
     return [*head, *map(Text, facts), channels, modes, Text(rank), table, *_groups(found)]
+
+
+def _measured(result: CheckResult) -> list[str]:
+    """What was measured: the lines of responses, and modes."""
+    facts, record = [], result.record
+    if record is not None:
+        facts.append(
+            f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
+            f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {_noise(record)}"
+        )
+    for modes in result.modes_used:
+        span = f"{number(modes.frequency[0])} to {number(modes.frequency[-1])} Hz"
+        facts.append(f"record: {modes.n_modes} modes from {span} at {len(modes.channels)} sensors, {modes.source}")
+    return facts
 
 
 def record_summary(record: Record, path: Path) -> str:

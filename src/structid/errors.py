@@ -15,5 +15,9 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
+class NoModesError(InputError):
+    """The record was read and searched, and shows no mode that can be relied on."""
+
+
 class SingularModelError(StructidError, ArithmeticError):
     """The model's matrices cannot be factorized where they must be (supports or mass are missing)."""

@@ -42,6 +42,12 @@ def test_window_hankel_is_the_sum_over_one_window(rows, columns, offset):
     np.testing.assert_allclose(found, by_hand(y, range(7, 29), rows, columns, offset), rtol=0, atol=1e-13)
 
 
+def test_window_hankel_of_a_window_shorter_than_its_lags_at_the_end_of_the_record():
+    y = np.random.default_rng(4).standard_normal((40, 2))
+    found = window_hankel(y, 33, 36, 4, 12, 1)
+    np.testing.assert_allclose(found, by_hand(y, range(33, 36), 4, 12, 1), rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize(("first_lag", "stop"), [(-1, 2400), (0, 2500), (3, 2490)])
 @pytest.mark.parametrize("at_once", [1, 1000, 1 << 20])
 def test_lag_sums_over_many_segments_are_products_of_the_shifted_record(first_lag, stop, at_once, monkeypatch):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from modal_cases import ambient_chain, chain_modes
 
-from structid import InputError
+from structid import InputError, TimeRecord
 from structid.compare import mac
-from structid.modal import fdd
+from structid.modal import HardCriteria, fdd, identify_modes
 from structid.modal.fdd import singular_spectra
 
 
@@ -34,3 +34,20 @@ def test_bad_settings_are_named():
         fdd(record, [9.0], 256)
     with pytest.raises(InputError, match="different peaks"):
         fdd(record, [1.59, 1.591], 256)
+
+
+def test_peaks_stand_out_by_themselves():
+    """Through the door, with the frequencies of the chain within half the line spacing of 0.039 Hz and a half."""
+    found = identify_modes(ambient_chain(4), "fdd")
+    assert np.abs(found.frequency - chain_modes()[0] / (2 * np.pi)).max() <= 0.03
+    assert np.diag(mac(found.mode_shapes, chain_modes()[1])).min() >= 0.98
+    assert found.covariance is None
+    assert any("lines 0.0391 Hz apart" in note and "without covariance" in note for note in found.warnings)
+    low = identify_modes(ambient_chain(4), "fdd", criteria=HardCriteria(frequency=(0.0, 2.0)))
+    assert low.n_modes == 2
+
+
+def test_noise_has_no_peak():
+    values = np.random.default_rng(0).standard_normal((3000, 3))
+    with pytest.raises(InputError, match="no peak of the first singular value that stands out of its errors"):
+        identify_modes(TimeRecord(10.0, values, ("1X", "2X", "3X"), ("velocity",) * 3), "fdd")

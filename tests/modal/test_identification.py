@@ -177,7 +177,7 @@ def test_a_slow_mode_is_warned_of():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"method": "fdd"}, "`method` must be one of pencil"),
+        ({"method": "fft"}, "`method` must be one of pencil"),
         ({"block_rows": 1}, "`block_rows` must be at least 2, got 1"),
         ({"orders": [0]}, "`orders` must lie from 1 to"),
         ({"orders": [30], "block_rows": 10}, "`orders` must lie from 1 to 18 for 2 channels and 10 block rows"),
@@ -205,3 +205,28 @@ def test_criteria_that_nothing_meets_are_named():
         identify_modes(ambient_chain(0), criteria=HardCriteria(frequency=(4.9, 5.0), mpc=0.9999), n_pieces=0)
     with pytest.raises(InputError, match=r"`frequency` must be a range"):
         HardCriteria(frequency=(2.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"criteria": HardCriteria(frequency=(1.0, 20.0))},
+        {"frequencies": [8.0]},
+        {"method": "bayesian_fft", "bands": [(1, 6)]},
+    ],
+)
+def test_frequencies_beyond_half_the_sampling_rate_are_refused(given):
+    with pytest.raises(InputError, match=r"at most 5 Hz, half the sampling rate, got (20|8|6) Hz"):
+        identify_modes(ambient_chain(1), **given)
+
+
+@pytest.mark.parametrize("n", [16, 20, 24, 40])
+def test_very_short_records_fail_in_words_or_give_modes(n):
+    record = ambient_chain(1)
+    short = TimeRecord(record.sampling_rate, record.values[:n], record.channels, record.quantities)
+    try:
+        found = identify_modes(short)
+    except InputError as error:
+        assert "measure longer" in str(error)
+    else:
+        assert any("measure longer" in words for words in found.warnings)

@@ -274,3 +274,29 @@ def test_modal_problem_refuses_more_modes_than_the_model_has():
     problem = ModalProblem(structure, unknown, record)
     with pytest.raises(InputError, match="the model has 2 modes"):
         problem.residual(problem.theta_start)
+
+
+def test_modal_groups_hold_modes_that_their_standard_deviations_do_not_tell_apart():
+    structure = chain(3)
+    unknown = parameters(structure, [Unknown("stiffness", "k", each=True)])
+    shapes, channels = np.eye(3), ("1X", "2X", "3X")
+    frequency = np.array([1.0, 1.05, 2.0])
+    sizes = {}
+    for std in (0.01, 0.02):  # the gap of 0.05 Hz is 3.5 or 1.8 standard deviations
+        covariance = np.diag(np.concatenate([np.full(3, std**2), np.full(3, 1e-6)]))
+        record = ModalRecord(frequency, np.full(3, 0.01), shapes, channels, covariance)
+        problem = ModalProblem(structure, unknown, record, shape_error=0.01)
+        sizes[std] = [len(group.members) for group in problem.groups]
+    assert sizes == {0.01: [1, 1, 1], 0.02: [2, 1]}
+
+
+def test_modal_dynamic_residual_does_not_depend_on_a_common_scale():
+    structure = chain()
+    unknown = parameters(structure, [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)])
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 3, np.random.default_rng(4))
+    problem = ModalProblem(structure, unknown, record, form="dynamic")
+    theta = problem.theta_start + 0.1 * np.random.default_rng(5).standard_normal(unknown.n_params)
+    at = problem.linearize(theta)
+    np.testing.assert_allclose(problem.residual(theta + np.log(7.0)), at.residual, rtol=1e-8, atol=1e-8)
+    slope = at.residual @ at.jacobian
+    assert abs(slope.sum()) < 1e-8 * np.abs(slope).sum()  # the gradient along it is 0

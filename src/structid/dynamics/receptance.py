@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dynamics.factorization import Analysis, Factor, SingularMatrixError, factorizer
 from structid.dynamics.modal_fields import modal_fields
 from structid.errors import SingularModelError
 
-_DENSE_UP_TO = 64
+#: Models of up to so many degrees of freedom are solved as dense matrices, all lines together.
+DENSE_UP_TO = 64
 _CHUNK_ENTRIES = 4_000_000
 _LINES_A_DOF = 30
 
@@ -58,16 +63,101 @@ def harmonic_fields(
     n = len(indptr) - 1
     right = loads.toarray().astype(np.complex128)
     fields = np.empty((len(frequency), n, right.shape[1]), dtype=np.complex128)
-    with _thread_pools().limit(limits=1, user_api="blas"):
-        modal = _modal(indices, indptr, data, coefficients, right) if n <= _DENSE_UP_TO else None
+    with single_blas():
+        modal = _modal(indices, indptr, data, coefficients, right) if n <= DENSE_UP_TO else None
         if modal is not None:
             fields = modal
-        elif n <= _DENSE_UP_TO:
+        elif n <= DENSE_UP_TO:
             _solve_dense(indices, indptr, data, coefficients, right, fields, frequency)
         else:
+            analysis = factorizer().analyse(indices, indptr)
+            stiffness = DynamicStiffness(analysis, data, coefficients, frequency)
             for line in range(len(frequency)):
-                fields[line] = _solve_sparse(indices, indptr, coefficients[line] @ data, right, frequency[line])
+                fields[line] = stiffness.solver(line).solve(loads.toarray())
     return fields
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicStiffness:
+    """Z of a large model, line by line, in one sparsity pattern.
+
+    Attributes
+    ----------
+    analysis : Analysis
+        Of the pattern.
+    data : (n_laws, n_entries) float array
+        Entries of each matrix.
+    coefficients : (n_frequencies, n_laws) complex array
+        How each enters.
+    frequency : (n_frequencies,) float array
+        Hz; for messages.
+    """
+
+    analysis: Analysis
+    data: FloatArray
+    coefficients: ComplexArray
+    frequency: FloatArray
+
+    @cached_property
+    def _laws(self) -> tuple[int, ...]:
+        """Those that have any entries."""
+        return tuple(law for law in range(len(self.data)) if self.data[law].any())
+
+    def entries(self, line: int) -> NDArray[Any]:
+        """Entries of Z at one line, real where nothing damps."""
+        factors = self.coefficients[line]
+        real = _combined(self.data, {law: float(factors[law].real) for law in self._laws})
+        if not any(factors[law].imag for law in self._laws):
+            return real
+        total = np.empty(len(real), dtype=np.complex128)
+        total.real = real
+        total.imag = _combined(self.data, {law: float(factors[law].imag) for law in self._laws})
+        return total
+
+    def solver(self, line: int) -> _LineFactor:
+        """The factorization of Z at one line; it holds until the next one.
+
+        Raises
+        ------
+        SingularModelError
+            If Z cannot be factorized there.
+        """
+        frequency = float(self.frequency[line])
+        try:
+            return _LineFactor(self.analysis.factor(self.entries(line)), frequency)
+        except SingularMatrixError as error:
+            raise _singular(frequency, frequency) from error
+
+
+def _combined(rows: FloatArray, factors: dict[int, float]) -> FloatArray:
+    """The sum of `rows` with these factors."""
+    total = np.zeros(rows.shape[1])
+    for row, factor in factors.items():
+        if factor:
+            total += rows[row] if factor == 1.0 else factor * rows[row]
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class _LineFactor:
+    """A factorization that names its frequency where it turns out to be none."""
+
+    factor: Factor
+    frequency: float
+
+    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+        """X with Z X = `right` (n_dofs, n_right), real where all is."""
+        try:
+            return self.factor.solve(right)
+        except SingularMatrixError as error:
+            raise _singular(self.frequency, self.frequency) from error
+
+
+@contextmanager
+def single_blas() -> Iterator[None]:
+    """BLAS with one thread: factorizations of this size lose time to more."""
+    with _thread_pools().limit(limits=1, user_api="blas"):
+        yield
 
 
 @cache
@@ -113,20 +203,6 @@ def _solve_dense(
             fields[part] = np.linalg.solve(matrices, right)
         except np.linalg.LinAlgError as error:
             raise _singular(float(frequency[part][0]), float(frequency[part][-1])) from error
-
-
-def _solve_sparse(
-    indices: IntArray, indptr: IntArray, entries: ComplexArray, right: ComplexArray, frequency: float
-) -> ComplexArray:
-    n = len(indptr) - 1
-    matrix = sparse.csc_matrix((entries, indices, indptr), (n, n))
-    try:
-        factor = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True, "Equil": True}
-        )
-    except RuntimeError as error:
-        raise _singular(frequency, frequency) from error
-    return factor.solve(right)
 
 
 def _singular(low: float, high: float) -> SingularModelError:

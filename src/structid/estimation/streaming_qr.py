@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from structid.arrays import FloatArray, IntArray, locked, require_finite, require_shape
 from structid.errors import InputError
+from structid.estimation.local_reduction import Work, folded_fields
 
 #: A column, or a direction of unit columns, below this part of what it could be is lost in rounding.
 RANK_TOLERANCE = 1e-10
@@ -90,6 +91,23 @@ class StreamingQr:
         require_finite("rows", rows)
         triangles = stacked_triangles(self.triangles, rows)
         return replace(self, triangles=locked(triangles), n_rows=self.n_rows + rows.shape[0] * rows.shape[1])
+
+    def reduced(self, operator: sparse.csr_array, fields: FloatArray, work: Work | None = None) -> StreamingQr:
+        """The state after the rows that `operator` makes of `fields`, which are never held in memory all at once.
+
+        Parameters
+        ----------
+        operator : (n_blocks (n_columns + 1), n_fields) sparse array
+            Regressors of every block, its right-hand side last, from the fields of one sample.
+        fields : (n_fields, n_times) float array
+        work : Work, optional
+            Compiled or not, and on how many threads.
+        """
+        n_blocks, n_columns = self.columns.shape
+        require_shape("operator", operator, (n_blocks * (n_columns + 1), len(fields)))
+        triangles = folded_fields(self.triangles, self.columns, operator, fields, work or Work())
+        triangles.setflags(write=False)
+        return replace(self, triangles=triangles, n_rows=self.n_rows + n_blocks * fields.shape[1])
 
     def merged(self, other: StreamingQr) -> StreamingQr:
         """The state after the rows of both; the order does not matter.

@@ -162,7 +162,7 @@ def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piec
         Number wanted; each record has at least one.
     """
     lengths = np.array([len(y) - head - tail for y in data.series])
-    counts = np.maximum(1, np.round(n_pieces * lengths / lengths.sum()).astype(int))
+    counts = np.clip(np.round(n_pieces * lengths / lengths.sum()).astype(int), 1, np.maximum(lengths, 1))
     found = []
     for number, (length, count) in enumerate(zip(lengths, counts, strict=True)):
         edges = head + np.round(np.linspace(0, length, count + 1)).astype(int)
@@ -202,6 +202,11 @@ def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) 
     return np.asarray(fft.irfft(spectrum, size, axis=0)[:n_lags])
 
 
+def _samples(y: FloatArray, start: int, stop: int) -> FloatArray:
+    """y[start:stop], with zeros after the end of `y` as in `lag_sums`."""
+    return np.concatenate([y[start:stop], np.zeros((max(0, stop - max(len(y), start)), y.shape[1]))])
+
+
 def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int, offset: int) -> FloatArray:
     """Sum over t = start .. stop - 1 of [y(t+offset); ...; y(t+offset+rows-1)] [y(t); ...; y(t-columns+1)]'.
 
@@ -214,18 +219,17 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
     m = y.shape[1]
     blocks = np.empty((rows, m, columns, m))
     sums = lag_sums(y, offset, rows + columns - 1, start, stop)
-    reach = stop + offset + rows + columns
-    after = np.zeros((max(0, reach - len(y)), m))  # as in `lag_sums`, until the window has moved back into the record
-    tail = np.concatenate([y[stop - columns : reach], after])
+    back = columns - 1
+    reach = max(offset, 0) + rows + columns
+    head, tail = (_samples(y, edge - back, edge + reach) for edge in (start, stop))
     for k, whole in enumerate(sums):
-        lag = offset + k
-        block = whole
-        for c in range(min(columns, k + 1)):
-            if c:
-                left = tail[columns - c + lag]
-                block = block + np.outer(y[start - c + lag], y[start - c]) - np.outer(left, y[stop - c])
-            if k - c < rows:
-                blocks[k - c, :, c] = block
+        c = np.arange(1, min(back, k) + 1)
+        entered, left = (part[back - c + offset + k] for part in (head, tail))
+        change = entered[:, :, None] * head[back - c][:, None, :] - left[:, :, None] * tail[back - c][:, None, :]
+        own = np.concatenate([whole[None], whole + np.cumsum(change, axis=0)])
+        first = max(0, k - rows + 1)
+        column = np.arange(first, len(own))
+        blocks[k - column, :, column] = own[first:]
     return blocks.reshape(rows * m, columns * m)
 
 
@@ -265,7 +269,7 @@ def correlations(
     total = np.sum(
         [lag_sums(y, 0, n_lags, 0, len(y) - (n_lags - 1 if fixed_window else 0)) for y in data.series], axis=0
     )
-    n_pairs = sum(len(y) - held for y in data.series)
+    n_pairs = np.sum([len(y) - held for y in data.series], axis=0)
     return np.asarray(total / n_pairs[:, None, None])
 
 
@@ -275,7 +279,7 @@ def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int
         y = data.series[piece.record]
         last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)
         lags = np.arange(offset, offset + rows + columns - 1)
-        n_pairs = sum(len(x) - lags for x in data.series)
+        n_pairs = np.sum([len(x) - lags for x in data.series], axis=0)
         stack = lag_sums(y, offset, len(lags), piece.start, len(y) if last else piece.stop) / n_pairs[:, None, None]
         yield hankel(stack, rows, columns)
 

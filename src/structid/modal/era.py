@@ -11,17 +11,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from structid.modal.correlations import outputs, require_length
+from structid.modal.correlations import outputs, pieces, require_length
 from structid.modal.pencil import pencil
 from structid.modal.subspace import Subspace, delayed_triangle, shift_invariant
 from structid.records import TimeRecord
 
 
-def era(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int) -> Subspace:
+def era(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """ERA with as many columns as the records have instants; several records stand side by side as inputs do."""
     data = outputs(records)
     require_length(data, block_rows, max_order)
-    return shift_invariant(delayed_triangle(data, block_rows).T, data, "ERA", max_order)
+    samples = delayed_triangle(data, block_rows)
+    windows = pieces(data, 0, block_rows - 1, n_pieces)
+    return replace(shift_invariant(samples.T, data, "ERA", max_order, None, windows), samples=samples)
 
 
 def era_dc(

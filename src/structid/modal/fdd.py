@@ -12,48 +12,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.errors import InputError
-from structid.modal.correlations import displacement_rows, outputs
+from structid.arrays import FloatArray, IntArray
+from structid.errors import NoModesError
+from structid.modal.correlations import Outputs, displacement_rows, outputs
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, unit_largest
+from structid.modal.spectral_peaks import (
+    Spectrum,
+    automatic_peaks,
+    default_segment,
+    peaks_by_hand,
+    singular_spectra,
+    singular_spectrum,
+)
 from structid.records import TimeRecord
 
-
-def singular_spectra(
-    records: TimeRecord | Sequence[TimeRecord], segment: int = 2048
-) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Singular values and vectors of the spectral matrix of the channels, each scaled by its root mean square.
-
-    Parameters
-    ----------
-    segment : int
-        Samples of each segment, Hann-windowed, half of them overlapping.
-
-    Returns
-    -------
-    (n_lines,) float array
-        Frequency, Hz.
-    (n_lines, n_channels) float array
-        Singular values, greatest first, 1/Hz.
-    (n_lines, n_channels, n_channels) complex array
-        Singular vectors in the columns.
-    """
-    data = outputs(records)
-    shortest = min(len(y) for y in data.series)
-    if not 8 <= segment <= shortest:
-        raise InputError(
-            f"`segment` must lie from 8 to {shortest}, the samples of the shortest record, got {segment}; shorten it"
-        )
-    window = np.sin(np.pi * np.arange(segment) / segment) ** 2
-    total, n_segments = np.zeros((segment // 2 + 1, data.n_channels, data.n_channels), dtype=complex), 0
-    for y in data.series:
-        for start in range(0, len(y) - segment + 1, segment // 2):
-            lines = np.fft.rfft(window[:, None] * y[start : start + segment], axis=0)
-            total += lines[:, :, None] * lines[:, None, :].conj()
-            n_segments += 1
-    spectrum = 2 * total / (n_segments * data.sampling_rate * np.sum(window**2))
-    vectors, values, _ = np.linalg.svd(spectrum)
-    return np.fft.rfftfreq(segment, 1 / data.sampling_rate), values, vectors
+__all__ = ["fdd", "fdd_modes", "singular_spectra"]
 
 
 def fdd(records: TimeRecord | Sequence[TimeRecord], frequencies: Sequence[float], segment: int = 2048) -> ModalRecord:
@@ -74,25 +48,55 @@ def fdd(records: TimeRecord | Sequence[TimeRecord], frequencies: Sequence[float]
     Raises
     ------
     InputError
-        If a frequency lies outside the spectrum or two of them lead to one peak.
+        If a frequency lies outside the spectrum, near no peak, or two of them lead to one peak.
     """
+    return fdd_modes(records, ModalOptions(frequencies=frequencies, segment=segment)).modes
+
+
+def fdd_modes(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | None = None) -> ModalIdentification:
+    """As `fdd`, at the peaks that stand out by themselves (`automatic_peaks`) unless frequencies are given.
+
+    Parameters
+    ----------
+    options : ModalOptions, optional
+        Used are `frequencies`, `segment` (by default one that leaves about 40 averages) and the frequency range of
+        `criteria`.
+
+    Returns
+    -------
+    ModalIdentification
+        Damping ratios NaN. No covariance: a peak moves in steps of a line, which a spread over pieces cannot show.
+
+    Raises
+    ------
+    InputError
+        If no peak stands out inside the criteria, or as `fdd` does.
+    """
+    options = options or ModalOptions()
     data = outputs(records)
-    lines, values, vectors = singular_spectra(records, segment)
-    first = values[:, 0]
-    peaks = 1 + np.flatnonzero((first[1:-1] >= first[:-2]) & (first[1:-1] > first[2:]))
-    wanted = np.asarray(frequencies, dtype=float)
-    if not len(wanted) or (wanted <= 0).any() or (wanted >= lines[-1]).any() or not len(peaks):
-        raise InputError(f"`frequencies` must lie between 0 and {lines[-1]:g} Hz, got {list(frequencies)}")
-    span = np.maximum(2 * lines[1], 0.02 * wanted)
-    chosen = []
-    for f, width in zip(wanted, span, strict=True):
-        near = peaks[np.abs(lines[peaks] - f) <= width]
-        chosen.append(int(near[first[near].argmax()] if len(near) else peaks[np.abs(lines[peaks] - f).argmin()]))
-    if len(set(chosen)) < len(chosen):
-        raise InputError("`frequencies` must belong to different peaks; lengthen `segment`, or leave one out")
-    chosen.sort()
-    s = 2j * np.pi * lines[chosen]
-    dofs, merge = displacement_rows(data, s)
-    shapes = np.einsum("cdm,dm->cm", merge, data.scale[:, None] * vectors[chosen, :, 0].T)
-    source = f"frequency domain decomposition, lines of {lines[1]:.3g} Hz"
-    return ModalRecord(lines[chosen], np.full(len(chosen), np.nan), unit_largest(shapes), dofs, source=source)
+    spectrum = singular_spectrum(data, options.segment or default_segment(data))
+    by_hand = options.frequencies is not None
+    lines = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
+    low, high = options.criteria.frequency
+    lines = lines[(spectrum.frequency[lines] >= low) & (spectrum.frequency[lines] <= high)]
+    if not len(lines):
+        raise NoModesError(
+            "`records` show no peak of the first singular value that stands out of its errors and meets `criteria`; "
+            "give `frequencies`, or measure longer"
+        )
+    note = (
+        f"frequencies are peaks on lines {spectrum.frequency[1]:.3g} Hz apart, without damping ratios and without "
+        "covariance, which peaks on lines cannot give; efdd and bayesian_fft give both"
+    )
+    return ModalIdentification(_at_lines(data, spectrum, lines, (note,)), "fdd", options=options)
+
+
+def _at_lines(data: Outputs, spectrum: Spectrum, lines: IntArray, notes: tuple[str, ...]) -> ModalRecord:
+    """First singular vectors of lines as modes."""
+    frequency: FloatArray = spectrum.frequency[lines]
+    dofs, merge = displacement_rows(data, 2j * np.pi * frequency)
+    shapes = np.einsum("cdm,dm->cm", merge, data.scale[:, None] * spectrum.vectors[lines, :, 0].T)
+    source = f"frequency domain decomposition, lines of {spectrum.frequency[1]:.3g} Hz"
+    return ModalRecord(
+        frequency, np.full(len(lines), np.nan), unit_largest(shapes), dofs, warnings=notes, source=source
+    )

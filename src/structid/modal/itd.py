@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import linalg
 
-from structid.modal.correlations import outputs, require_length
+from structid.modal.correlations import outputs, pieces, require_length
 from structid.modal.subspace import Subspace, delayed_triangle
 from structid.records import TimeRecord
 
 
-def itd(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int) -> Subspace:
+def itd(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """A = Y1 Y0^+ of delayed samples Y0 and the same one step later, Y1, on the leading singular vectors of Y0."""
     data = outputs(records)
     require_length(data, block_rows + 1, max_order)
@@ -27,4 +27,5 @@ def itd(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: 
     left, singular, right = linalg.svd(rows[:, :width].T, full_matrices=False)
     n = min(max_order, int(np.sum(singular > 1e-14 * singular[0])))
     moved = left[:, :n].T @ rows[:, data.n_channels :].T @ right[:n].T / singular[:n]
-    return Subspace(data, left, singular, right.T, np.eye(n), moved, None, (), "ITD")
+    windows = pieces(data, 0, block_rows, n_pieces)
+    return Subspace(data, left, singular, right.T, np.eye(n), moved, None, windows, "ITD", rows)

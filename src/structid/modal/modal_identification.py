@@ -31,6 +31,8 @@ class ModalOptions:
         Samples of a segment of spectral estimates, for methods in the frequency domain.
     bands : sequence of (float, float), optional
         Hz: the bands that methods in the frequency domain look at, one after another.
+    refine : bool
+        Whether ``pencil`` ends with maximum likelihood where the record is a free decay of the modes found.
     """
 
     orders: Sequence[int] | None = None
@@ -40,6 +42,7 @@ class ModalOptions:
     n_pieces: int = 40
     segment: int | None = None
     bands: Sequence[tuple[float, float]] | None = None
+    refine: bool = True
 
     def __post_init__(self) -> None:
         for low, high in self.bands or ():

@@ -45,6 +45,8 @@ class Subspace:
         The pieces.
     method : str
         Name of the method.
+    samples : (n_rows_of_triangle, n_delays * n_channels) float array, or None
+        Where the matrix holds the samples themselves instead of their products: `delayed_triangle` of them.
     """
 
     data: Outputs
@@ -56,6 +58,7 @@ class Subspace:
     parts: Parts | None
     windows: tuple[Piece, ...]
     method: str
+    samples: FloatArray | None = None
 
     @property
     def max_order(self) -> int:

@@ -7,14 +7,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.errors import InputError
+from structid.errors import InputError, NoModesError
+from structid.modal.close_modes import with_close_mode_notes
 from structid.modal.correlations import Outputs, displacement_rows, outputs
+from structid.modal.decay_modes import decay_modes
 from structid.modal.era import era, era_dc
 from structid.modal.itd import itd
 from structid.modal.modal_identification import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.pencil import pencil
-from structid.modal.pole_uncertainty import Deviations, deviations, pole_deviations
+from structid.modal.pole_uncertainty import Deviations, deviations, free_decay_fit, is_free_decay, pole_deviations
 from structid.modal.poles import Poles
 from structid.modal.ssi import ssi_cov, ssi_data
 from structid.modal.stabilization import Cluster, clusters
@@ -29,7 +31,8 @@ SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {
     "ssi_data": ssi_data,
     "itd": itd,
 }
-_WITHOUT_PIECES = ("era", "itd")
+_REFINED = ("pencil",)
+_FREE_DECAYS_ONLY = ("era", "itd")
 _MAX_ORDER = 60
 _BLOCK_ROWS = 30
 
@@ -41,18 +44,32 @@ def subspace_modes(
     data = outputs(records)
     rows = _block_rows(data, options.block_rows)
     wanted = _orders(data, rows, options.orders)
-    pieces = {} if method in _WITHOUT_PIECES else {"n_pieces": max(options.n_pieces, 1)}
-    subspace = SUBSPACE_METHODS[method](records, rows, max(wanted), **pieces)
+    subspace = SUBSPACE_METHODS[method](records, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
     wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
     sweep = poles_of_orders(subspace, wanted)
     picked, found, notes = picked_poles(sweep, data.scale, options)
     if not picked:
-        raise InputError(
+        raise NoModesError(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
             "`block_rows` or the greatest order, or measure longer"
         )
+    if method in _FREE_DECAYS_ONLY:
+        notes += _no_free_decay(data, np.array([sweep[k].poles[i] for k, i in picked]), method)
     modes = _modal_record(subspace, sweep, picked, notes)
+    if method in _REFINED and options.refine:
+        modes = decay_modes(data, modes)
+    modes = with_close_mode_notes(data, modes)
     return ModalIdentification(modes, method, sweep, found, options)
+
+
+def _no_free_decay(data: Outputs, s: ComplexArray, method: str) -> list[str]:
+    """A word where the modes explain less than half of the motion as a free decay."""
+    if is_free_decay(data, free_decay_fit(data, s)[1]):
+        return []
+    return [
+        f"the record is no free decay of these modes, as {method} assumes: no covariance, and poles are biased. For ambient "
+        "motion use next_era, pencil or ssi_cov, or give the records that natural_excitation makes of it"
+    ]
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:

@@ -5,7 +5,7 @@ from structid.observation.equations import measures_everything, one_step_values
 from structid.observation.frequency_continuation import frequency_continuation
 from structid.observation.frf import Form, FrfProblem
 from structid.observation.identify_time import identify_time
-from structid.observation.modal_problem import ModalProblem
+from structid.observation.modal_problem import ModalForm, ModalProblem
 from structid.observation.motion import Motion, completed, recorded_motion
 from structid.observation.motion_fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
 from structid.observation.output_error import OutputErrorProblem
@@ -21,6 +21,7 @@ __all__ = [
     "ChannelUnknown",
     "Form",
     "FrfProblem",
+    "ModalForm",
     "ModalProblem",
     "Motion",
     "Oscillation",

@@ -56,7 +56,7 @@ def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord
     coefficients = law_coefficients(structure_laws(structure), record.laplace, sliding_amplitudes(structure, record))
     loads = structure.selection(record.inputs).toarray()
     values = np.array(unknown.start)
-    bilinear = any(part.factor is not None for part in structure.contributions)
+    bilinear = any(part.is_product for part in structure.contributions)
     for _ in range(_MOST_ITERATIONS if bilinear else 1):
         residual, columns = _equations(structure, unknown, values, motion, coefficients)
         right = stack_real((np.broadcast_to(loads, residual.shape) - residual).reshape(-1))

@@ -8,13 +8,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.errors import InputError
+from structid.estimation.free_linearization import FreeLinearization
 from structid.estimation.problem import Linearization
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.continuation import continuation_plan, nearer, thinned_problem
+from structid.observation.free_frf import STORED_BYTES, Whitening, free_response
 from structid.observation.response import Response, response
 from structid.observation.window_decay import laplace_slope, moved
 from structid.parameters import Parameters
@@ -58,6 +60,9 @@ class FrfProblem:
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
         first, which carries far. None begins with ways for a start that is near.
+    factorizer : {"pardiso", "superlu"}, optional
+        Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
+        names, or the fastest that is installed.
     """
 
     structure: Structure
@@ -69,6 +74,7 @@ class FrfProblem:
     channels: ChannelErrors | None = None
     start_prior: tuple[FloatArray, FloatArray] | None = None
     start_error: float | None = None
+    factorizer: str | None = None
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -151,7 +157,7 @@ class FrfProblem:
     @cached_property
     def model(self) -> Response:
         """The structure's response at the record's lines, sensors and loads."""
-        return response(self.structure, self.parameters, self.record, self.measured_sliding)
+        return response(self.structure, self.parameters, self.record, self.measured_sliding, self.factorizer)
 
     def stage_plans(self) -> tuple[tuple[tuple[str, FrfProblem], ...], ...]:
         """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
@@ -249,7 +255,7 @@ class FrfProblem:
         if self.form == "equation":
             return self.linearize(theta).residual
         data, _ = self._whitened(self.predicted(theta), None)
-        return np.concatenate([stack_real(data.ravel()), self._prior(theta)[0]])
+        return np.concatenate([stack_real(data.ravel()), self._prior_residual(theta)])
 
     def linearize(self, theta: FloatArray) -> Linearization:
         slope = self.slope(theta)
@@ -262,6 +268,50 @@ class FrfProblem:
         prior, prior_slope = self._prior(theta)
         jacobian = np.concatenate([stack_real(change.reshape(-1, len(theta))), prior_slope])
         return Linearization(np.concatenate([stack_real(data.ravel()), prior]), jacobian)
+
+    def linearize_free(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> FreeLinearization:
+        """The residual and products with its derivative, which is not formed, for very many parameters.
+
+        Parameters
+        ----------
+        theta : (n_params,) float array
+        stored_bytes : float
+            The Jacobian of the data is stored where it takes no more than this, and applied from fields otherwise.
+
+        Raises
+        ------
+        InputError
+            With errors of channels, the form ``equation`` or friction that slides with the model's own amplitude.
+        """
+        if self.channels is not None or self.form == "equation" or self.start_prior is not None:
+            raise InputError(
+                "a search without a Jacobian takes neither errors of channels nor form 'equation' nor a prior of the"
+                " start; leave them out, or have fewer parameters"
+            )
+        physical, slope = self.physical(theta), self.slope(theta)
+        at = free_response(self.model, physical, self._whitening, stored_bytes)
+        residual, prior = self.parameters.sparse_prior_rows(physical)
+        data, _ = self._whitened(at.values, None)
+        return FreeLinearization(
+            residual=np.concatenate([stack_real(data.ravel()), residual]),
+            forward=lambda v: at.forward(slope * v),
+            adjoint=lambda u: slope * at.adjoint(u),
+            data_squares=slope**2 * at.squares,
+            prior=sparse.csr_array(prior @ sparse.diags_array(slope)),
+            words=at.words,
+        )
+
+    def _whitening(self, h: ComplexArray, lines: slice) -> Whitening:
+        """How the whitened residual at some lines changes with the response h there."""
+        m, s = self.record.values[lines], self._deviation[lines]
+        if self.form == "output":
+            return Whitening((1 / s).astype(np.complex128), np.zeros_like(h))
+        relative = s / np.abs(m)
+        if self.form == "log":
+            return Whitening(1 / (h * relative), np.zeros_like(h))
+        size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
+        turn = (h - m) / (4 * size**3 * relative)
+        return Whitening(1 / (size * relative) - turn * np.conj(h), -turn * h)
 
     @cached_property
     def _deviation(self) -> FloatArray:
@@ -292,6 +342,12 @@ class FrfProblem:
         flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
         change = np.linalg.solve(factor, flat).reshape(dh.shape)
         return data, change
+
+    def _prior_residual(self, theta: FloatArray) -> FloatArray:
+        """The residual of `_prior` alone."""
+        if self.channels is not None or self.start_prior is not None:
+            return self._prior(theta)[0]
+        return self.parameters.prior_residual(self.physical(theta))
 
     def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rows of the priors and their derivative with respect to the free variables."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.observation.response import SensitiveElements, sensitive_elements, weight_slope
+from structid.observation.sensitive import SensitiveElements, sensitive_elements, weight_slope
 from structid.parameters import Parameters
 from structid.structure import Structure
 

@@ -39,7 +39,8 @@ def dynamic_residual(
     Returns
     -------
     (n_channels,) and (n_channels, n_params) float arrays
-        In parts of the inertia force of the same field in the model at the start.
+        In parts of the inertia force that the field of the model at the start has with the present masses, so that a
+        common scale of masses and stiffnesses changes nothing.
 
     References
     ----------
@@ -58,8 +59,11 @@ def dynamic_residual(
     change = (forms["elastic"] - omega**2 * forms["inertia"])[0, :, 0]
     q_0, r_0, z_0 = _expanded(stiffness_0, mass_0, sensors, weight, omega)
     field_0 = np.linalg.solve(z_0, weight * (q_0 @ np.linalg.solve(r_0.T, shape)))
-    size = omega**2 * np.linalg.norm(mass_0 @ field_0 / weight)
-    return error / size, change / size
+    inertia = omega**2 * (mass @ field_0) / weight
+    size = float(np.linalg.norm(inertia))
+    toward = (inertia / (size * weight))[None, :, None]
+    growth = omega**2 * slopes.products(physical, ("inertia",), toward, field_0[None, :, None])["inertia"][0, 0, 0]
+    return error / size, change / size - np.outer(error, growth) / size**2
 
 
 def _expanded(

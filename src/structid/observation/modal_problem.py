@@ -14,6 +14,8 @@ from structid.dynamics import Modes, modes
 from structid.errors import InputError
 from structid.estimation.problem import Linearization
 from structid.modal import ModalRecord
+from structid.modal.close_modes import NOT_TOLD_APART, neighbour_std
+from structid.modal.shape_errors import unscaled_shape_std
 from structid.observation.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal_dynamic import dynamic_residual
 from structid.observation.modal_output import GroupData, GroupFit, ModelState, group_fit
@@ -22,8 +24,6 @@ from structid.structure import Structure
 
 ModalForm = Literal["output", "dynamic"]
 
-#: A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
-_FREQUENCY_GUARD = 0.3
 _START_ERROR = 0.5
 
 
@@ -54,8 +54,11 @@ class ModalProblem(NamedUnknowns):
     use_damping : bool
         Whether damping ratios count; those of modes in groups never do.
     closeness : float
-        Relative distance of measured frequencies below which modes form a group.
+        Relative distance of measured frequencies below which modes form a group; those that their standard deviations
+        do not tell apart form one in any case.
     form : ModalForm
+    frequency_guard : float
+        A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class ModalProblem(NamedUnknowns):
     use_damping: bool = False
     closeness: float = 0.02
     form: ModalForm = "output"
+    frequency_guard: float = 0.3
 
     def __post_init__(self) -> None:
         if not self.measured.size:
@@ -118,12 +122,14 @@ class ModalProblem(NamedUnknowns):
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Of every entry of `shapes`."""
+        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`."""
         own = self.record.shape_std
+        if len(self.record.channels) == 1 and not (own is not None and own.all()):
+            return np.full(self.shapes.shape, self.shape_error or 1.0)  # one entry always fits
         if own is None:
             return np.full(self.shapes.shape, self.shape_error)
         scale = np.abs(np.asarray(self.record.mode_shapes)).max(axis=0)
-        return np.hypot(own / scale, self.shape_error)
+        return np.hypot(unscaled_shape_std(self.shapes, own / scale), self.shape_error)
 
     @cached_property
     def frequency_std(self) -> FloatArray:
@@ -149,19 +155,21 @@ class ModalProblem(NamedUnknowns):
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes, those closer than `closeness` together."""
+        """Measured modes, those that are close together."""
         frequency = self.record.frequency[self.measured]
-        breaks = np.flatnonzero(np.diff(frequency) > self.closeness * frequency[1:]) + 1
+        variance = self._covariance[: len(frequency), : len(frequency)]
+        reach = np.maximum(self.closeness * frequency[1:], NOT_TOLD_APART * neighbour_std(variance))
+        breaks = np.flatnonzero(np.diff(frequency) > reach) + 1
         made = []
         for places in np.split(np.arange(len(frequency)), breaks):
             members = self.measured[places]
             std = np.sqrt((self.shape_std[:, members] ** 2).mean(axis=1))
             shapes = self.shapes[:, members] / std[:, None]
             value = (2 * np.pi * frequency[places]) ** 2
-            reach = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if len(members) <= len(shapes) else np.ones(len(members))
+            error = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if len(members) <= len(shapes) else np.ones(len(members))
             gap = np.subtract.outer(value, value) / np.sqrt(np.outer(value, value))
             spread = 2 * self.frequency_std[places] / frequency[places]
-            mixing = np.sqrt(gap**2 * reach[:, None] + np.add.outer(spread**2, spread**2) / 2)
+            mixing = np.sqrt(gap**2 * error[:, None] + np.add.outer(spread**2, spread**2) / 2)
             made.append(GroupData(members, value, shapes, mixing))
         return tuple(made)
 
@@ -204,6 +212,14 @@ class ModalProblem(NamedUnknowns):
         """Twice the channel of each data row; frequencies, damping ratios and mixing have channels of their own."""
         return self._rows[1]
 
+    @property
+    def series_names(self) -> tuple[str, ...]:
+        """What each of `series` stands for, in their order."""
+        names = [f"shape at {dof}" for dof in self.record.channels]
+        if self.form == "dynamic":
+            return tuple(f"force for the {name}" for name in names)
+        return (*names, "mixing of close modes", "frequency", *(("damping ratio",) if self.use_damping else ()))
+
     def stage_plans(self) -> tuple[tuple[tuple[str, ModalProblem], ...], ...]:
         """Ways to the answer: by the dynamic residual, which needs no pairing, and straight."""
         near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
@@ -221,7 +237,7 @@ class ModalProblem(NamedUnknowns):
     def pairing(self, found: Modes) -> IntArray:
         """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once.
 
-        The sum of MAC / (1 + (log(f_model / f) / 0.3)^2) is made as large as it can be.
+        The sum of MAC / (1 + (log(f_model / f) / frequency_guard)^2) is made as large as it can be.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -233,7 +249,7 @@ class ModalProblem(NamedUnknowns):
                 f"the model has {len(use)} modes that move the sensors and {len(self.measured)} are measured;"
                 " refine the model, or leave modes out"
             )
-        distance = np.log(found.frequency[use][None, :] / frequency[:, None]) / _FREQUENCY_GUARD
+        distance = np.log(found.frequency[use][None, :] / frequency[:, None]) / self.frequency_guard
         worth = mac(self.shapes[:, self.measured], seen[:, use]) / (1 + distance**2)
         return use[linear_sum_assignment(worth, maximize=True)[1]]
 
@@ -251,7 +267,7 @@ class ModalProblem(NamedUnknowns):
         return Linearization(np.concatenate([data, prior]), jacobian, eliminated)
 
     def _dynamic(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force residual of each mode in parts of its inertia force at the start, over the error of the shapes."""
+        """Force residual of each mode in parts of its inertia force, over the error of the shapes."""
         found = [
             dynamic_residual(
                 self.structure,

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation import Estimate
+from structid.estimation.local_reduction import Work
 from structid.estimation.streaming_qr import LinearFit, StreamingQr, no_rows
 from structid.observation.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
 from structid.observation.motion_words import motion_estimate
@@ -49,15 +51,14 @@ class RecursiveMotionFit:
     error: FloatArray
     n_samples: int
 
-    def updated(self, chunk: Motion, variance: MotionVariance | None = None) -> RecursiveMotionFit:
+    def updated(
+        self, chunk: Motion, variance: MotionVariance | None = None, work: Work | None = None
+    ) -> RecursiveMotionFit:
         """The fit after one more chunk of motion, with the error variance of that motion where known."""
         fields = self.equations.fields(chunk)
-        state, step = self.state, max(1, _CHUNK_ENTRIES // self.equations.operator.shape[0])
-        for first in range(0, chunk.n_times, step):
-            state = state.updated(self.equations.rows(fields[:, first : first + step]))
         return replace(
             self,
-            state=state,
+            state=reduced_state(self.equations, self.state, self.equations.operator, fields, work),
             energy=locked(self.energy + (fields**2).sum(axis=1)),
             error=self.error if variance is None else locked(self.error + _summed(variance, chunk.force.shape)),
             n_samples=self.n_samples + chunk.n_times,
@@ -81,6 +82,11 @@ class RecursiveMotionFit:
         InputError
             If there is nothing to fit: no samples, no motion, or no force and nothing known to scale by.
         """
+        self.require_content()
+        return self.state.solution(self.equations.sizes(self.energy))
+
+    def require_content(self) -> None:
+        """Raise `InputError` if there is nothing to fit; see `solution`."""
         n = self.equations.n_dofs
         if self.n_samples == 0:
             raise InputError("there are no samples yet; call `updated` with some motion first")
@@ -94,7 +100,6 @@ class RecursiveMotionFit:
                 "the force is zero in every sample and nothing in the structure is known: free motion gives ratios of"
                 " parameters only; apply and record a force, or fix one parameter (a known mass, say)"
             )
-        return self.state.solution(self.equations.sizes(self.energy))
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
         """Predicted bias of the fit, (n_params,); see `least_squares_bias`. The fit's own values by default."""
@@ -111,6 +116,18 @@ class RecursiveMotionFit:
         """The answer in full; see `identify_motion`."""
         bias = self.bias() if self.error.any() and self.solution().rank == self.state.n_params else None
         return motion_estimate(self.equations, self.solution(), self.n_samples, bias)
+
+
+def reduced_state(
+    equations: TimeEquations, state: StreamingQr, operator: sparse.csr_array, fields: FloatArray, work: Work | None
+) -> StreamingQr:
+    """`state` after the rows that `operator`, that of the equations or of channels, makes of (n_fields, n_times)."""
+    if len(equations.columns) == equations.n_dofs:
+        return state.reduced(operator, fields, work)
+    step = max(1, _CHUNK_ENTRIES // operator.shape[0])
+    for first in range(0, fields.shape[1], step):
+        state = state.updated(equations.shaped(operator @ fields[:, first : first + step]))
+    return state
 
 
 def motion_fit(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> RecursiveMotionFit:

@@ -6,8 +6,10 @@ import numpy as np
 
 from structid.arrays import FloatArray, locked
 from structid.estimation import Direction, Estimate, Identifiability, Status, identifiability
+from structid.estimation.block_least_squares import BlockFit
 from structid.estimation.streaming_qr import LinearFit
 from structid.observation.time_equations import TimeEquations
+from structid.parameters import Parameters
 
 _UNSEEN = {
     "stiffness": (
@@ -61,19 +63,24 @@ def motion_estimate(
 
 def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
     """What the reader should know, the most important first."""
-    unknown, n = equations.unknown, equations.n_dofs
-    n_params = unknown.n_params
+    words = solution_words(equations.unknown, found, equations.n_dofs * n_samples, n_samples)
+    return [*words[:-1], *_bias_words(equations, found, bias), words[-1]]
+
+
+def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
+    """What is missing and what would supply it, then the quality of the fit in one part."""
+    n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
-    if n * n_samples < n_params:
+    if n_rows < n_params:
         words.append(
-            f"{n_samples} samples of {n} degrees of freedom give {n * n_samples} equations for {n_params} parameters;"
+            f"{n_samples} samples of {n} degrees of freedom give {n_rows} equations for {n_params} parameters;"
             f" at least {-(-n_params // n)} samples are needed"
         )
-    for kind in dict.fromkeys(unknown.kinds):
-        lost = [i for i in np.flatnonzero(~found.seen) if unknown.kinds[i] == kind]
-        if lost:
-            words.append(f"not seen: {_listed([unknown.names[i] for i in lost])}: {_UNSEEN[kind]}")
-    if found.rank < found.seen.sum() and n * n_samples >= n_params:
+    lost = np.flatnonzero(~found.seen)
+    for kind in dict.fromkeys(unknown.kinds[i] for i in lost):
+        names = [unknown.names[i] for i in lost if unknown.kinds[i] == kind]
+        words.append(f"not seen: {_listed(names)}: {_UNSEEN[kind]}")
+    if found.rank < found.seen.sum() and n_rows >= n_params:
         words.append(
             f"the regressors have rank {found.rank} for {n_params} parameters; samples at other instants, a force at"
             " another place or of other frequencies, or fewer parameters would supply what is missing"
@@ -86,7 +93,6 @@ def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: Flo
             f"outside the declared range: {_listed([unknown.names[i] for i in np.flatnonzero(outside)])};"
             " least squares does not impose it, and noise or a wrong model is the usual cause"
         )
-    words.extend(_bias_words(equations, found, bias))
     words.append(
         f"rank {found.rank} of {n_params}, condition {found.condition:.3g} with unit columns, residual"
         f" {np.sqrt(found.residual_variance):.3g} RMS over {found.degrees_of_freedom} degrees of freedom"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,14 +12,23 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof
 from structid.dynamics import harmonic_fields
+from structid.dynamics.factorization import Analysis, factorizer
+from structid.dynamics.receptance import DENSE_UP_TO, DynamicStiffness, single_blas
 from structid.errors import InputError
+from structid.observation.contraction import ParameterForces, parameter_forces
 from structid.observation.friction import add_amplitude_change, balanced_amplitudes
+from structid.observation.sensitive import (
+    SensitiveElements,
+    WeightedParts,
+    sensitive_elements,
+    weight_slope,
+    weighted_elements,
+)
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
-from structid.structure import Contribution, Friction, Structure
+from structid.structure import Friction, Structure
 from structid.structure.assembly import Assembly, assembly
-from structid.structure.blocks import ElementMatrices
 
 _CHUNK_BYTES = 48_000_000
 _STUCK = 1e-4
@@ -65,25 +75,6 @@ def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict
     return np.stack([table.get(law, zero) for law in laws], axis=1)
 
 
-def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
-    """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
-    design = unknown.design.tocsr()
-    own = design[part.value]
-    if part.factor is None:
-        return own
-    other = design[part.factor].multiply(values[part.value][:, None])
-    return sparse.csr_array(own.multiply(values[part.factor][:, None]) + other)
-
-
-@dataclass(frozen=True, eq=False)
-class SensitiveElements:
-    """Elements of one family of blocks whose weights depend on the parameters, and in which laws they appear."""
-
-    blocks: ElementMatrices
-    rows: IntArray
-    members: tuple[int, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class _Contact:
     """A friction element that slides with the model's own amplitude: where its law and its force stand."""
@@ -110,39 +101,105 @@ class Response:
     inputs: tuple[IntArray, FloatArray]
     sensitive: tuple[SensitiveElements, ...]
     contacts: tuple[_Contact, ...]
+    factorizer: str | None = None
 
     @property
     def n_outputs(self) -> int:
         return len(self.outputs[0]) - len(self.contacts)
 
+    @property
+    def is_large(self) -> bool:
+        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        return self.assembled.structure.n_dofs > DENSE_UP_TO
+
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
         used, sign = np.unique(self.inputs[0]), self.inputs[1]
-        fields = self._fields(physical, self._coefficients(physical), self.columns[:, used])
-        read = self._read(fields[:, :, np.searchsorted(used, self.inputs[0])] * sign)
+        readings = self._readings(physical, self._coefficients(physical), used)
+        read = readings[:, :, np.searchsorted(used, self.inputs[0])] * sign
         return read[:, : self.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The FRF and its derivative with respect to the physical parameters, (..., n_params).
 
         By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
-        -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it.
+        -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it. Where a large
+        model has fewer parameters times loads than sensors, Z^-1 (dZ/dp) x is solved for instead.
         """
         coefficients = self._coefficients(physical)
-        fields = self._fields(physical, coefficients, self.columns)
-        x = fields[:, :, self.inputs[0]] * self.inputs[1]
-        y = fields[:, :, self.outputs[0]] * self.outputs[1]
-        values = self._read(x)
-        derivative = self._sensitivity(physical, coefficients, x, y)
+        if self.is_large:
+            values, derivative, reach = self._swept(physical, coefficients)
+        else:
+            fields = self._fields(physical, coefficients, self.columns)
+            x = fields[:, :, self.inputs[0]] * self.inputs[1]
+            y = fields[:, :, self.outputs[0]] * self.outputs[1]
+            values, reach = self.read(x), self.read(y[:, :, self.n_outputs :])
+            derivative = self._sensitivity(physical, coefficients, x, y)
         weights = self.parameters.values(physical)
         if self.contacts:
-            reach = self._read(y[:, :, self.n_outputs :])
             force = weights[[contact.value for contact in self.contacts]]
             size = (1j / coefficients[:, [contact.law for contact in self.contacts]]).real
             motion = values[:, self.n_outputs :, 0]
             derivative = add_amplitude_change(derivative[:, :, 0], motion, reach, force, size)[:, :, None]
         factor = self.kind_factor[:, None, None]
-        return values[:, : self.n_outputs] * factor, derivative[:, : self.n_outputs] * factor[..., None]
+        if (factor != 1).any():
+            derivative *= factor[..., None]
+        return values[:, : self.n_outputs] * factor, derivative[:, : self.n_outputs]
+
+    def _swept(
+        self, physical: FloatArray, coefficients: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Readings under the loads, their derivatives, and readings under forces at the contacts, line by line."""
+        n_lines, n_sensors, n_inputs = len(self.frequency), len(self.outputs[0]), len(self.inputs[0])
+        values = np.empty((n_lines, n_sensors, n_inputs), dtype=np.complex128)
+        derivative = np.empty((*values.shape, self.parameters.n_params), dtype=np.complex128)
+        reach = np.empty((n_lines, n_sensors, len(self.contacts)), dtype=np.complex128)
+        forces, factors = self.forces_at(physical, coefficients)
+        used, place = np.unique(self.inputs[0], return_inverse=True)
+        n_sides = self.columns.shape[1]
+        direct = not self.contacts and self.parameters.n_params * len(used) < n_sides - len(used)
+        right = self.columns[:, used].toarray() if direct else self.columns.toarray()
+        stiffness = self._stiffness(physical, coefficients)
+        with single_blas():
+            for line in range(n_lines):
+                solver = stiffness.solver(line)
+                fields = solver.solve(right)
+                read = self._sensors.T @ fields
+                if direct:
+                    values[line] = read[:, place] * self.inputs[1]
+                    moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
+                    change = np.moveaxis((self._sensors.T @ moved).reshape(n_sensors, len(used), -1), 0, 2)
+                else:
+                    values[line] = read[:, self.inputs[0]] * self.inputs[1]
+                    reach[line] = (read[:, self.outputs[0]] * self.outputs[1])[:, self.n_outputs :]
+                    products = forces.contracted(factors[line], fields[:, used], fields)
+                    change = products[:, :, self.outputs[0]] * self.outputs[1]
+                for column, (row, sign) in enumerate(zip(place, self.inputs[1], strict=True)):
+                    np.multiply(change[row].T, -sign, out=derivative[line, :, column])
+        return values, derivative, reach
+
+    def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
+        """The forces (dZ/dp) x of all parameters, and the factors of their maps at every line: (n_frequencies, n_maps)."""
+        found, factors = self.parts_at(physical, coefficients)
+        known = self._known_forces.get("last")
+        if known is None or not known[0].same_slopes(found):
+            forces = parameter_forces(found.parts, self.parameters.n_params, self.assembled.structure.n_dofs)
+            known = self._known_forces["last"] = found, forces
+        return known[1], factors
+
+    def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
+        """The element matrices that the parameters weigh, and the factor of each kind at every line."""
+        found = weighted_elements(self.assembled.structure, self.parameters, self.sensitive, physical)
+        factors = np.zeros((len(self.frequency), len(found.uses)), dtype=np.complex128)
+        for kind, uses in enumerate(found.uses):
+            for law, scale in uses:
+                factors[:, kind] += coefficients[:, self.assembled.laws.index(law)] * scale
+        return found, factors
+
+    @cached_property
+    def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
+        """The last `ParameterForces`, and the weights that they were made for."""
+        return {}
 
     def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
         """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
@@ -167,8 +224,11 @@ class Response:
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
         """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
         index, sign = self.outputs[0][: self.n_outputs], self.outputs[1][: self.n_outputs]
-        y = self._fields(physical, self._coefficients(physical), self.columns)[:, :, index] * sign
-        return np.swapaxes(y, 1, 2) @ np.conj(y)
+        gram = np.empty((len(self.frequency), len(index), len(index)), dtype=np.complex128)
+        for part, fields in self._solved(physical, self._coefficients(physical), self.columns):
+            y = fields[:, :, index] * sign
+            gram[part] = np.swapaxes(y, 1, 2) @ np.conj(y)
+        return gram
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
         """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
@@ -191,10 +251,9 @@ class Response:
         """Motion of the contacts under the drive, and under unit forces at the contacts, all without their friction."""
         columns, signs = self.outputs[0][self.n_outputs :], self.outputs[1][self.n_outputs :]
         used = np.unique(np.concatenate([self.inputs[0], columns]))
-        fields = self._fields(physical, self.fixed_coefficients, self.columns[:, used])
-        drive = fields[:, :, np.searchsorted(used, self.inputs[0])] * self.inputs[1]
-        contact = fields[:, :, np.searchsorted(used, columns)] * signs
-        return self._read(drive)[:, self.n_outputs :, 0], self._read(contact)[:, self.n_outputs :]
+        readings = self._readings(physical, self.fixed_coefficients, used)[:, self.n_outputs :]
+        drive = readings[:, :, np.searchsorted(used, self.inputs[0])] * self.inputs[1]
+        return drive[:, :, 0], readings[:, :, np.searchsorted(used, columns)] * signs
 
     def _add_group(
         self,
@@ -224,7 +283,7 @@ class Response:
     def _slope(self, member: int, group: SensitiveElements, weights: FloatArray) -> sparse.csr_array:
         """`weight_slope` of a contribution, kept where it does not depend on the values."""
         part = self.assembled.structure.contributions[member]
-        if part.factor is not None:
+        if part.is_product:
             return weight_slope(part, self.parameters, weights)[group.rows]
         if member not in self._fixed_slopes:
             self._fixed_slopes[member] = weight_slope(part, self.parameters, weights)[group.rows]
@@ -236,18 +295,64 @@ class Response:
         return {}
 
     def _fields(self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array) -> ComplexArray:
+        fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
+        for part, found in self._solved(physical, coefficients, loads):
+            fields[part] = found
+        return fields
+
+    def _solved(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array
+    ) -> Iterator[tuple[slice, ComplexArray]]:
+        """Fields (n, n_dofs, n_loads) of stretches of lines: all at once, or line by line where the model is large."""
+        if not self.is_large:
+            at = self.assembled
+            data = at.data(self.parameters.values(physical))
+            yield slice(None), harmonic_fields(at.indices, at.indptr, data, coefficients, loads, self.frequency)
+            return
+        stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+        with single_blas():
+            for line in range(len(self.frequency)):
+                yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
+
+    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, ComplexArray]]:
+        """Motion (n, n_dofs, n_columns) under unit loads at all `columns` for stretches of lines, one after another."""
+        return self._solved(physical, self._coefficients(physical), self.columns)
+
+    def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
         data = self.assembled.data(self.parameters.values(physical))
-        return harmonic_fields(self.assembled.indices, self.assembled.indptr, data, coefficients, loads, self.frequency)
+        return DynamicStiffness(self.analysis, data, coefficients, self.frequency)
 
-    def _read(self, x: ComplexArray) -> ComplexArray:
-        """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""
+    @cached_property
+    def analysis(self) -> Analysis:
+        """What the factorizer knows of the sparsity pattern; it serves all lines and iterations."""
+        return factorizer(self.factorizer).analyse(self.assembled.indices, self.assembled.indptr)
+
+    def _readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What the sensors and contacts read under some of the columns, (n_frequencies, n_sensors, n_columns)."""
+        readings = np.empty((len(self.frequency), len(self.outputs[0]), len(columns)), dtype=np.complex128)
+        for part, fields in self._solved(physical, coefficients, self.columns[:, columns]):
+            readings[part] = self.read(fields)
+        return readings
+
+    @cached_property
+    def _sensors(self) -> sparse.csc_array:
+        """Columns of the sensors and contacts, signs included, (n_dofs, n_sensors)."""
         index, sign = self.outputs
-        sensors = self.columns[:, index] @ sparse.diags_array(sign)
+        return sparse.csc_array(self.columns[:, index] @ sparse.diags_array(sign))
+
+    def read(self, x: ComplexArray) -> ComplexArray:
+        """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""
         flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
-        return np.moveaxis((sensors.T @ flat).reshape(len(index), x.shape[0], x.shape[2]), 0, 1)
+        return np.moveaxis((self._sensors.T @ flat).reshape(len(self.outputs[0]), x.shape[0], x.shape[2]), 0, 1)
 
 
-def response(structure: Structure, unknown: Parameters, record: FrfRecord, measured_sliding: bool = False) -> Response:
+def response(
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord,
+    measured_sliding: bool = False,
+    factorizer: str | None = None,
+) -> Response:
     """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
 
     Parameters
@@ -259,6 +364,8 @@ def response(structure: Structure, unknown: Parameters, record: FrfRecord, measu
         Its values serve only for measured sliding amplitudes.
     measured_sliding : bool
         Whether friction elements that name sensors slide with the amplitude that those measured.
+    factorizer : {"pardiso", "superlu"}, optional
+        Of large models; see `structid.dynamics.factorization.factorizer`.
 
     Raises
     ------
@@ -284,6 +391,7 @@ def response(structure: Structure, unknown: Parameters, record: FrfRecord, measu
         inputs=(index[:n_inputs], sign[:n_inputs]),
         sensitive=sensitive_elements(structure, unknown),
         contacts=contacts,
+        factorizer=factorizer,
     )
 
 
@@ -324,23 +432,3 @@ def _distinct_columns(columns: sparse.csc_array) -> tuple[sparse.csc_array, list
         places.append((kept[key], sign))
     unique = columns[:, [j for j, _ in first]] @ sparse.diags_array([s for _, s in first])
     return sparse.csc_array(unique), places
-
-
-def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
-    """Families of element matrices that the parameters weigh, contributions that share matrices together."""
-    touched = np.diff(unknown.design.tocsr().indptr) > 0
-    families: dict[int, list[int]] = {}
-    for member, part in enumerate(structure.contributions):
-        families.setdefault(id(part.blocks), []).append(member)
-    found = []
-    for members in families.values():
-        masks = []
-        for member in members:
-            part = structure.contributions[member]
-            mask = touched[part.value]
-            masks.append(mask if part.factor is None else mask | touched[part.factor])
-        rows = np.flatnonzero(np.any(masks, axis=0))
-        used = tuple(m for m, mask in zip(members, masks, strict=True) if mask.any())
-        if len(rows):
-            found.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
-    return tuple(found)

@@ -8,6 +8,7 @@ sparse operator, so that the regressors of a whole chunk of samples are one spar
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.errors import InputError
 from structid.observation.motion import MOTION_QUANTITIES, Motion
+from structid.observation.sensitive import require_nominal_thickness
 from structid.parameters import Parameters
 from structid.structure import Contribution, Structure
 
@@ -59,22 +61,28 @@ class TimeEquations:
         """
         if motion.force.shape[1] != self.n_dofs:
             raise InputError(f"motion must have {self.n_dofs} degrees of freedom, got {motion.force.shape[1]}")
+        self.require({name for name in MOTION_QUANTITIES if getattr(motion, name) is not None})
+        given = (getattr(motion, name) for name in MOTION_QUANTITIES)
+        parts = [np.zeros(motion.force.shape) if part is None else part for part in given]
+        return np.concatenate([part.T for part in (*parts, motion.force)])
+
+    def require(self, present: Collection[str]) -> None:
+        """Raise `InputError` unless the quantities that the equations hold are all `present`."""
         needed = np.bincount(self.operator.indices // self.n_dofs, minlength=4) > 0
-        parts = []
-        for name, need in zip(MOTION_QUANTITIES, needed, strict=False):
-            part = getattr(motion, name)
-            if part is None and need:
-                law = _LAWS[MOTION_QUANTITIES.index(name)]
+        for name, law, need in zip(MOTION_QUANTITIES, _LAWS, needed, strict=False):
+            if need and name not in present:
                 raise InputError(
                     f"{name} is missing, and the structure has {_LAW_WORDS[law]}; measure it, or make it by a stated"
                     " rule: 'trapezoid' from acceleration, 'difference' from displacement (see `completed`)"
                 )
-            parts.append(np.zeros(motion.force.shape) if part is None else part)
-        return np.concatenate([part.T for part in (*parts, motion.force)])
 
     def rows(self, fields: FloatArray) -> FloatArray:
         """Regressors and right-hand sides of `fields` (4 n_dofs, n_times), (n_blocks, n_rows, n_columns + 1)."""
-        products = (self.operator @ fields).reshape(self.n_dofs, self.side, -1)
+        return self.shaped(self.operator @ fields)
+
+    def shaped(self, products: FloatArray) -> FloatArray:
+        """What the operator gives, (n_dofs (n_columns + 1), n_times), as the rows of each block."""
+        products = products.reshape(self.n_dofs, self.side, -1)
         return np.swapaxes(products, 1, 2).reshape(len(self.columns), -1, self.side)
 
     def sizes(self, energy: FloatArray) -> FloatArray:
@@ -163,6 +171,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
+    require_nominal_thickness(structure, unknown)
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():

@@ -1,5 +1,6 @@
 """What is unknown: names, units, groups of elements, transforms, bounds and priors."""
 
+from structid.parameters.field import Field
 from structid.parameters.named_unknowns import NamedUnknowns
 from structid.parameters.parameters import Parameters, parameters
 from structid.parameters.penalties import Regularization, Smoothness, Sparsity, penalty, term_name
@@ -9,6 +10,7 @@ from structid.parameters.unknown import Unknown
 
 __all__ = [
     "Coupling",
+    "Field",
     "NamedUnknowns",
     "Parameters",
     "Prior",

@@ -24,6 +24,21 @@ class NamedUnknowns:
         return self.parameters.units
 
     @property
+    def start(self) -> FloatArray:
+        """Physical values that the search begins at, (n_params,)."""
+        return self.parameters.start
+
+    @property
+    def prior_mean(self) -> FloatArray:
+        """Of each parameter, physical units; NaN where there is no prior."""
+        return self.parameters.prior_mean
+
+    @property
+    def prior_std(self) -> FloatArray:
+        """Likewise."""
+        return self.parameters.prior_std
+
+    @property
     def theta_start(self) -> FloatArray:
         return self.parameters.theta_start
 

@@ -12,7 +12,8 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.parameters.priors import Coupling, prior_rows
+from structid.parameters.field import field_functions
+from structid.parameters.priors import Coupling, prior_entries, prior_rows
 from structid.parameters.transforms import Transform, Transforms
 from structid.parameters.unknown import Unknown
 from structid.structure import Property, Structure
@@ -81,6 +82,18 @@ class Parameters:
         parts += [coupling.rows(physical) for coupling in self.couplings]
         return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
+    def prior_residual(self, physical: FloatArray) -> FloatArray:
+        """The residual of `prior_rows` alone, (n_rows,)."""
+        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
+        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
+
+    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
+        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
+
     @property
     def has_priors(self) -> bool:
         """Whether anything is known of the parameters beside their ranges."""
@@ -100,7 +113,7 @@ class Parameters:
                     f"coupling {coupling.name!r} must have {self.n_params} columns, one a parameter, got"
                     f" {coupling.matrix.shape[1]}; make it for these parameters"
                 )
-            used = (coupling.matrix != 0).any(axis=0) & (self.transforms.lower < 0)
+            used = coupling.used & (self.transforms.lower < 0)
             if coupling.logarithmic and used.any():
                 name = self.names[int(np.argmax(used))]
                 raise InputError(f"{name} must be kept positive for {coupling.name}; declare it `positive`")
@@ -125,11 +138,12 @@ class Parameters:
 
 @dataclass(frozen=True)
 class _Group:
-    """One parameter in the making: the property values it stands for."""
+    """One parameter in the making: the property values it stands for, and its share in each of them."""
 
     unknown: Unknown
     label: str
     members: tuple[tuple[Property, tuple[int, ...]], ...]
+    shares: FloatArray | None = None
 
     @property
     def name(self) -> str:
@@ -137,7 +151,7 @@ class _Group:
 
     @property
     def indices(self) -> np.ndarray:
-        return np.concatenate([np.arange(p.values.start, p.values.stop)[list(rows)] for p, rows in self.members])
+        return np.concatenate([p.values.start + np.array(rows, dtype=np.int64) for p, rows in self.members])
 
 
 def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
@@ -163,18 +177,19 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     free = [g for g in groups if g.unknown.tied_to is None and not g.unknown.fixed]
     column = {group.name: i for i, group in enumerate(free)}
     offset = np.array(structure.values)
+    for group in groups:
+        offset[group.indices] = 0.0
     rows, columns, entries = [], [], []
     for group in groups:
         leader, ratio = _leader(group, groups, names)
         base = _base(structure, group)
         index = group.indices
         if leader.name in column:
-            offset[index] = 0.0
             rows.append(index)
             columns.append(np.full(len(index), column[leader.name]))
             entries.append(base * ratio)
         else:
-            offset[index] = base * ratio * _start(structure, leader)
+            offset[index] += base * ratio * _start(structure, leader)
     if rows:
         table = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
         design = sparse.coo_array(table, (len(offset), len(free))).tocsc()
@@ -213,6 +228,8 @@ def _groups(structure: Structure, unknown: Unknown) -> list[_Group]:
     if not texts:
         raise InputError(f"unknown {unknown.property!r} names no elements")
     members = [member for text in texts for member in named_members(structure, unknown.property, text)]
+    if unknown.field is not None:
+        return _field_groups(structure, unknown, unknown.name or ", ".join(texts), members)
     if not unknown.each:
         return [_Group(unknown, unknown.name or ", ".join(texts), tuple(members))]
     made: dict[str, list[tuple[Property, tuple[int, ...]]]] = {}
@@ -221,6 +238,37 @@ def _groups(structure: Structure, unknown: Unknown) -> list[_Group]:
             label = f"{unknown.name or item.element}:{row + 1}" if len(item.term.values) > 1 else item.element
             made.setdefault(label, []).append((item, (row,)))
     return [_Group(unknown, label, tuple(parts)) for label, parts in made.items()]
+
+
+def _field_groups(
+    structure: Structure, unknown: Unknown, label: str, members: list[tuple[Property, tuple[int, ...]]]
+) -> list[_Group]:
+    """One parameter for each function of a field."""
+    assert unknown.field is not None
+    if unknown.each or unknown.tied_to is not None or unknown.factor is False:
+        raise InputError(
+            f"{unknown.property}[{label}] is a field of factors; leave `each`, `tied_to` and `factor` out of it"
+        )
+    tables = {element.name: element.nodes for element in structure.elements}
+    middles = np.array(
+        [
+            np.mean([structure.nodes[int(n)] for n in tables[item.element][row] if n >= 0], axis=0)
+            for item, rows in members
+            for row in rows
+        ]
+    )
+    functions, places = field_functions(unknown.field, middles)
+    made = []
+    for k, place in enumerate(places):
+        seen, shares = functions[:, [k]].nonzero()[0], functions[:, [k]].toarray()[:, 0]
+        kept: list[tuple[Property, tuple[int, ...]]] = []
+        start = 0
+        for item, rows in members:
+            own = tuple(rows[i - start] for i in seen if start <= i < start + len(rows))
+            kept += [(item, own)] if own else []
+            start += len(rows)
+        made.append(_Group(unknown, f"{label}:field {place}", tuple(kept), shares[seen]))
+    return made
 
 
 def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, tuple[int, ...]]]:
@@ -251,21 +299,21 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
 
 
 def _require_distinct(structure: Structure, groups: list[_Group]) -> None:
-    owner: dict[int, str] = {}
+    owner: dict[int, _Group] = {}
     names: set[str] = set()
     for group in groups:
         if group.name in names:
             raise InputError(f"two parameters are called {group.name}; give one of them a `name`")
         names.add(group.name)
         for index in group.indices.tolist():
-            if index in owner:
-                raise InputError(f"{owner[index]} and {group.name} claim the same value; take it out of one of them")
-            owner[index] = group.name
+            other = owner.setdefault(index, group)
+            if other is not group and (group.shares is None or other.unknown is not group.unknown):
+                raise InputError(f"{other.name} and {group.name} claim the same value; take it out of one of them")
 
 
 def _is_factor(structure: Structure, group: _Group) -> bool:
-    if group.unknown.factor is not None:
-        return group.unknown.factor
+    if group.unknown.factor is not None or group.shares is not None:
+        return group.unknown.factor is not False
     if len({p.term.property for p, _ in group.members}) > 1:
         return True
     nominal = structure.values[group.indices]
@@ -280,7 +328,7 @@ def _base(structure: Structure, group: _Group) -> FloatArray:
         raise InputError(
             f"{group.name} is a factor on nominal values that are all 0; set nominal values or `factor = false`"
         )
-    return nominal
+    return nominal if group.shares is None else nominal * group.shares
 
 
 def _start(structure: Structure, group: _Group) -> float:

@@ -9,13 +9,15 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import IntArray
+from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation.regularization import StrengthRule
 from structid.parameters.parameters import Parameters, named_members
 from structid.parameters.priors import Coupling
 from structid.structure import Structure
 
+#: Rows of penalties with more entries than this are kept sparse.
+_DENSE_UP_TO = 2_000_000
 _RULES = ("marginal_likelihood", "l_curve", "discrepancy")
 
 
@@ -87,9 +89,9 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
                 f"{term_name(term)} must have elements that share a node and have parameters of their own, got"
                 f" {len(np.unique(columns))} parameters; set `each` on the unknown"
             )
-        matrix = np.zeros((len(pairs), unknown.n_params))
-        rows = np.arange(len(pairs))
-        matrix[rows, pairs[:, 0]], matrix[rows, pairs[:, 1]] = 1.0, -1.0
+        rows, ones = np.arange(len(pairs)), np.ones(len(pairs))
+        entries = np.concatenate([ones, -ones]), (np.concatenate([rows, rows]), pairs.T.ravel())
+        matrix = _dense_where_small(sparse.csr_array(entries, (len(pairs), unknown.n_params)))
         made = Coupling(term_name(term), matrix, np.zeros(len(pairs)), logarithmic=True)
     else:
         chosen = np.unique(columns)
@@ -97,11 +99,15 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
         if not (start > 0).all():
             name = unknown.names[int(chosen[np.argmin(start)])]
             raise InputError(f"{term_name(term)} needs positive starts, got {start.min():g} for {name}")
-        matrix = np.zeros((len(chosen), unknown.n_params))
-        matrix[np.arange(len(chosen)), chosen] = 1.0
+        entries = np.ones(len(chosen)), (np.arange(len(chosen)), chosen)
+        matrix = _dense_where_small(sparse.csr_array(entries, (len(chosen), unknown.n_params)))
         made = Coupling(term_name(term), matrix, np.log(start), logarithmic=True)
     unknown.coupled(made)
     return made
+
+
+def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_array:
+    return matrix.toarray() if matrix.shape[0] * matrix.shape[1] <= _DENSE_UP_TO else matrix
 
 
 def _require_strength(term: Regularization) -> None:

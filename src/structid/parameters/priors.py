@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, locked, require_finite, require_shape
 from structid.errors import InputError
@@ -55,35 +56,62 @@ class Coupling:
     name : str
         What reports call it.
     matrix : (n_rows, n_params) float array
+        Sparse where parameters are many.
     target : (n_rows,) float array
     logarithmic : bool
         Whether g is the natural logarithm instead of the value itself.
     """
 
     name: str
-    matrix: FloatArray
+    matrix: FloatArray | sparse.csr_array
     target: FloatArray
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("matrix", "target"):
-            object.__setattr__(self, name, locked(getattr(self, name), np.float64))
-            require_finite(name, getattr(self, name))
+        if sparse.issparse(self.matrix):
+            kept: FloatArray | sparse.csr_array = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
+            require_finite("matrix", kept.data)
+        else:
+            kept = locked(self.matrix, np.float64)
+            require_finite("matrix", kept)
+        object.__setattr__(self, "matrix", kept)
+        object.__setattr__(self, "target", locked(self.target, np.float64))
+        require_finite("target", self.target)
         require_shape("matrix", self.matrix, (None, None))
-        require_shape("target", self.target, (len(self.matrix),), "one entry a row of `matrix`")
+        require_shape("target", self.target, (self.matrix.shape[0],), "one entry a row of `matrix`")
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which parameters take part, (n_params,)."""
+        if sparse.issparse(self.matrix):
+            return np.bincount(self.matrix.indices[self.matrix.data != 0], minlength=self.matrix.shape[1]) > 0
+        return (self.matrix != 0).any(axis=0)
+
+    def residual(self, physical: FloatArray) -> FloatArray:
+        """``matrix @ g(p) - target``, (n_rows,)."""
+        if not self.logarithmic:
+            return np.asarray(self.matrix @ physical - self.target)
+        return np.asarray(self.matrix @ np.log(np.where(self.used, physical, 1.0)) - self.target)
+
+    def sparse_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """Residual (n_rows,) and its derivative with respect to the physical parameters, sparse (n_rows, n_params)."""
+        slope = 1 / np.where(self.used, physical, 1.0) if self.logarithmic else np.ones(self.matrix.shape[1])
+        return self.residual(physical), sparse.csr_array(sparse.csr_array(self.matrix) @ sparse.diags_array(slope))
 
     def rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residual (n_rows,) and its derivative with respect to the physical parameters (n_rows, n_params)."""
+        if sparse.issparse(self.matrix):
+            residual, jacobian = self.sparse_rows(physical)
+            return residual, jacobian.toarray()
         if not self.logarithmic:
-            return self.matrix @ physical - self.target, np.array(self.matrix)
-        used = (self.matrix != 0).any(axis=0)
-        safe = np.where(used, physical, 1.0)
-        return self.matrix @ np.log(safe) - self.target, self.matrix / safe
+            return self.residual(physical), np.array(self.matrix)
+        return self.residual(physical), self.matrix / np.where(self.used, physical, 1.0)
 
     def scaled(self, strengths: FloatArray | float) -> Coupling:
         """The same with the information of every row multiplied by its strength."""
         root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
-        return Coupling(self.name, self.matrix * root[:, None], self.target * root, self.logarithmic)
+        scaled = sparse.diags_array(root) @ self.matrix if sparse.issparse(self.matrix) else self.matrix * root[:, None]
+        return Coupling(self.name, scaled, self.target * root, self.logarithmic)
 
 
 def joint_prior(
@@ -152,6 +180,16 @@ def prior_rows(
         NaN where there is no prior.
     lognormal : (n_params,) bool array
     """
+    rows, residual, slope = prior_entries(physical, mean, std, lognormal)
+    jacobian = np.zeros((len(rows), len(physical)))
+    jacobian[np.arange(len(rows)), rows] = slope
+    return residual, jacobian
+
+
+def prior_entries(
+    physical: FloatArray, mean: FloatArray, std: FloatArray, lognormal: np.ndarray
+) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    """Which parameter each row of `prior_rows` is about, its residual, and its one derivative, (n_rows,) each."""
     rows = np.flatnonzero(np.isfinite(std))
     p, m, s, log = physical[rows], mean[rows], std[rows], lognormal[rows]
     slope, residual = 1 / s, (p - m) / s
@@ -159,6 +197,4 @@ def prior_rows(
         width = np.sqrt(np.log1p((s[log] / m[log]) ** 2))
         residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
         slope[log] = 1 / (width * p[log])
-    jacobian = np.zeros((len(rows), len(physical)))
-    jacobian[np.arange(len(rows)), rows] = slope
-    return residual, jacobian
+    return rows, residual, slope

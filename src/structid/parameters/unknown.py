@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from structid.parameters.field import Field
 from structid.parameters.priors import Prior
 
 
@@ -40,6 +41,9 @@ class Unknown:
         Name of another parameter that this one is a multiple of.
     ratio : float
         That multiple.
+    field : Field, optional
+        The property varies smoothly over the elements: one parameter for each function of a coarse grid, a factor on the
+        nominal values. Names end in the function's place in the grid: ``youngs_modulus[deck:field 2,1]``.
     """
 
     property: str
@@ -54,3 +58,4 @@ class Unknown:
     fixed: bool = False
     tied_to: str | None = None
     ratio: float = 1.0
+    field: Field | None = None

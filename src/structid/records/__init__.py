@@ -1,9 +1,11 @@
 """What was measured, and how it is read, written and turned into frequency response functions."""
 
+from structid.records.findings import Finding
 from structid.records.finite_spectra import FiniteSpectra, finite_spectra
 from structid.records.half_plane import right_half_plane
 from structid.records.io import Geometry, ReadOptions, read_geometry, read_record, write_record
 from structid.records.laplace_transform import frf_from_rest
+from structid.records.preparation import Preparation, Prepared, prepare
 from structid.records.record import (
     FrfRecord,
     Record,
@@ -13,14 +15,22 @@ from structid.records.record import (
     with_coherence_noise,
     with_declared_noise,
 )
-from structid.records.spectra import effective_averages, frf_from_time
+from structid.records.segments import effective_averages
+from structid.records.signal_checks import signal_checks
+from structid.records.spectra import frf_from_time
+from structid.records.spectral_checks import harmonic_indicator
+from structid.records.spectral_matrix import SpectralMatrix, spectral_matrix
 
 __all__ = [
+    "Finding",
     "FiniteSpectra",
     "FrfRecord",
     "Geometry",
+    "Preparation",
+    "Prepared",
     "ReadOptions",
     "Record",
+    "SpectralMatrix",
     "TimeRecord",
     "coherence_variance",
     "effective_averages",
@@ -28,9 +38,13 @@ __all__ = [
     "frf_from_rest",
     "frf_from_time",
     "from_repeats",
+    "harmonic_indicator",
+    "prepare",
     "read_geometry",
     "read_record",
     "right_half_plane",
+    "signal_checks",
+    "spectral_matrix",
     "with_coherence_noise",
     "with_declared_noise",
     "write_record",

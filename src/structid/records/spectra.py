@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Literal
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records.frf_estimators import Estimator, Spectra, estimated
 from structid.records.record import FrfKind, FrfRecord, Quantity, TimeRecord
+from structid.records.segments import (
+    Detrend,
+    effective_averages,
+    require_alike,
+    segment_count,
+    segment_step,
+    segment_transforms,
+    window_weights,
+)
 
-Detrend = Literal["constant", "linear", "none"]
 _KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 #: Largest condition number of the input spectra (each input scaled to 1) that counts as separable.
 _SEPARABLE = 1e8
@@ -83,14 +91,14 @@ def frf_from_time(
     """
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
     loads, sensors = parse_dofs(inputs), parse_dofs(outputs)
-    _require_alike(repeats, segment_length)
+    require_alike(repeats, segment_length)
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
-    step = _step(length, overlap)
+    step = segment_step(length, overlap)
     measured = _quantity(repeats[0], sensors, quantity)
     columns = _columns(repeats[0], loads, "force"), _columns(repeats[0], sensors, measured)
-    weights = _window(window, length)
+    weights = window_weights(window, length)
     spectra, count = _averaged(repeats, columns, weights, step, detrend)
-    averages = effective_averages(weights, step, [_segments(r, length, step) for r in repeats])
+    averages = effective_averages(weights, step, [segment_count(r, length, step) for r in repeats])
     frequency = np.fft.rfftfreq(length, 1 / repeats[0].sampling_rate)
     if detrend != "none":
         frequency = frequency[1:]
@@ -109,59 +117,6 @@ def frf_from_time(
         noise_source="unknown" if variance is None else "coherence",
         source=repeats[0].source,
     )
-
-
-def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) -> float:
-    """Number of independent segments with the same variance of a spectrum as the overlapping ones.
-
-    For K segments: K / (1 + 2 sum_j (1 - j / K) r_j), r_j = (sum_k w_k w_(k + j step))^2 / (sum_k w_k^2)^2.
-
-    Parameters
-    ----------
-    weights : (segment_length,) float array
-        Window.
-    step : int
-        Samples between the starts of segments.
-    segments : sequence of int
-        Number of segments in each record; records are independent.
-
-    References
-    ----------
-    Welch (1967), IEEE Trans. Audio Electroacoust. 15, 70-73.
-    """
-    lags = range(step, weights.size, step)
-    shared = np.array([np.dot(weights[lag:], weights[:-lag]) for lag in lags]) / np.dot(weights, weights)
-    total = 0.0
-    for count in segments:
-        j = np.arange(1, min(count, shared.size + 1))
-        total += count / (1 + 2 * float(np.sum((1 - j / count) * shared[: j.size] ** 2)))
-    return total
-
-
-def _require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
-    if not records:
-        raise InputError("`records` must hold at least one time record, got none")
-    first = records[0]
-    for other in records[1:]:
-        same_channels = other.channels == first.channels and other.quantities == first.quantities
-        if not same_channels or other.sampling_rate != first.sampling_rate:
-            raise InputError(f"repeated records must share channels and sampling rate; {other.source!r} differs")
-    if segment_length is not None:
-        return
-    if len(records) == 1:
-        raise InputError(
-            "`segment_length` must be given for one record; choose it several times the decay of the response"
-        )
-    if any(record.values.shape != first.values.shape for record in records):
-        raise InputError("`segment_length` must be given for records of different lengths")
-
-
-def _step(length: int, overlap: float) -> int:
-    if length < 2:
-        raise InputError(f"`segment_length` must be at least 2 samples, got {length}")
-    if not 0 <= overlap < 1:
-        raise InputError(f"`overlap` must be from 0 to less than 1, got {overlap}")
-    return max(length - int(overlap * length), 1)
 
 
 def _quantity(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> Quantity:
@@ -191,34 +146,6 @@ def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantity: str) -> list[i
     return [present.index((dof, quantity)) for dof in dofs]  # type: ignore[arg-type]  # a Quantity
 
 
-def _window(window: str | tuple[Any, ...], length: int) -> FloatArray:
-    from scipy.signal import get_window
-
-    try:
-        weights = np.asarray(get_window(window, length), dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"`window` must be one of scipy.signal.get_window, got {window!r} ({error})") from error
-    return weights
-
-
-def _segments(record: TimeRecord, length: int, step: int) -> int:
-    """Number of whole segments in `record`."""
-    return max((record.values.shape[0] - length) // step + 1, 0)
-
-
-def _transforms(records: list[TimeRecord], weights: FloatArray, step: int, detrend: Detrend) -> Iterator[ComplexArray]:
-    """Fourier transform (F, n_channels) of every windowed segment."""
-    from scipy.signal import detrend as without_trend
-
-    length = weights.size
-    for record in records:
-        for i in range(_segments(record, length, step)):
-            part = record.values[i * step : i * step + length]
-            if detrend != "none":
-                part = without_trend(part, axis=0, type=detrend)
-            yield np.fft.rfft(part * weights[:, None], axis=0)
-
-
 def _averaged(
     records: list[TimeRecord],
     columns: tuple[list[int], list[int]],
@@ -233,7 +160,7 @@ def _averaged(
     yx = np.zeros((lines, len(sensors), len(loads)), dtype=np.complex128)
     yy = np.zeros((lines, len(sensors)))
     count = 0
-    for transform in _transforms(records, weights, step, detrend):
+    for transform in segment_transforms(records, weights, step, detrend):
         x, y = transform[:, loads], transform[:, sensors]
         xx += x[:, :, None] * x[:, None, :].conj()
         yx += y[:, :, None] * x[:, None, :].conj()

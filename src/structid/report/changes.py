@@ -89,7 +89,7 @@ def panels(identification: Identification) -> tuple[Panel, ...]:
 
 
 def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
-    structure, unknown = identification.problem.structure, identification.problem.parameters
+    structure, unknown = identification.structure, identification.parameters
     found = identification.estimate
     own = identification.own_index
     before, after = unknown.values(found.initial[own]), unknown.values(found.values[own])

@@ -61,8 +61,8 @@ class _Frame:
 
 def picture(identification: Identification) -> Picture:
     """The structure of `identification` with its sensors, loads and changes."""
-    record = identification.problem.record
-    return structure_picture(identification.problem.structure, record.outputs, record.inputs, panels(identification))
+    found = identification
+    return structure_picture(found.structure, found.sensors, found.loads, panels(found))
 
 
 def structure_picture(

@@ -285,6 +285,14 @@ class ModeRows:
     mac: FloatArray
 
 
+def band_used(identification: Identification, data: Responses | None) -> tuple[float, float]:
+    """Lowest and highest line used, or measured mode, Hz."""
+    ends = [] if data is None else [*data.band]
+    for fit in identification.modal_fits:
+        ends += fit.problem.record.frequency[fit.problem.measured].tolist()
+    return min(ends), max(ends)
+
+
 def mode_rows(identification: Identification) -> ModeRows:
     """Modes before and after, as many as both models have."""
     before, after = identification.modes_initial, identification.modes

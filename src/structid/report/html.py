@@ -15,8 +15,9 @@ from structid.estimation import Status
 from structid.files import atomic_write, made_folder
 from structid.report import tables
 from structid.report.drawing import picture
-from structid.report.figures_data import Responses, mode_rows, responses
+from structid.report.figures_data import Responses, band_used, mode_rows, responses
 from structid.report.interactive import page_figures
+from structid.report.modal_fit_tables import modal_cards, modal_facts, modal_table, ratio_table
 from structid.report.page_template import page_template
 from structid.report.picture import Picture
 from structid.report.png import write_figures
@@ -56,7 +57,7 @@ def write_report(
     folder = Path(folder)
     figures = made_folder(folder / "figures")
     drawn = picture(identification)
-    data = responses(identification)
+    data = responses(identification) if identification.fits else None
     write_figures(identification, data, drawn, figures)
     path = folder / "report.html"
     text = page(identification, data, drawn, title, provenance)
@@ -67,13 +68,15 @@ def write_report(
 
 def page(
     identification: Identification,
-    data: Responses,
+    data: Responses | None,
     drawn: Picture,
     title: str = "",
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
     """The page as text."""
-    found, problem = identification.estimate, identification.problem
+    found, structure = identification.estimate, identification.structure
+    rows = mode_rows(identification)
+    n_records = len(identification.fits) + len(identification.modal_fits)
     figures = page_figures(identification, data, drawn)
     warnings, repeated = sorted_warnings(identification)
     return page_template("report.html.j2").render(
@@ -86,20 +89,22 @@ def page(
         repeated=repeated,
         directions=tables.direction_table(found),
         groups=[group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
-        summary=tables.summary_facts(identification),
-        record=tables.record_facts(identification),
-        structure=tables.structure_facts(problem.structure),
-        elements=tables.element_table(problem.structure),
+        summary=(*tables.summary_facts(identification), *modal_cards(identification)),
+        record=tables.record_facts(identification) if data else (),
+        modal=[_modal(identification, number) for number in range(len(identification.modal_fits))],
+        ratios=ratio_table(identification),
+        structure=tables.structure_facts(structure),
+        elements=tables.element_table(structure),
         parameters=tables.parameter_table(identification),
         intervals=tables.interval_words(identification),
         interval_notes=() if identification.intervals is None else identification.intervals.notes,
         residual_tests=tables.residual_table(found),
         residual_words=() if found.residual_tests is None else found.residual_tests.words,
-        modes=tables.mode_table(mode_rows(identification), data.band),
+        modes=tables.mode_table(rows, band_used(identification, data)),
         resonances=tables.resonance_table(identification.resonances) if identification.resonances else None,
         provenance=tables.provenance_facts(provenance),
-        channels=[channel.label for channel in data.channels],
-        first=identification.fits[0].name if len(identification.fits) > 1 else "",
+        channels=[channel.label for channel in data.channels] if data else [],
+        first=identification.fits[0].name if data and n_records > 1 else "",
         others=[_other(identification, number) for number in range(1, len(identification.fits))],
         notes=drawn.notes,
         figures=figures,
@@ -107,8 +112,21 @@ def page(
         is_wide=drawn.is_wide,
         is_long=tables.is_long,
         plotly=get_plotlyjs(),
-        described=_embedded({name: figure.described() for name, figure in figures.items()}),
+        described=embedded({name: figure.described() for name, figure in figures.items()}),
     )
+
+
+def _modal(identification: Identification, number: int) -> dict[str, Any]:
+    """What the page shows of a record of modes."""
+    fit = identification.modal_fits[number]
+    is_unknown = any(kind == "mass" for kind in fit.problem.kinds)
+    return {
+        "number": number + 1,
+        "title": fit.name,
+        "facts": modal_facts(fit, is_unknown),
+        "table": modal_table(fit),
+        "passed_over": ", ".join(f"{f:.5g}" for f in fit.fitted.passed_over),
+    }
 
 
 def _other(identification: Identification, number: int) -> dict[str, Any]:
@@ -143,7 +161,7 @@ def _status_warning(identification: Identification) -> str:
     return f"{found.status.words} ({found.message})"
 
 
-def _embedded(value: Any) -> str:
+def embedded(value: Any) -> str:
     """`value` as JSON that cannot end a script element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

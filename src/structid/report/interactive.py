@@ -12,6 +12,7 @@ from structid.report.figures_data import (
     ModeRows,
     ParameterRatios,
     Responses,
+    band_used,
     correlation,
     history,
     mode_rows,
@@ -23,6 +24,8 @@ from structid.report.interactive_base import Figure, axis, base_layout, clean, n
 from structid.report.interactive_residuals import residual_channels_figure, residual_map_figure
 from structid.report.interactive_responses import responses_figure
 from structid.report.interactive_structure import structure_figures
+from structid.report.modal_fit_figures import modal_fit_page_figure
+from structid.report.modal_fit_tables import modal_rows
 from structid.report.picture import Picture
 from structid.report.text import with_std
 from structid.study.identification import Identification
@@ -34,18 +37,29 @@ _RATIO_CAPTION = (
 )
 
 
-def page_figures(identification: Identification, data: Responses, drawn: Picture) -> dict[str, Figure]:
+def page_figures(identification: Identification, data: Responses | None, drawn: Picture) -> dict[str, Figure]:
     """Every figure of the page by name."""
     return {
         "parameters": parameters_figure(parameter_ratios(identification)),
         **structure_figures(drawn),
+        **({} if data is None else _first_record(data)),
+        **_further_records(identification),
+        **{
+            f"modal-fit-{number}": modal_fit_page_figure(modal_rows(fit))
+            for number, fit in enumerate(identification.modal_fits, 1)
+        },
+        "correlation": correlation_figure(correlation(identification), identification.estimate.names),
+        "modes": modes_figure(mode_rows(identification), band_used(identification, data)),
+        "convergence": convergence_figure(history(identification)),
+    }
+
+
+def _first_record(data: Responses) -> dict[str, Figure]:
+    """Responses and residuals of the first record."""
+    return {
         "responses": responses_figure(data),
         "residual-channels": residual_channels_figure(data),
         "residual-map": residual_map_figure(data),
-        **_further_records(identification),
-        "correlation": correlation_figure(correlation(identification), identification.estimate.names),
-        "modes": modes_figure(mode_rows(identification), data.band),
-        "convergence": convergence_figure(history(identification)),
     }
 
 

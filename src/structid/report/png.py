@@ -19,6 +19,7 @@ from structid.report.figures_data import (
     ModeRows,
     ParameterRatios,
     Responses,
+    band_used,
     correlation,
     history,
     mode_rows,
@@ -26,6 +27,8 @@ from structid.report.figures_data import (
     ratio_ticks,
     responses,
 )
+from structid.report.modal_fit_figures import modal_fit_png
+from structid.report.modal_fit_tables import modal_rows
 from structid.report.picture import Picture
 from structid.report.png_residuals import residual_channels_figure, residual_map_figure
 from structid.report.png_responses import coherence_figure, magnitude_figure, phase_figure
@@ -37,21 +40,21 @@ from structid.study.identification import Identification
 _ROWS_A_COLUMN = 32
 
 
-def write_figures(identification: Identification, data: Responses, drawn: Picture, folder: Path) -> tuple[Path, ...]:
+def write_figures(
+    identification: Identification, data: Responses | None, drawn: Picture, folder: Path
+) -> tuple[Path, ...]:
     """Paths of the PNG files written to `folder`."""
     makers: dict[str, Callable[[], Figure | None]] = {
         "parameters": lambda: parameters_figure(parameter_ratios(identification)),
         "structure": lambda: structure_figure(drawn),
-        "frf_magnitude": lambda: magnitude_figure(data),
-        "frf_phase": lambda: phase_figure(data),
-        "coherence": lambda: coherence_figure(data),
-        "residual_by_channel": lambda: residual_channels_figure(data),
-        "residual_map": lambda: residual_map_figure(data),
+        **_first_record(data),
         "correlation": lambda: correlation_figure(correlation(identification), identification.estimate.names),
-        "modes": lambda: modes_figure(mode_rows(identification), data.band),
+        "modes": lambda: modes_figure(mode_rows(identification), band_used(identification, data)),
         "convergence": lambda: convergence_figure(history(identification)),
     }
     makers.update(further_records(identification))
+    for number, fit in enumerate(identification.modal_fits, 1):
+        makers[f"modal_fit_{number}"] = partial(modal_fit_png, modal_rows(fit))
     written = []
     with matplotlib.rc_context(STYLE):
         for name, make in makers.items():
@@ -64,6 +67,22 @@ def write_figures(identification: Identification, data: Responses, drawn: Pictur
                 figure.savefig(temporary, dpi=DPI, format="png", metadata={"Software": None})
             written.append(path)
     return tuple(written)
+
+
+def _first_record(data: Responses | None) -> dict[str, Callable[[], Figure | None]]:
+    """Responses and residuals of the first record; no files where all records are of modes."""
+    draw: dict[str, Callable[[Responses], Figure | None]] = {
+        "frf_magnitude": magnitude_figure,
+        "frf_phase": phase_figure,
+        "coherence": coherence_figure,
+        "residual_by_channel": residual_channels_figure,
+        "residual_map": residual_map_figure,
+    }
+    return {name: partial(_drawn, make, data) for name, make in draw.items()}
+
+
+def _drawn(make: Callable[[Responses], Figure | None], data: Responses | None) -> Figure | None:
+    return None if data is None else make(data)
 
 
 def further_records(identification: Identification) -> dict[str, Callable[[], Figure | None]]:

@@ -264,8 +264,6 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     rank, n = found.identifiability.rank, len(found.names)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
-    error = percent(float(np.median(identification.relative_error)), 3, signed=False)
-    before = percent(float(np.median(initial_relative_error(identification))), 3, signed=False)
     steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}") if has_mass else (NOTHING, "no mass in kg")
@@ -275,8 +273,14 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
         ("Status", found.status.value.replace("_", " "), steps),
         ("Rank", f"{rank} of {n}", f"condition {number(found.identifiability.condition, 2)}"),
         ("Chi-square per degree of freedom", number(found.chi_square_per_dof, 3), chance),
-        ("Median relative FRF error", error, f"initial model {before}; lines {_judged(identification)}"),
+        *(_frf_cards(identification) if identification.fits else ()),
     )
+
+
+def _frf_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
+    error = percent(float(np.median(identification.relative_error)), 3, signed=False)
+    before = percent(float(np.median(initial_relative_error(identification))), 3, signed=False)
+    return (("Median relative FRF error", error, f"initial model {before}; lines {_judged(identification)}"),)
 
 
 def _judged(identification: Identification) -> str:

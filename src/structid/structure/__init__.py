@@ -9,12 +9,16 @@ from structid.structure.elements import (
     Friction,
     MatrixGroup,
     Membrane,
+    Plane,
+    Plate,
     PointMass,
     RotaryInertia,
+    Solid,
     SpaceBeam,
     Spring,
 )
-from structid.structure.structure import Contribution, Property, Structure, from_matrices
+from structid.structure.contribution import Contribution, Property
+from structid.structure.structure import Structure, from_matrices
 from structid.structure.supports import Constraint, RigidLink
 
 __all__ = [
@@ -30,10 +34,13 @@ __all__ = [
     "MatrixBlocks",
     "MatrixGroup",
     "Membrane",
+    "Plane",
+    "Plate",
     "PointMass",
     "Property",
     "RigidLink",
     "RotaryInertia",
+    "Solid",
     "SpaceBeam",
     "Spring",
     "Structure",

@@ -16,45 +16,12 @@ from structid.arrays import FloatArray, IntArray, locked, require_finite
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.structure.contribution import Contribution, Property, ThicknessFactor
 from structid.structure.elements import ElementSet, MatrixGroup, PointMass, RotaryInertia, Term
 from structid.structure.elements.element import dof_code, dof_of_code
 from structid.structure.supports import Tie, tie_equations, transformation
 
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
-
-
-@dataclass(frozen=True, eq=False)
-class Property:
-    """One property of one element set, and where its values stand among all values of the structure."""
-
-    element: str
-    term: Term
-    values: slice
-
-    @property
-    def label(self) -> str:
-        return f"{self.term.property}[{self.element}]"
-
-
-@dataclass(frozen=True, eq=False)
-class Contribution:
-    """Element matrices on free degrees of freedom, with the values that weigh them.
-
-    The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
-    (stiffness times loss factor). `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2,
-    ``viscous`` by i omega, ``elastic`` by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding
-    amplitude of the friction element NAME.
-    """
-
-    law: str
-    blocks: ElementMatrices
-    value: slice
-    factor: slice | None = None
-
-    def weights(self, values: FloatArray) -> FloatArray:
-        """Weight of each element, (n_elements,)."""
-        own = values[self.value]
-        return own if self.factor is None else own * values[self.factor]
 
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
@@ -147,16 +114,18 @@ class Structure:
         """Element matrices on free degrees of freedom with the values that weigh them."""
         found: list[Contribution] = []
         blocks: dict[int, ElementMatrices] = {}
+        powers: dict[int, ThicknessFactor | None] = {}
         for item in self.properties:
             if item.term.codes is not None:
                 law = f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
                 blocks[item.values.start] = self._free_blocks(item.term)
-                found.append(Contribution(law, blocks[item.values.start], item.values))
-                continue
-            for other in self.properties:
-                if other.element == item.element and other.term.kind == "stiffness":
-                    shared = blocks[other.values.start]
-                    found.append(Contribution("structural", shared, other.values, item.values))
+                powers[item.values.start] = thickness = self._thickness(item)
+                found.append(Contribution(law, blocks[item.values.start], item.values, thickness=thickness))
+            elif item.term.kind == "loss_factor":
+                for other in self.properties:
+                    if other.element == item.element and other.term.kind == "stiffness":
+                        at = other.values.start
+                        found.append(Contribution("structural", blocks[at], other.values, item.values, powers[at]))
         return tuple(found)
 
     def matrix(self, law: str, values: FloatArray | None = None) -> sparse.csc_array:
@@ -185,9 +154,11 @@ class Structure:
             If a degree of freedom is not part of the structure or is held at zero.
         """
         order = {code: i for i, code in enumerate(self._codes)}
-        matrix = self._transformation.tocsr()
-        rows = []
-        for dof in dofs:
+        matrix = sparse.csr_array(self._transformation)
+        rows: list[int] = []
+        chosen = tuple(dofs)
+        held = np.diff(matrix.indptr) == 0
+        for dof in chosen:
             code = dof_code(dof.node, dof.direction)
             if dof.node not in self.nodes:
                 near = difflib.get_close_matches(str(dof.node), [str(n) for n in self.nodes], 1, 0.0)
@@ -197,13 +168,13 @@ class Structure:
                 raise InputError(
                     f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
                 )
-            row = matrix[[order[code]], :]
-            if row.nnz == 0:
+            if held[order[code]]:
                 raise InputError(f"{dof} is held at zero by the supports; move the sensor or load, or free it")
-            rows.append(row * float(dof.sign))
+            rows.append(order[code])
         if not rows:
             return sparse.csc_array((self.n_dofs, 0))
-        return sparse.csc_array(sparse.vstack(rows).T)
+        signs = sparse.diags_array(np.array([float(dof.sign) for dof in chosen]))
+        return sparse.csc_array((signs @ matrix[np.array(rows), :]).T)
 
     def mass_of(self, values: FloatArray | None = None, direction: str | None = None) -> float:
         """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom.
@@ -215,21 +186,35 @@ class Structure:
         direction : {"X", "Y", "Z"}, optional
             By default the first translation in which the structure has any mass.
         """
-        given = self.values if values is None else values
-        return float(self.mass_gradient(direction) @ given)
+        return self._mass(self.values if values is None else values, direction)[0]
 
-    def mass_gradient(self, direction: str | None = None) -> FloatArray:
+    def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
-        candidates = (direction,) if direction else DIRECTIONS[:3]
-        gradient = np.zeros(len(self.values))
-        for candidate in candidates:
+        return self._mass(self.values if values is None else values, direction)[1]
+
+    def _mass(self, values: FloatArray, direction: str | None) -> tuple[float, FloatArray]:
+        """`mass_of` and its gradient."""
+        total, gradient = 0.0, np.zeros(len(self.values))
+        for candidate in (direction,) if direction else DIRECTIONS[:3]:
             axis = DIRECTIONS.index(candidate)
             for item in self.properties:
                 if item.term.kind == "mass" and item.term.codes is not None:
-                    gradient[item.values] = _rigid_mass(item.term, axis)
+                    unit, thickness = _rigid_mass(item.term, axis), self._thickness(item)
+                    factor = 1.0 if thickness is None else thickness.of(values)
+                    gradient[item.values] = unit * factor
+                    total += float(unit * factor @ values[item.values])
+                    if thickness is not None:
+                        gradient[thickness.value] += unit * values[item.values] * thickness.slope(values)
             if gradient.any():
                 break
-        return gradient
+        return total, gradient
+
+    def _thickness(self, item: Property) -> ThicknessFactor | None:
+        """How the thickness of its elements enters a property's matrices."""
+        if item.term.thickness_power == 0:
+            return None
+        found = next(p for p in self.properties if p.element == item.element and p.term.kind == "thickness")
+        return ThicknessFactor(found.values, found.term.values, item.term.thickness_power)
 
     def _default_active(self) -> tuple[str, ...]:
         across = {d for element in self.elements for d in getattr(element, "transverse", ())}

@@ -7,17 +7,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.dof import Dof
 from structid.estimation import Identifiability, identifiability
 from structid.estimation.covariance import inverse_information
 from structid.estimation.estimate import relative_jacobian
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
-from structid.observation import FrfProblem
+from structid.modal import ModalRecord
+from structid.observation import ModalProblem
 from structid.parameters import term_name
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.identification import Setup, structure_modes, titles
+from structid.study.identification import titles
+from structid.study.identified import AnySetup
+from structid.study.model_modes import structure_modes
+from structid.study.ratios import common_scale, scale_words
 from structid.study.run import Start, started
-from structid.study.search import by_name
+from structid.study.search import RecordProblem, by_name
 from structid.study.study import Study
 from structid.study.time_fit import target
 
@@ -52,7 +57,7 @@ class ModeCheck:
     in_band : bool
     lines_per_bandwidth : float
         Half-power bandwidth (2 damping ratio frequency) over the line spacing there; below about 4 a resonance is
-        poorly resolved, and 0 for an undamped mode.
+        poorly resolved, 0 for an undamped mode, and NaN where modes were measured.
     """
 
     frequency: float
@@ -68,10 +73,12 @@ class CheckResult:
     Attributes
     ----------
     study : Study
-    record : FrfRecord
-        The lines in the band, of the first record.
+    record : FrfRecord or None
+        The lines in the band, of the first record of responses.
     n_lines_total : int
         Lines of the whole record.
+    modes_used : tuple of ModalRecord
+        The records of modes.
     channels : tuple of ChannelCheck
     modes : tuple of ModeCheck
         Of the first set-up.
@@ -90,8 +97,9 @@ class CheckResult:
     """
 
     study: Study
-    record: FrfRecord
+    record: FrfRecord | None
     n_lines_total: int
+    modes_used: tuple[ModalRecord, ...]
     channels: tuple[ChannelCheck, ...]
     modes: tuple[ModeCheck, ...]
     identifiability: Identifiability
@@ -119,25 +127,25 @@ def check_study(study: Study) -> CheckResult:
         As `run_study` would.
     """
     ready = started(study)
-    problem, record = (
-        target(ready.problems, [s.time for s in ready.setups], study.options.exclude),
-        ready.problem.record,
-    )
+    problem = target(ready.problems, [s.time for s in ready.setups], study.options.exclude)
     theta = np.asarray(problem.theta_start)
     at = problem.linearize(theta)
     covariance = cramer_rao_bound(problem, at)
-    start = by_name(problem.names, ready.problems, "start")
-    found = identifiability(relative_jacobian(problem, theta, at), problem.physical(theta), problem.names)
+    start, std = by_name(problem.names, ready.problems, "start"), np.sqrt(np.diag(covariance))
+    relative = relative_jacobian(problem, theta, at)
+    found = identifiability(relative, problem.physical(theta), problem.names)
     values = study.parameters.values(study.parameters.start)
-    gradient = study.structure.mass_gradient(study.options.direction) @ study.parameters.design
+    gradient = study.structure.mass_gradient(study.options.direction, values) @ study.parameters.design
     own = np.array([problem.names.index(name) for name in study.parameters.names], dtype=int)[gradient != 0]
     used = gradient[gradient != 0]
-    checked = [_modes(setup, part.record, study.options.n_modes) for setup, part in _pairs(ready)]
+    checked = [_modes(setup, part, study.options.n_modes) for setup, part in _pairs(ready)]
+    has_modes = any(isinstance(part, ModalProblem) for part in ready.problems)
     names = [f"{title}: " if len(checked) > 1 else "" for title in titles(ready.setups)]
     return CheckResult(
         study=study,
-        record=record,
-        n_lines_total=len(ready.record.frequency),
+        record=ready.used,
+        n_lines_total=0 if ready.record is None else len(ready.record.frequency),
+        modes_used=tuple(part.record for part in ready.problems if isinstance(part, ModalProblem)),
         channels=tuple(
             replace(channel, channel=name + channel.channel)
             for name, (setup, part) in zip(names, _pairs(ready), strict=True)
@@ -149,20 +157,26 @@ def check_study(study: Study) -> CheckResult:
         units=problem.units,
         start=start,
         sizes=parameter_sizes(problem, start),
-        std=np.sqrt(np.diag(covariance)),
+        std=std,
         total_mass=study.structure.mass_of(values, study.options.direction),
         total_mass_std=float(np.sqrt(used @ covariance[np.ix_(own, own)] @ used)),
         warnings=(
             *ready.unit_warnings,
             *ready.warnings,
-            *(name + words for name, modes in zip(names, checked, strict=True) for words in _mode_warnings(modes)),
+            *(
+                name + words
+                for name, modes, (_, part) in zip(names, checked, _pairs(ready), strict=True)
+                if not isinstance(part, ModalProblem)
+                for words in _mode_warnings(modes)
+            ),
+            *(_ratio_warnings(problem, relative, std <= parameter_sizes(problem, start)) if has_modes else []),
             *_direction_warnings(found),
             *_regularization_warnings(study),
         ),
     )
 
 
-def _pairs(ready: Start) -> list[tuple[Setup, FrfProblem]]:
+def _pairs(ready: Start) -> list[tuple[AnySetup, RecordProblem]]:
     return list(zip(ready.setups, ready.problems, strict=True))
 
 
@@ -175,9 +189,13 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
     return inverse_information(at.jacobian) * np.outer(slope, slope)
 
 
-def _channels(structure: Structure, record: FrfRecord) -> tuple[ChannelCheck, ...]:
+def _channels(structure: Structure, record: FrfRecord | ModalRecord) -> tuple[ChannelCheck, ...]:
+    if isinstance(record, ModalRecord):
+        roles: tuple[tuple[str, tuple[Dof, ...]], ...] = (("output", record.channels),)
+    else:
+        roles = ("output", record.outputs), ("input", record.inputs)
     found = []
-    for role, dofs in (("output", record.outputs), ("input", record.inputs)):
+    for role, dofs in roles:
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()
@@ -187,11 +205,14 @@ def _channels(structure: Structure, record: FrfRecord) -> tuple[ChannelCheck, ..
     return tuple(found)
 
 
-def _modes(setup: Setup, record: FrfRecord, n_modes: int) -> tuple[ModeCheck, ...]:
+def _modes(setup: AnySetup, problem: RecordProblem, n_modes: int) -> tuple[ModeCheck, ...]:
     values = setup.parameters.values(setup.parameters.start)
     found = structure_modes(setup.structure, values, n_modes)
-    axis = record.frequency
+    axis = problem.record.frequency
     checks = []
+    if isinstance(problem, ModalProblem):
+        pairs = zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True)
+        return tuple(ModeCheck(f, ratio, bool(axis[0] <= f <= axis[-1]), np.nan) for f, ratio in pairs)
     for frequency, ratio in zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True):
         near = int(np.clip(np.searchsorted(axis, frequency), 1, max(len(axis) - 1, 1)))
         spacing = float(axis[near] - axis[near - 1]) if len(axis) > 1 else np.inf
@@ -214,6 +235,14 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 def _regularization_warnings(study: Study) -> list[str]:
     terms = " and ".join(term_name(term) for term in study.options.regularization)
     return [f"predicted without the {terms} that `identify` will use"] if terms else []
+
+
+def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
+    """That modes alone give no kilograms, where they do not."""
+    members = common_scale(jacobian, np.array(problem.kinds))
+    if members is None or identified[members].any():
+        return []
+    return [scale_words([problem.names[i] for i in members])]
 
 
 def _direction_warnings(found: Identifiability) -> list[str]:

@@ -16,10 +16,10 @@ from structid.estimation.comparison import Comparison, compare_jointly, compare_
 from structid.estimation.estimate import StageProgress
 from structid.estimation.multiple_tests import Correction, require_levels
 from structid.estimation.states import states_problem
-from structid.observation import FrfProblem
 from structid.study.compare_states import carried, unchanged_parameters
 from structid.study.results import plain
 from structid.study.run import SearchFailedError, run_study
+from structid.study.search import RecordProblem
 from structid.study.state import State, state_of, stored_state
 from structid.study.study import Study, load_study
 from structid.study.time_fit import target
@@ -153,11 +153,13 @@ def _problem(state: State, fallback: State | None = None) -> Problem:
     fits = state.result.identification.fits
     if any(fit.time is not None and fit.time.fit != "spectra" for fit in fits):
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    problems = [_begun(fit.problem, known) for fit in fits]
-    return target(problems, [fit.time for fit in fits], state.result.study.options.exclude)
+    modal = state.result.identification.modal_fits
+    problems = [_begun(fit.problem, known) for fit in fits] + [_begun(fit.problem, known) for fit in modal]
+    times = [*(fit.time for fit in fits), *(None for _ in modal)]
+    return target(problems, times, state.result.study.options.exclude)
 
 
-def _begun(problem: FrfProblem, known: dict[str, float]) -> FrfProblem:
+def _begun(problem: RecordProblem, known: dict[str, float]) -> RecordProblem:
     unknown = problem.parameters
     start = np.array([known.get(name, own) for name, own in zip(unknown.names, unknown.start, strict=True)])
     inside = (start > unknown.transforms.lower) & (start < unknown.transforms.upper)

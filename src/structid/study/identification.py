@@ -9,23 +9,33 @@ from typing import Literal
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dynamics import Modes, modes
 from structid.errors import InputError
 from structid.estimation import Estimate, Problem, estimate, stage_plans, thinned
 from structid.estimation.estimate import StageProgress
 from structid.estimation.intervals import IntervalKind, intervals
 from structid.estimation.least_squares import LevenbergMarquardt, Method
-from structid.observation import ChannelUnknown, Form, FrfProblem, channel_errors, measures_everything, one_step_values
+from structid.observation import (
+    ChannelUnknown,
+    Form,
+    FrfProblem,
+    ModalProblem,
+    channel_errors,
+    measures_everything,
+    one_step_values,
+)
 from structid.observation.continuation import START_ERROR
 from structid.observation.frequency_continuation import few_line_plans
 from structid.parameters import Parameters, Regularization
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.study.checks import record_warnings
-from structid.study.identified import Identification, RecordFit, Setup
+from structid.study.identified import AnySetup, Identification, RecordFit, Setup
+from structid.study.modal_setup import ModalFit, ModalSetup, modal_fit, modal_fit_warnings
+from structid.study.model_modes import structure_modes
+from structid.study.ratios import ratios
 from structid.study.regularizing import Held, regularization_warnings, regularized, shares
 from structid.study.resonances import resonances
-from structid.study.search import alike, by_name, searched, together
+from structid.study.search import RecordProblem, alike, by_name, searched, together
 from structid.study.time_fit import target, time_estimate
 from structid.study.warning_words import estimate_warnings, record_fit_warnings
 
@@ -163,9 +173,11 @@ def identify(
 
 
 def identify_together(
-    setups: Sequence[Setup], options: IdentifyOptions | None = None, progress: StageProgress | None = None
+    setups: Sequence[AnySetup], options: IdentifyOptions | None = None, progress: StageProgress | None = None
 ) -> Identification:
     """Parameters from several records in one fit: other sensors, loads, supports or added masses of one structure.
+
+    Records of responses (`Setup`) and of modes (`ModalSetup`) go together as they come.
 
     Parameters of the same name are one unknown, errors of channels too: give those a `name` where two records have
     different sensors at the same place. Such a parameter begins where the first set-up has it; a prior that any of
@@ -173,7 +185,7 @@ def identify_together(
 
     Parameters
     ----------
-    setups : sequence of Setup
+    setups : sequence of Setup or ModalSetup
         Whose noise is independent.
     options : IdentifyOptions, optional
         For all records alike.
@@ -192,16 +204,17 @@ def identify_together(
     chosen = options or IdentifyOptions()
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
-    pairs = [prepared_problem(s.structure, s.parameters, s.record, chosen, s.channel_unknowns) for s in setups]
-    problems = alike([problem for problem, _ in pairs])
-    initial = problems
+    pairs = [prepared_setup(setup, chosen) for setup in setups]
+    problems = initial = alike([problem for problem, _ in pairs])
+    only = problems[0]
     if (
         len(problems) == 1
+        and isinstance(only, FrfProblem)
         and setups[0].time is None
-        and problems[0].channels is None
-        and measures_everything(setups[0].structure, problems[0].record)
+        and only.channels is None
+        and measures_everything(setups[0].structure, only.record)
     ):
-        problems = (_started_by_one_step(problems[0]),)
+        problems = (_started_by_one_step(only),)
 
     answer = _searched(setups, problems, chosen, progress)
     found, problems = (
@@ -211,30 +224,60 @@ def identify_together(
     if found.residual_tests is not None and not any(setup.time for setup in setups):
         found = replace(found, residual_tests=found.residual_tests.named(_channel_names(titles(setups), problems)))
     ends = intervals(answer.target or problems[0], found, chosen.intervals, seed=chosen.seed)
-    fits = tuple(
-        _fit(title, setup, problem, found, chosen)
-        for title, setup, problem in zip(titles(setups), setups, problems, strict=True)
+    fits, modal_fits = _fits(setups, problems, found, chosen)
+    mass, std = _total_mass(fits[0] if fits else modal_fits[0], found, chosen.direction)
+    warnings = record_fit_warnings(
+        fits, [own for (_, own), s in zip(pairs, setups, strict=True) if isinstance(s, Setup)]
     )
-    mass, std = _total_mass(fits[0], found, chosen.direction)
-    warnings = record_fit_warnings(fits, [own for _, own in pairs])
+    several = len(setups) > 1
+    warnings += [(f"{fit.name}: " if several else "") + w for fit in modal_fits for w in modal_fit_warnings(fit)]
     prior_mean, prior_std = (by_name(found.names, problems, field) for field in ("prior_mean", "prior_std"))
     share = np.zeros(len(found.names)) if answer.target is None else shares(answer.target, found)
+    scale_free = ratios(together(problems), found) if modal_fits else None
+    warnings += [] if scale_free is None else [scale_free.words]
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
-    return Identification(found, fits, prior_mean, prior_std, mass, std, tuple(warnings), answer.held, share, ends)
+    return Identification(
+        found, fits, prior_mean, prior_std, mass, std, tuple(warnings), answer.held, share, ends, modal_fits, scale_free
+    )
+
+
+def _fits(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], found: Estimate, chosen: IdentifyOptions
+) -> tuple[tuple[RecordFit, ...], tuple[ModalFit, ...]]:
+    """The answer seen from each record of responses, and from each of modes."""
+    fits: list[RecordFit] = []
+    modal: list[ModalFit] = []
+    for title, setup, problem in zip(titles(setups), setups, problems, strict=True):
+        if isinstance(setup, Setup) and isinstance(problem, FrfProblem):
+            fits.append(_fit(title, setup, problem, found, chosen))
+        elif isinstance(problem, ModalProblem):
+            theta, final, start = _own(problem, found)
+            modal.append(modal_fit(title, problem, theta, (start, final), chosen.n_modes))
+    return tuple(fits), tuple(modal)
+
+
+def prepared_setup(setup: AnySetup, options: IdentifyOptions) -> tuple[RecordProblem, tuple[str, ...]]:
+    """The least-squares problem of a record, and what is worth a warning about it."""
+    if isinstance(setup, ModalSetup):
+        return setup.problem(), ()
+    return prepared_problem(setup.structure, setup.parameters, setup.record, options, setup.channel_unknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """What a search gave: the estimate, each record's FRF problem, and the problem that was solved, if one of many rows."""
+    """What a search gave: the estimate, each record's problem, and the problem that was solved, if one of many rows."""
 
     estimate: Estimate
-    problems: tuple[FrfProblem, ...]
+    problems: tuple[RecordProblem, ...]
     target: Problem | None
     held: tuple[Held, ...]
 
 
 def _searched(
-    setups: Sequence[Setup], problems: tuple[FrfProblem, ...], options: IdentifyOptions, progress: StageProgress | None
+    setups: Sequence[AnySetup],
+    problems: tuple[RecordProblem, ...],
+    options: IdentifyOptions,
+    progress: StageProgress | None,
 ) -> _Answer:
     """The search that the set-ups ask for: over FRFs, finite spectra, or time histories."""
 
@@ -276,28 +319,32 @@ def _searched(
     return _Answer(found, problems, together(problems), held)
 
 
-def _channel_names(records: Sequence[str], problems: Sequence[FrfProblem]) -> list[str]:
-    """Sensor of every channel, with its load and record where there are several: as a residual's series are ordered."""
+def _channel_names(records: Sequence[str], problems: Sequence[RecordProblem]) -> list[str]:
+    """Sensor of every channel, with its load and record where there are several: as a residual's series are ordered.
+
+    Beside modes, which have one series each, the two of an FRF (real and imaginary part) are named one by one.
+    """
+    each = 2 if any(isinstance(problem, ModalProblem) for problem in problems) else 1
     names = []
     for title, problem in zip(records, problems, strict=True):
-        record = problem.record
         first = f"{title}: " if len(problems) > 1 else ""
+        if not isinstance(problem, FrfProblem):
+            names += [first + name for name in problem.series_names]
+            continue
+        record = problem.record
         loads = [f"/{load}" if len(record.inputs) > 1 else "" for load in record.inputs]
-        names += [f"{first}{output}{load}" for output in record.outputs for load in loads]
+        names += [f"{first}{output}{load}" for output in record.outputs for load in loads for _ in range(each)]
     return names
 
 
-def titles(setups: Sequence[Setup]) -> list[str]:
+def titles(setups: Sequence[AnySetup]) -> list[str]:
     """What reports call each record: its name, or its number."""
     return [setup.name or f"record {number}" for number, setup in enumerate(setups, 1)]
 
 
 def _fit(title: str, setup: Setup, problem: FrfProblem, found: Estimate, options: IdentifyOptions) -> RecordFit:
     """The whole answer seen from one record."""
-    theta, final, start = (
-        np.array([dict(zip(found.names, values, strict=True))[name] for name in problem.names])
-        for values in (found.theta, found.values, found.initial)
-    )
+    theta, final, start = _own(problem, found)
     structure, unknown, n = problem.structure, setup.parameters, setup.parameters.n_params
     judged = setup.record.band(*options.evaluation_band) if options.evaluation_band else problem.record
     judged_prediction = problem.predicted_on(judged, final)
@@ -319,13 +366,20 @@ def _fit(title: str, setup: Setup, problem: FrfProblem, found: Estimate, options
     )
 
 
-def _total_mass(fit: RecordFit, found: Estimate, direction: str | None) -> tuple[float, float]:
+def _own(problem: RecordProblem, found: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Free variables, final and initial values of the problem's own parameters."""
+    place = [found.names.index(name) for name in problem.names]
+    return found.theta[place], found.values[place], found.initial[place]
+
+
+def _total_mass(fit: RecordFit | ModalFit, found: Estimate, direction: str | None) -> tuple[float, float]:
     """Total mass of the first set-up's structure and its standard deviation, kg."""
     structure, unknown = fit.problem.structure, fit.problem.parameters
     index = np.array([found.names.index(name) for name in unknown.names])
-    gradient = structure.mass_gradient(direction) @ unknown.design
+    values = unknown.values(found.values[index])
+    gradient = structure.mass_gradient(direction, values) @ unknown.design
     covariance, used = found.covariance[np.ix_(index, index)], gradient != 0
-    mass = structure.mass_of(unknown.values(found.values[index]), direction)
+    mass = structure.mass_of(values, direction)
     if not np.isfinite(covariance[np.ix_(used, used)]).all():
         return mass, float("nan")
     return mass, float(np.sqrt(gradient @ np.nan_to_num(covariance) @ gradient))
@@ -337,11 +391,3 @@ def _started_by_one_step(problem: FrfProblem) -> FrfProblem:
     solved = one_step_values(problem.structure, unknown, problem.record)
     inside = (solved > unknown.transforms.lower) & (solved < unknown.transforms.upper)
     return replace(problem, parameters=unknown.started_at(np.where(inside, solved, unknown.start)))
-
-
-def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`; friction is left out."""
-    mass, stiffness, damping, structural = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
-    )
-    return modes(mass, stiffness, damping, structural, n_modes)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dof import Dof
 from structid.dynamics import Modes
 from structid.estimation import Estimate
 from structid.estimation.intervals import Intervals
@@ -15,6 +16,8 @@ from structid.observation import ChannelUnknown, FrfProblem
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure
+from structid.study.modal_setup import ModalFit, ModalSetup
+from structid.study.ratios import Ratios
 from structid.study.regularizing import Held
 from structid.study.resonances import Resonance
 from structid.study.time_fit import TimeFit
@@ -45,6 +48,10 @@ class Setup:
     channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     time: TimeFit | None = None
+
+
+#: One record of a study with what it was measured on.
+AnySetup = Setup | ModalSetup
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +108,15 @@ class RecordFit:
 class Identification:
     """An estimate with what it was made from and what it predicts.
 
-    Everything that belongs to one record is told of the first; see `RecordFit` for what each means, and `seen_from`
-    for the others.
+    Everything that belongs to one record of responses is told of the first; see `RecordFit` for what each means, and
+    `seen_from` for the others. There is none of it where all records hold modes.
 
     Attributes
     ----------
     estimate : Estimate
         Of all parameters: those of the structure, then those of the records' channels.
     fits : tuple of RecordFit
-        One a record.
+        One a record of responses.
     prior_mean, prior_std : (n_params,) float arrays
         Own prior of each parameter, physical units; NaN where there is none.
     total_mass, total_mass_std : float
@@ -122,6 +129,10 @@ class Identification:
         Part of each parameter's variance that stems from priors and regularization instead of data.
     intervals : Intervals or None
         95 % intervals of all parameters, and how they were found.
+    modal_fits : tuple of ModalFit
+        One a record of modes.
+    ratios : Ratios or None
+        What remains where the data leave a common scale of masses and stiffnesses free.
     """
 
     estimate: Estimate
@@ -134,10 +145,37 @@ class Identification:
     held: tuple[Held, ...] = ()
     prior_share: FloatArray | None = None
     intervals: Intervals | None = None
+    modal_fits: tuple[ModalFit, ...] = ()
+    ratios: Ratios | None = None
 
     def seen_from(self, number: int) -> Identification:
         """The same with the record at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def first(self) -> RecordFit | ModalFit:
+        """The first record: of responses, or of modes where there are no responses."""
+        return self.fits[0] if self.fits else self.modal_fits[0]
+
+    @property
+    def structure(self) -> Structure:
+        """Of the first record."""
+        return self.first.problem.structure
+
+    @property
+    def parameters(self) -> Parameters:
+        """Of the first record."""
+        return self.first.problem.parameters
+
+    @property
+    def sensors(self) -> tuple[Dof, ...]:
+        """Of the first record."""
+        return self.fits[0].problem.record.outputs if self.fits else self.modal_fits[0].measured.channels
+
+    @property
+    def loads(self) -> tuple[Dof, ...]:
+        """Of the first record; modes have none."""
+        return self.fits[0].problem.record.inputs if self.fits else ()
 
     @property
     def problem(self) -> FrfProblem:
@@ -150,9 +188,9 @@ class Identification:
 
     @property
     def own_index(self) -> IntArray:
-        """Positions of `problem`'s structural parameters among all."""
+        """Positions of `parameters` among all."""
         names = self.estimate.names
-        return np.array([names.index(name) for name in self.problem.parameters.names], dtype=int)
+        return np.array([names.index(name) for name in self.parameters.names], dtype=int)
 
     @property
     def measured(self) -> FrfRecord:
@@ -180,15 +218,15 @@ class Identification:
 
     @property
     def modes_initial(self) -> Modes:
-        return self.fits[0].modes_initial
+        return self.first.modes_initial
 
     @property
     def modes(self) -> Modes:
-        return self.fits[0].modes
+        return self.first.modes
 
     @property
     def resonances(self) -> tuple[Resonance, ...]:
-        return self.fits[0].resonances
+        return self.fits[0].resonances if self.fits else ()
 
     @property
     def relative_error(self) -> FloatArray:

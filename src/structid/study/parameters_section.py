@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from structid.errors import InputError
-from structid.parameters import Parameters, Prior, Unknown, parameters
+from structid.parameters import Field, Parameters, Prior, Unknown, parameters
 from structid.structure import Structure
-from structid.study.section import BOOLEAN, NUMBER, POSITIVE, RANGE, TEXT, TEXTS, Section, as_list, choice
+from structid.study.section import BOOLEAN, COUNTS, INTEGER, NUMBER, POSITIVE, RANGE, TEXT, TEXTS, Section, as_list, choice
 
 _KINDS = {
     "property": TEXT,
@@ -52,7 +52,13 @@ def read_parameters(root: Section, structure: Structure, known: Collection[str] 
 
 
 def _unknown(entry: Section) -> Unknown:
-    given: dict[str, Any] = entry.values(_KINDS, ("property", "elements"), ("prior",))
+    given: dict[str, Any] = entry.values(_KINDS, ("property", "elements"), ("prior", "field"))
+    field = entry.section("field")
+    if field is not None:
+        kinds = {"intervals": COUNTS, "degree": INTEGER}
+        grid = field.values(kinds, ("intervals",))
+        with field.located():
+            given["field"] = Field(tuple(as_list(grid.pop("intervals"))), **grid)
     prior = entry.section("prior")
     if prior is not None:
         given["prior"] = read_prior(prior)

@@ -146,6 +146,8 @@ def _record(root: Section, files: InputFiles) -> tuple[FrfRecord | None, NoiseSo
     if missing:
         return None, NoiseSource(), (f"the record {missing[0]} is not there yet: planned without it",)
     described = read_source(section, files)
+    if described.modes is not None:
+        return None, NoiseSource(), ("the record holds modes: planned without it",)
     record = load_record(described)
     what = (
         f"what [plan] does not give comes from the record (sensors: {len(record.outputs)}, loads: {len(record.inputs)})"

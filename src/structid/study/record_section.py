@@ -14,6 +14,7 @@ from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence
 from structid.records.io import ReadOptions, read_record
 from structid.study.frf_section import FrfSettings, read_frf, spectral_frf
 from structid.study.input_files import InputFiles
+from structid.study.modes_section import ModesSource, read_modes_source
 from structid.study.section import (
     BOOLEAN,
     COUNT,
@@ -82,6 +83,8 @@ class RecordSource:
         Known decay of an exponential window, 1/s: the FRF is H at s = decay + i omega.
     time : TimeSource, optional
         How time histories are fitted themselves; their FRFs then only show the fit.
+    modes : ModesSource, optional
+        Measured modes in place of responses; what is told of responses then does not count.
     """
 
     section: Section
@@ -92,6 +95,7 @@ class RecordSource:
     frf: FrfSettings | None
     window_decay: float | None = None
     time: TimeSource | None = None
+    modes: ModesSource | None = None
 
 
 def _kinds_of(settings: type) -> Mapping[str, Kind]:
@@ -101,9 +105,14 @@ def _kinds_of(settings: type) -> Mapping[str, Kind]:
 
 def read_source(section: Section, files: InputFiles) -> RecordSource:
     """The source that ``[record]`` describes, its files found but not read."""
+    if "modes" in section.table:
+        modes = read_modes_source(section, files)
+        return RecordSource(
+            section, (modes.path,), ReadOptions(), modes.channels_used, NoiseSource(), None, modes=modes
+        )
     kinds = {"path": TEXT, "repeats": TEXTS, "channels_used": TEXTS, **_kinds_of(ReadOptions)}
     kinds["window_decay"] = POSITIVE
-    given = section.values(kinds, others=("name", "noise", "frf", "time", "channel_error", "structure"))
+    given = section.values(kinds, others=("name", "noise", "frf", "time", "modes", "channel_error", "structure"))
     if ("path" in given) == ("repeats" in given):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
     key = "path" if "path" in given else "repeats"

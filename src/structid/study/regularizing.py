@@ -22,9 +22,8 @@ from structid.estimation.regularization import (
     settled,
     sparse_strengths,
 )
-from structid.observation import FrfProblem
 from structid.parameters import Coupling, Regularization, Smoothness, Sparsity, penalty, term_name
-from structid.study.search import together
+from structid.study.search import RecordProblem, decided, together
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -68,15 +67,15 @@ class Held:
 
 
 def regularized(
-    problems: Sequence[FrfProblem], terms: Sequence[Regularization], method: Method, staged: bool = True
-) -> tuple[tuple[FrfProblem, ...], tuple[Held, ...]]:
+    problems: Sequence[RecordProblem], terms: Sequence[Regularization], method: Method, staged: bool = True
+) -> tuple[tuple[RecordProblem, ...], tuple[Held, ...]]:
     """The problems with the rows of `terms` at the strengths that they give or the data choose.
 
     The rows stand with the parameters of the first problem, which the others share by name.
 
     Parameters
     ----------
-    problems : sequence of FrfProblem
+    problems : sequence of FrfProblem or ModalProblem
         Of one or several records.
     terms : sequence of Smoothness or Sparsity
     method : Method
@@ -91,7 +90,7 @@ def regularized(
     """
     if not terms:
         return tuple(problems), ()
-    search = _Search(tuple(p.decided(p.theta_start) for p in problems), tuple(terms), method)
+    search = _Search(tuple(decided(p, p.theta_start) for p in problems), tuple(terms), method)
     theta = np.array(search.problem.theta_start)
     if staged:
         for _, stage in stage_plans(search.with_strengths(search.start))[0]:
@@ -104,7 +103,7 @@ def regularized(
     return _coupled(problems, search.couplings(found.strengths)), held
 
 
-def _coupled(problems: Sequence[FrfProblem], couplings: Sequence[Coupling]) -> tuple[FrfProblem, ...]:
+def _coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) -> tuple[RecordProblem, ...]:
     first = problems[0]
     return (replace(first, parameters=first.parameters.coupled(*couplings)), *problems[1:])
 
@@ -119,9 +118,9 @@ def _held(term: Regularization, rest: FloatArray, strength: FloatArray | float, 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What `settled` needs of FRF problems with terms."""
+    """What `settled` needs of problems with terms."""
 
-    problems: tuple[FrfProblem, ...]
+    problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
     method: Method
 
@@ -211,7 +210,7 @@ def shares(problem: Problem, found: Estimate) -> FloatArray:
 
 
 def regularization_warnings(
-    problems: Sequence[FrfProblem], found: Estimate, held: Sequence[Held], share: FloatArray
+    problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray
 ) -> tuple[str, ...]:
     """What was used, and which parameters owe more than half of their variance to priors."""
     warnings = [item.words for item in held]

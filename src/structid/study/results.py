@@ -16,6 +16,7 @@ import numpy as np
 
 from structid.errors import FileError
 from structid.study.identified import Identification
+from structid.study.modal_results import modal_summary
 from structid.study.result import StudyResult, correlation
 from structid.study.results_hdf5 import hdf5_bytes
 
@@ -119,8 +120,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "n_iterations": estimate.n_iterations,
         "n_starts": estimate.n_starts,
         "n_agreeing_starts": estimate.n_agreeing,
-        "fit": _fit(found),
+        "fit": _fit(found) if found.fits else None,
         **_records(found),
+        **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "parameters": _parameters(result),
         "regularization": [
@@ -164,7 +166,8 @@ def _records(found: Identification) -> dict[str, Any]:
     ]
     if len(several) > 1:
         return {"records": several}
-    return {"polarities": found.fits[0].polarities} if found.fits[0].polarities else {}
+    polarities = found.fits[0].polarities if found.fits else {}
+    return {"polarities": polarities} if polarities else {}
 
 
 def _fit(found: Identification) -> dict[str, Any]:
@@ -191,6 +194,7 @@ def _fit(found: Identification) -> dict[str, Any]:
 def _parameters(result: StudyResult) -> list[dict[str, Any]]:
     identification, found = result.identification, result.identification.estimate
     parts = [fit.problem.parameters for fit in identification.fits]
+    parts += [fit.problem.parameters for fit in identification.modal_fits]
     ends = found.interval() if identification.intervals is None else identification.intervals.ends
     elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     return [

@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.dynamics import Modes
 from structid.study.identified import Identification
+from structid.study.modal_setup import ModalFit
 from structid.study.result import StudyResult, correlation
 
 
@@ -16,7 +17,8 @@ def hdf5_bytes(result: StudyResult) -> bytes:
     """The content of estimate.h5.
 
     Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in ``record_2``
-    and so on for further records; units are attributes. It is made in memory, so that a full disk shows as an ordinary
+    and so on for further records of responses; ``modal_record_1`` and so on for
+    those of modes; units are attributes. It is made in memory, so that a full disk shows as an ordinary
     error when the bytes are written.
     """
     import h5py  # so that `import structid` stays light
@@ -28,7 +30,13 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         file.attrs["title"] = result.study.title
         _parameters(file.create_group("parameters"), result)
         found = result.identification
-        _record(file, found)
+        if found.fits:
+            _record(file, found)
+        else:
+            _modes(file.create_group("modes"), found.modes, found)
+            _modes(file.create_group("modes_initial"), found.modes_initial, found)
+        for number, fit in enumerate(found.modal_fits, 1):
+            _modal(file.create_group(f"modal_record_{number}"), fit)
         for number in range(1, len(found.fits)):
             group = file.create_group(f"record_{number + 1}", track_order=True)
             group.attrs["name"] = found.fits[number].name
@@ -103,8 +111,24 @@ def _evaluation(group: Any, found: Identification) -> None:
     _put(group, "relative_error", found.relative_error, "1")
 
 
+def _modal(group: Any, fit: ModalFit) -> None:
+    """Measured modes beside those of the model."""
+    measured = fit.measured
+    group.attrs["name"], group.attrs["source"] = fit.name, measured.source
+    _texts(group, "channels", measured.channels)
+    _put(group, "frequency", measured.frequency, "Hz")
+    _put(group, "damping_ratio", measured.damping_ratio, "1")
+    _put(group, "mode_shapes", measured.mode_shapes)
+    if measured.covariance is not None:
+        _put(group, "covariance", measured.covariance, "products of Hz and 1")
+    for name, pairs in (("initial", fit.initial), ("fitted", fit.fitted)):
+        _put(group, f"frequency_{name}", pairs.frequency, "Hz")
+        _put(group, f"damping_ratio_{name}", pairs.damping_ratio, "1")
+        _put(group, f"mac_{name}", pairs.mac, "1")
+
+
 def _modes(group: Any, modes: Modes, found: Identification) -> None:
-    _texts(group, "dofs", found.problem.structure.dofs)
+    _texts(group, "dofs", found.structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")
     _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")

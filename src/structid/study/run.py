@@ -11,7 +11,7 @@ import numpy as np
 from structid.arrays import ComplexArray
 from structid.errors import SingularModelError, StructidError
 from structid.estimation.estimate import StageProgress
-from structid.observation import FrfProblem
+from structid.observation import FrfProblem, ModalProblem
 from structid.records import FrfRecord
 from structid.study.checks import require_sound_model, unit_warnings
 from structid.study.identification import (
@@ -22,9 +22,11 @@ from structid.study.identification import (
     titles,
     used_lines,
 )
+from structid.study.identified import AnySetup
+from structid.study.modal_setup import ModalSetup
 from structid.study.record_section import load_histories
 from structid.study.result import StudyResult, provenance
-from structid.study.search import alike, together
+from structid.study.search import RecordProblem, alike, together
 from structid.study.section import Section
 from structid.study.setup_section import SetupSource
 from structid.study.study import Study, load_study
@@ -43,33 +45,33 @@ class Start:
     Attributes
     ----------
     study : Study
-    setups : tuple of Setup
+    setups : tuple of Setup or ModalSetup
         With all lines of their records.
-    problems : tuple of FrfProblem
+    problems : tuple of FrfProblem or ModalProblem
         Of the lines in the band, one a record.
     predicted : tuple of complex arrays
-        The initial model's FRF at those lines.
+        The initial model's FRF at those lines, one a record of responses.
     warnings : tuple of str
     unit_warnings : tuple of str
         Those that only a comparison with the initial model gives.
     """
 
     study: Study
-    setups: tuple[Setup, ...]
-    problems: tuple[FrfProblem, ...]
+    setups: tuple[AnySetup, ...]
+    problems: tuple[RecordProblem, ...]
     predicted: tuple[ComplexArray, ...]
     warnings: tuple[str, ...]
     unit_warnings: tuple[str, ...]
 
     @property
-    def record(self) -> FrfRecord:
-        """The first record, all lines."""
-        return self.setups[0].record
+    def record(self) -> FrfRecord | None:
+        """The first record of responses, all lines; None where all records are of modes."""
+        return next((setup.record for setup in self.setups if isinstance(setup, Setup)), None)
 
     @property
-    def problem(self) -> FrfProblem:
-        """Of the first record."""
-        return self.problems[0]
+    def used(self) -> FrfRecord | None:
+        """The lines of it in the band."""
+        return next((problem.record for problem in self.problems if isinstance(problem, FrfProblem)), None)
 
 
 def started(study: Study) -> Start:
@@ -84,23 +86,32 @@ def started(study: Study) -> Start:
         If an initial model has a mechanism; with the place of the structure.
     """
     setups = tuple(_loaded(study, source) for source in study.setups)
-    problems, predicted, warnings, units = [], [], [], []
+    problems: list[RecordProblem] = []
+    predicted: list[ComplexArray] = []
+    warnings: list[str] = []
+    units: list[str] = []
     for title, setup, source in zip(titles(setups), setups, study.setups, strict=True):
         problem, own = _prepared(study, source, setup)
         prefix = f"{title}: " if len(setups) > 1 else ""
         problems.append(problem)
-        predicted.append(_initial(study, source, problem))
         warnings += [prefix + warning for warning in own]
-        units += [prefix + warning for warning in unit_warnings(problem.record, predicted[-1])]
+        if isinstance(problem, FrfProblem):
+            predicted.append(_initial(study, source, problem))
+            units += [prefix + warning for warning in unit_warnings(problem.record, predicted[-1])]
     with study.root.located():
         same = alike(problems)
         together(same)
     return Start(study, setups, same, tuple(predicted), tuple(warnings), tuple(units))
 
 
-def _loaded(study: Study, source: SetupSource) -> Setup:
-    record, time = load_histories(source.record)
+def _loaded(study: Study, source: SetupSource) -> AnySetup:
     section = source.section
+    if source.record.modes is not None:
+        modes = source.record.modes.load()
+        with section.located("channels_used" if source.record.channels_used else "path"):
+            source.structure.selection(modes.channels)
+        return ModalSetup(source.structure, source.parameters, modes, source.record.modes.settings, source.name)
+    record, time = load_histories(source.record)
     for key, dofs in (("outputs", record.outputs), ("inputs", record.inputs)):
         with section.located(_channel_key(section, key)):
             source.structure.selection(dofs)
@@ -108,8 +119,10 @@ def _loaded(study: Study, source: SetupSource) -> Setup:
     return Setup(source.structure, source.parameters, record, source.channel_unknowns, source.name, time)
 
 
-def _prepared(study: Study, source: SetupSource, setup: Setup) -> tuple[FrfProblem, tuple[str, ...]]:
+def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[RecordProblem, tuple[str, ...]]:
     """The problem of one record, its model looked at first."""
+    if isinstance(setup, ModalSetup):
+        return _prepared_modes(study, source, setup)
     method = study.section("method")
     with method.located("band" if "band" in method.table else None):
         used = used_lines(setup.record, study.options)
@@ -120,6 +133,17 @@ def _prepared(study: Study, source: SetupSource, setup: Setup) -> tuple[FrfProbl
         require_sound_model(setup.structure, values, min(used.frequency[0], judged.frequency[0]))
     with source.section.located():
         return prepared_problem(setup.structure, setup.parameters, setup.record, study.options, setup.channel_unknowns)
+
+
+def _prepared_modes(study: Study, source: SetupSource, setup: ModalSetup) -> tuple[ModalProblem, tuple[str, ...]]:
+    """The problem of one record of modes, its model looked at first, and its pairs at the start."""
+    with _placed_mechanism(study.section("structure")):
+        require_sound_model(setup.structure, setup.parameters.values(setup.parameters.start), np.inf)
+    inner = source.section.section("modes") or source.section
+    with inner.located():
+        problem = setup.problem()
+        problem.residual(problem.theta_start)
+    return problem, setup.record.warnings
 
 
 def _initial(study: Study, source: SetupSource, problem: FrfProblem) -> ComplexArray:

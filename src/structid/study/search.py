@@ -12,21 +12,28 @@ import numpy as np
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation import Estimate, JointProblem, Problem, Status
-from structid.observation import ChannelErrors, FrfProblem
+from structid.observation import ChannelErrors, FrfProblem, ModalProblem
 from structid.parameters import Parameters
 
 _MOST_TRIED = 3
 _PRIOR_FIELDS = ("prior_mean", "prior_std", "prior_lognormal")
 
 Named = TypeVar("Named", Parameters, ChannelErrors)
+#: What one record of a study gives: the least-squares problem of its FRFs, or of its modes.
+RecordProblem = FrfProblem | ModalProblem
 
 
-def together(problems: Sequence[FrfProblem]) -> Problem:
+def together(problems: Sequence[RecordProblem]) -> Problem:
     """The one problem, or all in one."""
     return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
 
 
-def by_name(names: tuple[str, ...], problems: Sequence[FrfProblem], field: str) -> FloatArray:
+def decided(problem: RecordProblem, theta: FloatArray) -> RecordProblem:
+    """The problem with the polarities that `theta` asks for; modes have none."""
+    return problem.decided(theta) if isinstance(problem, FrfProblem) else problem
+
+
+def by_name(names: tuple[str, ...], problems: Sequence[RecordProblem], field: str) -> FloatArray:
     """An array attribute of the problems for all parameters, each from the first problem that has it."""
     known: dict[str, float] = {}
     for problem in problems:
@@ -35,7 +42,7 @@ def by_name(names: tuple[str, ...], problems: Sequence[FrfProblem], field: str) 
     return np.array([known[name] for name in names])
 
 
-def alike(problems: Sequence[FrfProblem]) -> tuple[FrfProblem, ...]:
+def alike(problems: Sequence[RecordProblem]) -> tuple[RecordProblem, ...]:
     """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
 
     Raises
@@ -48,7 +55,8 @@ def alike(problems: Sequence[FrfProblem]) -> tuple[FrfProblem, ...]:
     starts: dict[str, float] = {}
     scales: dict[str, float] = {}
     priors: dict[str, tuple[float, ...]] = {}
-    for part in (part for problem in problems for part in (problem.parameters, problem.channels) if part is not None):
+    parts = ((problem.parameters, _channels(problem)) for problem in problems)
+    for part in (part for pair in parts for part in pair if part is not None):
         for i, name in enumerate(part.names):
             starts.setdefault(name, float(part.start[i]))
             if isinstance(part, ChannelErrors):
@@ -56,14 +64,22 @@ def alike(problems: Sequence[FrfProblem]) -> tuple[FrfProblem, ...]:
             stated = tuple(float(getattr(part, field)[i]) for field in _PRIOR_FIELDS)
             if np.isfinite(stated[1]) and priors.setdefault(name, stated) != stated:
                 raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
-    made = []
+    made: list[RecordProblem] = []
     for problem in problems:
+        begun = _begun(problem.parameters, starts, priors)
+        if isinstance(problem, ModalProblem):
+            made.append(replace(problem, parameters=begun))
+            continue
         channels = problem.channels
         if channels is not None:
             channels = replace(channels, scale=locked([scales[name] for name in channels.names], float))
             channels = _begun(channels, starts, priors)
-        made.append(replace(problem, parameters=_begun(problem.parameters, starts, priors), channels=channels))
+        made.append(replace(problem, parameters=begun, channels=channels))
     return tuple(made)
+
+
+def _channels(problem: RecordProblem) -> ChannelErrors | None:
+    return problem.channels if isinstance(problem, FrfProblem) else None
 
 
 def _begun(part: Named, starts: dict[str, float], priors: dict[str, tuple[float, ...]]) -> Named:
@@ -81,8 +97,8 @@ def _begun(part: Named, starts: dict[str, float], priors: dict[str, tuple[float,
 
 
 def searched(
-    problems: tuple[FrfProblem, ...], search: Callable[[Problem], Estimate]
-) -> tuple[Estimate, tuple[FrfProblem, ...]]:
+    problems: tuple[RecordProblem, ...], search: Callable[[Problem], Estimate]
+) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """The best fit, and the problems with the polarities that it has.
 
     Polarities begin as the initial model asks for and are decided again by the fitted model. Where the fit then
@@ -90,16 +106,16 @@ def searched(
 
     Parameters
     ----------
-    problems : tuple of FrfProblem
+    problems : tuple of FrfProblem or ModalProblem
     search : callable
         The estimate of one problem.
     """
-    current = tuple(problem.decided(problem.theta_start) for problem in problems)
+    current = tuple(decided(problem, problem.theta_start) for problem in problems)
     found = search(together(current))
     tried = {_polarities(current): (found, current)}
     while True:
         theta = dict(zip(found.names, found.theta, strict=True))
-        current = tuple(p.decided(np.array([theta[name] for name in p.names])) for p in current)
+        current = tuple(decided(p, np.array([theta[name] for name in p.names])) for p in current)
         if _polarities(current) in tried:
             break
         found = search(together(current))
@@ -113,14 +129,16 @@ def searched(
     return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
 
 
-def _polarities(problems: tuple[FrfProblem, ...]) -> tuple[float, ...]:
-    return tuple(float(sign) for p in problems if p.channels is not None for sign in p.channels.polarities)
+def _polarities(problems: tuple[RecordProblem, ...]) -> tuple[float, ...]:
+    found = [channels.polarities for channels in map(_channels, problems) if channels is not None]
+    return tuple(float(sign) for own in found for sign in own)
 
 
-def _with_polarities(problems: tuple[FrfProblem, ...], signs: Sequence[float]) -> tuple[FrfProblem, ...]:
-    made, rest = [], list(signs)
+def _with_polarities(problems: tuple[RecordProblem, ...], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
+    made: list[RecordProblem] = []
+    rest = list(signs)
     for problem in problems:
-        if problem.channels is not None:
+        if isinstance(problem, FrfProblem) and problem.channels is not None:
             count = len(problem.channels.polarities)
             own, rest = rest[:count], rest[count:]
             problem = replace(problem, channels=replace(problem.channels, polarities=locked(own, float)))

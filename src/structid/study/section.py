@@ -70,6 +70,10 @@ VECTOR = Kind(
 )
 INTEGER = Kind("a whole number of at least 0", _is_integer)
 COUNT = Kind("a whole number of at least 1", lambda value: _is_integer(value) and value > 0)
+COUNTS = Kind(
+    "whole numbers of at least 1, as in [4, 3]",
+    _either(COUNT.accepts, lambda value: _list_of(COUNT.accepts)(value) and len(value) <= 3),
+)
 BOOLEAN = Kind("true or false", lambda value: isinstance(value, bool))
 TEXT = Kind("a text in quotes", _is_text)
 TEXTS = Kind("a text or a list of texts", _either(_is_text, _list_of(_is_text)))

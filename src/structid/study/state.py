@@ -86,8 +86,7 @@ class State:
 def state_of(result: StudyResult) -> State:
     """The state that a run of a study found."""
     found = result.identification
-    record = found.problem.record
-    drawn = Drawn(found.problem.structure, found.problem.parameters, record.outputs, record.inputs)
+    drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
     study = result.study
     held = tuple(item.name for item in found.held)
     return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn)
@@ -127,8 +126,12 @@ def _stored_estimate(path: Path, status: Status) -> tuple[StoredEstimate, dict[s
         texts = {name: _texts(group[name]) for name in ("names", "kinds", "units")}
         values = np.asarray(group["values"], dtype=float)
         covariance = np.asarray(group[f"covariance_{group.attrs['covariance_basis']}"], dtype=float)
-        frf: Any = file["frf"]
-        channels = {name: _texts(frf[name]) for name in ("outputs", "inputs")}
+        if "frf" in file:
+            frf: Any = file["frf"]
+            channels = {name: _texts(frf[name]) for name in ("outputs", "inputs")}
+        else:
+            modal: Any = file["modal_record_1"]
+            channels = {"outputs": _texts(modal["channels"]), "inputs": ()}
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")

@@ -12,16 +12,17 @@ from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
+from structid.structure.importers import require_total_mass
 from structid.structure.supports import Tie
 from structid.study.input_files import InputFiles
-from structid.study.matrix_files import read_dofs, read_matrix
+from structid.study.matrix_files import read_groups
 from structid.study.section import (
     BOOLEAN,
     INTEGER,
     NODES,
-    NOT_NEGATIVE,
     NUMBERS,
     POSITION,
+    POSITIVE,
     TEXT,
     TEXTS,
     VECTOR,
@@ -66,10 +67,10 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
         ``[record.structure]``: element sets, nodes and ties that one set-up has beside, what it is `without`, and what
         is `fixed` instead.
     """
-    plain = {"active": TEXTS, "fixed": TEXTS}
+    plain = {"active": TEXTS, "fixed": TEXTS, "total_mass": POSITIVE}
     tables = ("nodes", "matrices", "matrix_group", *ELEMENT_TYPES, "rigid_link", "constraint")
     given = section.values(plain, others=tables)
-    groups = _groups(section, files)
+    groups, held = read_groups(section, files)
     nodes = _nodes(section, groups)
     entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in section.sections(kind)]
     elements: Elements = [(entry, _element(entry, kind, nodes)) for entry, kind in entries]
@@ -79,16 +80,26 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
     ties = [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in section.sections(key)]
     fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(section, text, nodes)]
+    active = as_list(given["active"]) if "active" in given else None
+    if "total_mass" in given:
+        whole = _built(section, nodes, elements, ties, [*fixed, *held], active)
+        with section.located("total_mass"):
+            require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
         elements, ties, fixed = _changed(changes, nodes, elements, ties, fixed)
-    active = as_list(given["active"]) if "active" in given else None
-    try:
-        structure = Structure(nodes, [element for _, element in elements], fixed, [tie for _, tie in ties], active)
-    except InputError as error:
-        raise _placed(section, str(error), elements, ties) from error
+    structure = _built(section, nodes, elements, ties, [*fixed, *held], active)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
+
+
+def _built(
+    section: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof], active: list[str] | None
+) -> Structure:
+    try:
+        return Structure(nodes, [element for _, element in elements], fixed, [tie for _, tie in ties], active)
+    except InputError as error:
+        raise _placed(section, str(error), elements, ties) from error
 
 
 def _changed(changes: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof]) -> Parts:
@@ -216,31 +227,3 @@ def _tie(entry: Section, nodes: Positions) -> tuple[Section, Tie]:
     with entry.located():
         return entry, Constraint(given["name"], dependent, pairs)
 
-
-def _groups(section: Section, files: InputFiles) -> list[tuple[Section, MatrixGroup]]:
-    """Groups of matrices from files, with ``[structure.matrices]`` for what their rows stand for."""
-    entries = section.sections("matrix_group")
-    matrices = section.section("matrices")
-    if matrices is None:
-        if entries:
-            raise entries[0].error('add [structure.matrices] with `dofs = "dofs.txt"` or a list of degrees of freedom')
-        return []
-    given = matrices.values({"dofs": TEXTS}, ("dofs",))
-    if not entries:
-        raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
-    with matrices.located("dofs"):
-        texts = read_dofs(files.path(given["dofs"])) if isinstance(given["dofs"], str) else given["dofs"]
-        dofs = [parse_dof(text) for text in texts]
-    return [(entry, _group(entry, dofs, files)) for entry in entries]
-
-
-def _group(entry: Section, dofs: list[Dof], files: InputFiles) -> MatrixGroup:
-    keys = {"name": TEXT, "mass": TEXT, "stiffness": TEXT, "damping": TEXT, "loss_factor": NOT_NEGATIVE}
-    given = entry.values(keys, ("name",))
-    for key in ("mass", "stiffness", "damping"):
-        if key in given:
-            with entry.located(key):
-                given[key] = read_matrix(files.path(given[key]))
-    name = given.pop("name")
-    with entry.located():
-        return MatrixGroup(name, dofs, **given)

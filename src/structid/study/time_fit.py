@@ -10,9 +10,9 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.estimation import Estimate, JointProblem, Problem
-from structid.observation import FrfProblem, SpectraProblem, TimeOptions, damped_stages, identify_time
+from structid.observation import FrfProblem, ModalProblem, SpectraProblem, TimeOptions, damped_stages, identify_time
 from structid.records import TimeRecord, finite_spectra
-from structid.study.search import together
+from structid.study.search import RecordProblem, together
 
 TimeWay = Literal["spectra", "output_error", "instrumental", "weak"]
 
@@ -68,13 +68,13 @@ class StagedSpectra(SpectraProblem):
 
 
 def target(
-    problems: Sequence[FrfProblem], fits: Sequence[TimeFit | None], exclude: Sequence[tuple[float, float]] = ()
+    problems: Sequence[RecordProblem], fits: Sequence[TimeFit | None], exclude: Sequence[tuple[float, float]] = ()
 ) -> Problem:
     """What is searched and judged: each FRF problem, or the finite spectra that its set-up asks for instead.
 
     Parameters
     ----------
-    problems : sequence of FrfProblem
+    problems : sequence of FrfProblem or ModalProblem
         Whose lines give the band.
     fits : sequence of TimeFit or None
     exclude : sequence of (float, float)
@@ -92,8 +92,8 @@ def target(
     return made[0] if len(made) == 1 else JointProblem(tuple(made))
 
 
-def _spectra(problem: FrfProblem, fit: TimeFit, exclude: Sequence[tuple[float, float]]) -> StagedSpectra:
-    _require_plain(problem)
+def _spectra(problem: RecordProblem, fit: TimeFit, exclude: Sequence[tuple[float, float]]) -> StagedSpectra:
+    problem = _plain(problem)
     axis = problem.record.frequency
     spectra = finite_spectra(fit.measured, problem.record.inputs, band=(axis[0], axis[-1]))
     keep = np.ones(len(spectra.frequency), dtype=bool)
@@ -102,16 +102,20 @@ def _spectra(problem: FrfProblem, fit: TimeFit, exclude: Sequence[tuple[float, f
     return StagedSpectra(problem.structure, problem.parameters, spectra.lines(keep), fit.transient, record=fit.measured)
 
 
-def _require_plain(problem: FrfProblem) -> None:
+def _plain(problem: RecordProblem) -> FrfProblem:
+    """The problem of averaged FRFs beside the histories, without errors of channels."""
+    if isinstance(problem, ModalProblem):
+        raise InputError("`time` must go with time histories, got modes; leave it out for this record")
     if problem.channels is not None:
         raise InputError(
             "errors of channels cannot be identified from the histories themselves; use [record.frf] for this record"
         )
+    return problem
 
 
-def time_estimate(problem: FrfProblem, fit: TimeFit, restarts: int, seed: int) -> Estimate:
+def time_estimate(problem: RecordProblem, fit: TimeFit, restarts: int, seed: int) -> Estimate:
     """The estimate of `identify_time` by the method that the set-up asks for, which is not ``spectra``."""
-    _require_plain(problem)
+    problem = _plain(problem)
     method = fit.fit
     if method == "spectra":
         raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; see `target`")

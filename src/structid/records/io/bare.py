@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from structid.arrays import require_finite
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
+from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
 from structid.units import parse_frf_unit, parse_unit
 
 _FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array")
-_TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units")
+_TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
 _FLAGS = {"sampling_rate": "--sampling-rate", "channels": "--channels"}
 
 #: Shape and type of each array in a file, without its values.
@@ -163,9 +164,11 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
         hint = "the array is turned: store samples along rows" if turned else "name every column in `channels`"
         raise InputError(f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}")
     quantities, factors = channel_units(path, channels, options)
-    require_finite("values", values, "remove or repair these samples")
-    scaled = np.asarray(values, dtype=np.float64) * factors
-    return TimeRecord(float(options.sampling_rate or 0.0), scaled, channels, quantities, source=str(path))
+    rate = float(options.sampling_rate or 0.0)
+    kept = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
+    return TimeRecord(
+        rate, kept.values * factors, channels, quantities, start=kept.start, source=sourced(path, kept.note)
+    )
 
 
 def _refuse_frf(path: Path, reason: str) -> NoReturn:

@@ -37,7 +37,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """
     table = read_table(path)
     if AXES[table.names[0].lower()] == "time":
-        return selected(table.path, time_record(table), options)
+        return selected(table.path, time_record(table, options), options)
     return selected(table.path, frf_record(table), options)
 
 

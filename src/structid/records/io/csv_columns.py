@@ -13,6 +13,8 @@ from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
 from structid.records.io.csv_table import Table
+from structid.records.io.gaps import sourced, whole
+from structid.records.io.options import ReadOptions
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, Unit, parse_frf_unit, parse_unit
 
@@ -29,13 +31,13 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
     return FileError(f"{table.path}: line 1, column {j + 1} ({table.names[j]!r}): {reason}")
 
 
-def time_record(table: Table) -> TimeRecord:
-    """The time record in `table`.
+def time_record(table: Table, options: ReadOptions | None = None) -> TimeRecord:
+    """The time record in `table`, its gaps treated as `options` say.
 
     Raises
     ------
     FileError
-        If a header is not a degree of freedom with its unit, or the time column is not even.
+        If a header is not a degree of freedom with its unit, the time column is not even, or a gap stays.
     """
     channels: list[Dof] = []
     units: list[Unit] = []
@@ -50,13 +52,15 @@ def time_record(table: Table) -> TimeRecord:
         except InputError as error:
             raise _column(table, j, error) from error
     rate = sampling_rate(table.path, table.values[:, 0])
+    start = float(table.values[0, 0])
+    kept = whole(table.path, table.values[:, 1:], channels, rate, start, options or ReadOptions(), first_line=2)
     return TimeRecord(
         sampling_rate=rate,
-        values=table.values[:, 1:] * np.array([unit.factor for unit in units]),
+        values=kept.values * np.array([unit.factor for unit in units]),
         channels=tuple(channels),
         quantities=tuple(unit.quantity for unit in units),
-        start=float(table.values[0, 0]),
-        source=str(table.path),
+        start=kept.start,
+        source=sourced(table.path, kept.note),
     )
 
 
@@ -79,9 +83,21 @@ def sampling_rate(path: Path, time: FloatArray) -> float:
         i = int(np.argmax(off))
         raise FileError(
             f"{path}: line {i + 3}, column 1: time must be even, got a step of {time[i + 1] - time[i]:.9g} s where the "
-            f"mean is {step:.9g} s; resample, or write more digits"
+            f"mean is {step:.9g} s; {_uneven_remedy(time, i)}"
         )
     return float(1 / step)
+
+
+def _uneven_remedy(time: FloatArray, i: int) -> str:
+    """What to do about an uneven step from sample `i` to the next."""
+    usual = float(np.median(np.diff(time)))
+    missing = (time[i + 1] - time[i]) / usual - 1 if usual > 0 else 0.0
+    if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
+        return (
+            f"{round(missing)} lines are missing at the usual step of {usual:.9g} s: cut the file there, or add these lines "
+            f"with empty cells and interpolate with ReadOptions(longest_gap={round(missing)})"
+        )
+    return "resample, or write more digits"
 
 
 def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:

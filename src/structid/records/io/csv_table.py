@@ -33,7 +33,8 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     FileError
-        If the file is not text, has no header or no lines, or a cell is not a finite number.
+        If the file is not text, has no header or no lines, or a cell is not a finite number. Samples of time
+        histories may be NaN, infinite or empty: gaps are judged by `structid.records.io.gaps`.
     """
     path = require_readable(path)
     try:
@@ -56,7 +57,8 @@ def read_table(path: Path) -> Table:
     names = _names(path, rows)
     if len(rows) < 2:
         raise FileError(f"{path}: has a header but no line of numbers; write it again")
-    return Table(path, names, _numbers(path, rows[1:], names, separator != ","))
+    gaps = AXES[names[0].lower()] == "time"
+    return Table(path, names, _numbers(path, rows[1:], names, separator != ",", gaps))
 
 
 def _separator(text: str) -> str:
@@ -78,7 +80,8 @@ def _names(path: Path, rows: list[list[str]]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...], decimal_comma: bool) -> FloatArray:
+def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...], decimal_comma: bool, gaps: bool) -> FloatArray:
+    """Cells as numbers; where `gaps` are allowed, empty ones beyond the first column as NaN."""
     values = np.empty((len(rows), len(names)))
     for i, row in enumerate(rows):
         if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
@@ -87,11 +90,13 @@ def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...], decimal_
                 "remove the line"
             )
         cells = [cell.replace(",", ".") for cell in row] if decimal_comma else row
+        if gaps and not all(cells[: len(names)]):
+            cells = [cells[0], *(cell.strip() or "nan" for cell in cells[1:])]
         try:
             values[i] = [float(cell) for cell in cells[: len(names)]]
         except ValueError as error:
             raise _bad_cell(path, i + 2, row, cells, names) from error
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(~np.isfinite(values[:, :1] if gaps else values))
     if bad.size:
         i, j = bad[0]
         raise FileError(

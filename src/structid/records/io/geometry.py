@@ -1,4 +1,4 @@
-"""Where the nodes of a test are and how lines join them: datasets 15, 2411 and 82 of universal files."""
+"""Where the nodes of a test are and how lines join them, from universal files and CSV tables."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ class Geometry:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """Nodes (datasets 15 and 2411) and trace lines (82) of the universal file at `path`, in m.
+    """Nodes and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`, in m.
 
-    A node in both 15 and 2411 is taken from 2411, which has more digits. Local coordinate systems are not applied.
+    Of a universal file: datasets 15 and 2411 (nodes) and 82 (trace lines). A node in both 15 and 2411 is taken from
+    2411, which has more digits. Local coordinate systems are not applied.
 
     Raises
     ------
@@ -51,6 +52,10 @@ def read_geometry(path: str | Path) -> Geometry:
         If the file is damaged, has no nodes, or defines one node twice in different places.
     """
     path = Path(path)
+    if path.suffix.lower() in (".csv", ".txt"):
+        from structid.records.io.geometry_csv import read_geometry_csv  # which needs Geometry
+
+        return read_geometry_csv(path)
     found = datasets(path)
     factors = unit_factors(path, found)
     scale = 1.0 if factors is None else 1 / factors.length

@@ -45,6 +45,11 @@ class ReadOptions:
         Name of an array of coherences of the same shape.
     averages : int, optional
         Number of independent averages behind each FRF value.
+    start, stop : float, optional
+        Time in s of the first and last sample read of time histories; the rest of the file may hold gaps.
+    longest_gap : int, optional
+        Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
+        interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.
 
     Raises
     ------
@@ -64,6 +69,9 @@ class ReadOptions:
     unit: str = ""
     coherence_array: str = ""
     averages: int | None = None
+    start: float | None = None
+    stop: float | None = None
+    longest_gap: int | None = None
 
     def __post_init__(self) -> None:
         for name in _LISTS:
@@ -75,6 +83,13 @@ class ReadOptions:
             raise InputError(f"`averages` must be a whole number, at least 1, got {self.averages!r}")
         if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
+
+        for name in ("start", "stop"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
+                raise InputError(f"`{name}` must be a time in s, got {value!r}")
+        if self.longest_gap is not None and (not isinstance(self.longest_gap, int) or self.longest_gap < 1):
+            raise InputError(f"`longest_gap` must be a whole number, at least 1, got {self.longest_gap!r}")
 
     def given(self) -> tuple[str, ...]:
         """Names of the options that were set."""

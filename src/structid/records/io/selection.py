@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
+
+_OF_HISTORIES = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
 
 
 def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -> FrfRecord | TimeRecord:
@@ -45,7 +48,7 @@ def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof,
 
 
 def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
-    _refuse(path, "frequency response functions", options, ("sampling_rate", "channels", "quantities", "units"))
+    _refuse(path, "frequency response functions", options, _OF_HISTORIES)
     if options.kind and options.kind != record.kind:
         raise _contradiction(path, "kind", options.kind, record.kind)
     rows = positions(path, "outputs", options.outputs, record.outputs)
@@ -68,17 +71,37 @@ def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> Time
     rate = options.sampling_rate
     if rate is not None and abs(rate - record.sampling_rate) > 1e-9 * rate:
         raise _contradiction(path, "sampling_rate", rate, record.sampling_rate)
+    first, last = between(path, record.time, options)
     keep = _time_positions(path, record, options)
     quantities = tuple(record.quantities[i] for i in keep)
     if options.quantities and options.quantities not in (quantities, tuple(dict.fromkeys(quantities))):
         raise _contradiction(path, "quantities", options.quantities, quantities)
     return replace(
         record,
-        values=record.values[:, keep],
+        values=record.values[first:last, keep],
+        start=float(record.time[first]),
         channels=tuple(record.channels[i] for i in keep),
         quantities=quantities,
         variance=None if record.variance is None else record.variance[keep],
     )
+
+
+def between(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
+    """First sample from `options.start` to `options.stop`, and the one after the last.
+
+    Raises
+    ------
+    InputError
+        If no sample of `time` (s, even) lies between them.
+    """
+    slack = 1e-6 * (time[-1] - time[0]) / max(len(time) - 1, 1)
+    first = 0 if options.start is None else int(np.searchsorted(time, options.start - slack))
+    last = len(time) if options.stop is None else int(np.searchsorted(time, options.stop + slack, side="right"))
+    if last <= first:
+        raise InputError(
+            f"{path}: no sample is left of {time[0]:g}-{time[-1]:g} s between `start` and `stop`; widen them"
+        )
+    return first, last
 
 
 def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> list[int]:

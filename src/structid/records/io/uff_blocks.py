@@ -44,11 +44,7 @@ def datasets(path: Path) -> list[dict[str, Any]]:
     FileError
         If the file is not a universal file, is truncated or damaged, or a dataset cannot be read.
     """
-    path = require_readable(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
+    data = _content(path)
     blocks = _blocks(path, data)
     found = []
     for number, (block, values) in enumerate(zip(blocks, _through_pyuff(path, blocks), strict=True)):
@@ -57,6 +53,33 @@ def datasets(path: Path) -> list[dict[str, Any]]:
         if block.number in READ_TYPES:
             found.append(values)
     return found
+
+
+def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
+    """Place in the file (from 1) and lines of every ASCII dataset of the number `wanted`, without tags and number.
+
+    Raises
+    ------
+    FileError
+        If the file is not a universal file, or is truncated or damaged.
+    """
+    data = _content(path)
+    blocks = _blocks(path, data)
+    ends = [*(block.start for block in blocks[1:]), len(data)]
+    found = []
+    for place, (block, end) in enumerate(zip(blocks, ends, strict=True), 1):
+        if block.number == wanted:
+            lines = data[block.start : end].decode("ascii", errors="replace").rstrip().splitlines()
+            found.append((place, lines[2:-1]))
+    return found
+
+
+def _content(path: Path) -> bytes:
+    path = require_readable(path)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
 
 
 def _blocks(path: Path, data: bytes) -> list[Block]:
@@ -170,5 +193,6 @@ def _require_all_points(path: Path, data: bytes, block: Block, number: int, valu
             f"{path}: dataset {number + 1} has {got} of its {values['num_pts']} points; the file is "
             "truncated or damaged"
         )
-    if not (np.isfinite(values["data"]).all() and np.isfinite(values["x"]).all()):
+    history = values.get("func_type") == 1  # its gaps are judged, and filled where asked, by `gaps`
+    if not ((history or np.isfinite(values["data"]).all()) and np.isfinite(values["x"]).all()):
         raise FileError(f"{path}: dataset {number + 1} holds NaN or infinite values; repair or export it again")

@@ -11,6 +11,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import channel_units
+from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions
 from structid.records.io.uff_scales import channel_scale, dof_of, unit_factors
 from structid.records.record import Quantity, TimeRecord
@@ -32,20 +33,38 @@ def read_times(
         If lengths, start or steps differ, or a step is not even.
     """
     channels = tuple(dof_of(path, int(d["rsp_node"]), int(d["rsp_dir"]), "response") for d in times)
-    first = np.asarray(times[0]["x"], float)
-    for dof, dataset in zip(channels, times, strict=True):
-        axis = np.asarray(dataset["x"], float)
-        if axis.shape != first.shape or np.abs(axis - first).max() > 1e-6 * np.abs(first).max():
-            raise FileError(f"{path}: channel {dof} has other sample times than the first; export all with one setting")
+    _require_one_clock(path, channels, times)
     quantities, factors = _scales(path, found, times, channels, options)
+    rate, start = _rate(path, times[0], options), float(np.asarray(times[0]["x"], float)[0])
+    values = np.stack([np.asarray(d["data"], float) for d in times], axis=1)
+    kept = whole(path, values, channels, rate, start, options)
     return TimeRecord(
-        sampling_rate=_rate(path, times[0], options),
-        values=np.stack([np.asarray(d["data"], float) for d in times], axis=1) * factors,
+        sampling_rate=rate,
+        values=kept.values * factors,
         channels=channels,
         quantities=quantities,
-        start=float(first[0]),
-        source=str(path),
+        start=kept.start,
+        source=sourced(path, kept.note),
     )
+
+
+def _require_one_clock(path: Path, channels: tuple[Dof, ...], times: list[dict[str, Any]]) -> None:
+    """Refuse channels with sample times other than those of the first."""
+    first = np.asarray(times[0]["x"], float)
+    allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
+    for dof, dataset in zip(channels, times, strict=True):
+        axis = np.asarray(dataset["x"], float)
+        if axis.shape != first.shape or np.abs(axis - first).max() > allowed:
+            raise FileError(
+                f"{path}: channel {dof} runs on another clock than channel {channels[0]}: {_clock(axis)} against "
+                f"{_clock(first)}; export all with one setting, or read those of one clock from a file of their own, bring "
+                "them to one rate with `prepare`, and join them"
+            )
+
+
+def _clock(axis: FloatArray) -> str:
+    step = (axis[-1] - axis[0]) / (axis.size - 1) if axis.size > 1 else 0.0
+    return f"{axis.size} samples every {step:.6g} s from {axis[0]:.6g} s on" if axis.size else "no samples"
 
 
 def _scales(

@@ -37,16 +37,22 @@ def file_bytes(path: Path, record: FrfRecord | TimeRecord, geometry: Geometry | 
     for node in (*(dof.node for dof in dofs), *(geometry.nodes if geometry else ())):
         if node > _LARGEST_NODE:
             raise FileError(f"{path}: node {node} has more than the nine digits the format keeps apart; renumber it")
-    yield _block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n in (1, 1, 1)), f"{273.15:25.17e}"])
-    yield from _geometry_blocks(geometry)
+    yield SI_UNITS
+    yield from geometry_blocks(geometry)
     yield from _frf_blocks(path, record) if isinstance(record, FrfRecord) else _time_blocks(path, record)
 
 
-def _block(number: int, lines: list[str]) -> bytes:
+def block(number: int, lines: list[str]) -> bytes:
+    """Dataset `number` as ASCII text, with its tags."""
     return "\n".join([_TAG, f"{number:6d}", *lines, _TAG, ""]).encode("ascii", errors="replace")
 
 
-def _geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
+#: Dataset 164: what follows is in SI.
+SI_UNITS = block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n in (1, 1, 1)), f"{273.15:25.17e}"])
+
+
+def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
+    """Datasets 15, 2411 and 82; none without nodes."""
     if geometry is None or not geometry.nodes:
         return
     short, full = [], []
@@ -54,12 +60,12 @@ def _geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
         head = f"{node:10d}{0:10d}{0:10d}{0:10d}"
         short.append(head + "".join(f"{x:13.5E}" for x in point))
         full += [head, "".join(f"{x:25.16E}" for x in point)]
-    yield _block(15, short)
-    yield _block(2411, full)
+    yield block(15, short)
+    yield block(2411, full)
     for i, line in enumerate(geometry.lines, start=1):
         rows = [line[at : at + 8] for at in range(0, len(line), 8)]
         numbers = ["".join(f"{node:10d}" for node in row) for row in rows]
-        yield _block(82, [f"{i:10d}{len(line):10d}{0:10d}", f"line {i}", *numbers])
+        yield block(82, [f"{i:10d}{len(line):10d}{0:10d}", f"line {i}", *numbers])
 
 
 def _title(record: FrfRecord | TimeRecord) -> list[str]:

@@ -11,7 +11,7 @@ function showChannel(name, chooser) {
   figure.layout.title.text = chosen.heading;
   Plotly.react(document.getElementById("figure-" + name), figure.data, figure.layout, CONFIG);
 }
-for (const box of document.querySelectorAll(".chooser")) {
+for (const box of document.querySelectorAll(".chooser[data-figure]")) {
   const name = box.dataset.figure, chooser = box.querySelector("select"), [previous, next] = box.querySelectorAll("button");
   const step = (by) => {
     const count = chooser.options.length;

@@ -8,6 +8,9 @@ from structid.structure.elements.friction import Friction
 from structid.structure.elements.inertia import PointMass, RotaryInertia
 from structid.structure.elements.matrix_group import MatrixGroup
 from structid.structure.elements.membrane import Membrane
+from structid.structure.elements.plane import Plane
+from structid.structure.elements.plate import Plate
+from structid.structure.elements.solid import Solid
 from structid.structure.elements.space_beam import SpaceBeam
 
 #: Every element type by the name that a study file uses.
@@ -17,8 +20,11 @@ ELEMENT_TYPES = {
     "dashpot": Dashpot,
     "friction": Friction,
     "membrane": Membrane,
+    "plane": Plane,
+    "plate": Plate,
     "point_mass": PointMass,
     "rotary_inertia": RotaryInertia,
+    "solid": Solid,
     "space_beam": SpaceBeam,
     "spring": Spring,
 }
@@ -33,8 +39,11 @@ __all__ = [
     "Kind",
     "MatrixGroup",
     "Membrane",
+    "Plane",
+    "Plate",
     "PointMass",
     "RotaryInertia",
+    "Solid",
     "SpaceBeam",
     "Spring",
     "Term",

@@ -14,7 +14,7 @@ from structid.arrays import FloatArray, IntArray, locked
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 
-Kind = Literal["mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_factor", "friction"]
+Kind = Literal["mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_factor", "friction", "thickness"]
 Positions = Mapping[int, FloatArray]
 
 TRANSLATIONS = DIRECTIONS[:3]
@@ -36,11 +36,15 @@ class Term:
     values : (n_elements,) float array
         Nominal values.
     codes : (n_elements, n_local) int array, optional
-        Degree of freedom codes, see `dof_code`. None for a loss factor, which weighs other terms' matrices.
+        Degree of freedom codes, see `dof_code`; -1 where a row is not used. None for a loss factor or thickness, which
+        weigh other terms' matrices.
     local : (n_elements, n_local, n_local) float array, optional
         Element matrices at unit value.
     matrices : tuple of sparse arrays, optional
         Whole matrices instead of small ones; rows follow `codes[0]`.
+    thickness_power : int
+        Power of the element's thickness that the matrices go with; they hold the nominal thickness. A set with such a
+        term has one of kind ``thickness``, in m, without matrices.
     """
 
     property: str
@@ -50,6 +54,7 @@ class Term:
     codes: IntArray | None = None
     local: FloatArray | None = None
     matrices: tuple[sparse.csc_array, ...] | None = None
+    thickness_power: int = 0
 
 
 class ElementSet(Protocol):

@@ -1,0 +1,221 @@
+"""PARDISO of the Intel Math Kernel Library through its C interface (libmkl_rt), complex symmetric matrices included."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import sys
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.arrays import FloatArray, IntArray
+from structid.dynamics.factorization import SingularMatrixError, usable_threads
+
+_REAL, _COMPLEX = -2, 6
+_ANALYSE, _FACTORIZE, _SOLVE, _RELEASE = 11, 22, 33, -1
+#: Where pivots had to be changed, a solution whose residual is larger than this part of the right-hand side is none.
+_RESIDUAL = 1e-6
+_ERRORS = {-1: "inconsistent input", -2: "not enough memory", -3: "reordering failed", -4: "zero pivot"}
+
+
+@cache
+def _library() -> ctypes.CDLL | str:
+    """The library, or what is wrong with it."""
+    places = [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin", Path(sys.base_prefix) / "lib"]
+    names = ("libmkl_rt.so*", "libmkl_rt*.dylib", "mkl_rt*.dll")
+    candidates = [str(path) for place in places for name in names for path in sorted(place.glob(name))]
+    found = ctypes.util.find_library("mkl_rt")
+    for candidate in [*candidates, *([found] if found else [])]:
+        try:
+            library = ctypes.CDLL(candidate)
+            _ = library.pardiso, library.MKL_Set_Num_Threads_Local
+        except (OSError, AttributeError):
+            continue
+        return library
+    return f"the library mkl_rt was not found in {places[0]} nor on the system's path"
+
+
+def mkl_problem() -> str:
+    """Why PARDISO cannot be used here; "" where it can."""
+    found = _library()
+    return found if isinstance(found, str) else ""
+
+
+@cache
+def _version() -> str:
+    buffer = ctypes.create_string_buffer(198)
+    library = _library()
+    assert not isinstance(library, str)
+    library.mkl_get_version_string(buffer, ctypes.c_int(198))
+    words = buffer.value.decode("ascii", "replace").split()
+    return next((word for word in words if word[:1].isdigit()), "unknown version")
+
+
+@contextmanager
+def _threads(n: int) -> Iterator[None]:
+    """MKL with the threads that a factorization of n unknowns may take, in this thread alone."""
+    library = _library()
+    assert not isinstance(library, str)
+    before = library.MKL_Set_Num_Threads_Local(ctypes.c_int(usable_threads(n)))
+    try:
+        yield
+    finally:
+        library.MKL_Set_Num_Threads_Local(ctypes.c_int(before))
+
+
+@dataclass(frozen=True)
+class Pardiso:
+    """Nested dissection, symmetric storage, Bunch and Kaufman's pivots within supernodes."""
+
+    name: str = "pardiso"
+
+    @property
+    def words(self) -> str:
+        return f"PARDISO (MKL {_version()})"
+
+    def analyse(self, indices: IntArray, indptr: IntArray) -> PardisoAnalysis:
+        """The analysis of a symmetric pattern in compressed columns."""
+        return PardisoAnalysis(np.asarray(indices), np.asarray(indptr))
+
+
+class _Handle:
+    """The library's memory of one pattern in one arithmetic; freed with this object."""
+
+    def __init__(self, kind: int, indices: IntArray, indptr: IntArray) -> None:
+        self.kind, self.n = kind, len(indptr) - 1
+        self.indices, self.indptr = indices, indptr
+        self.memory = np.zeros(64, dtype=np.int64)
+        self.options = np.zeros(64, dtype=np.int32)
+        self.options[[0, 1, 9, 20, 34]] = 1, 2, 8, 1, 1  # own options, METIS, pivots 1e-8, Bunch-Kaufman, from 0
+        self.options[17] = -1  # report the entries of the factor
+        self.analysed = False
+        weakref.finalize(self, _release, kind, self.n, self.memory, self.options)
+
+    def run(self, phase: int, entries: NDArray[Any], right: NDArray[Any] | None = None) -> NDArray[Any] | None:
+        """One phase; the solution where there are right-hand sides (n, n_right) in columns."""
+        solution = None if right is None else np.empty_like(right, order="F")
+        n_right = 1 if right is None else right.shape[1]
+        with _threads(self.n):
+            error = _call(
+                self.memory, self.kind, phase, self.n, entries, self.indptr, self.indices, n_right, self.options,
+                right, solution,
+            )  # fmt: skip
+        if error:
+            raise SingularMatrixError(f"PARDISO stopped: {_ERRORS.get(error, f'error {error}')}")
+        return solution
+
+
+def _call(
+    memory: NDArray[Any],
+    kind: int,
+    phase: int,
+    n: int,
+    entries: NDArray[Any] | None,
+    indptr: NDArray[Any] | None,
+    indices: NDArray[Any] | None,
+    n_right: int,
+    options: NDArray[Any],
+    right: NDArray[Any] | None,
+    solution: NDArray[Any] | None,
+) -> int:
+    library = _library()
+    assert not isinstance(library, str)
+
+    def number(value: int) -> Any:
+        return ctypes.byref(ctypes.c_int(value))
+
+    def array(values: NDArray[Any] | None) -> Any:
+        return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
+
+    error = ctypes.c_int(0)
+    library.pardiso(
+        array(memory), number(1), number(1), number(kind), number(phase), number(n), array(entries), array(indptr),
+        array(indices), None, number(n_right), array(options), number(0), array(right), array(solution),
+        ctypes.byref(error),
+    )  # fmt: skip
+    return error.value
+
+
+def _release(kind: int, n: int, memory: NDArray[Any], options: NDArray[Any]) -> None:
+    if memory.any():
+        _call(memory, kind, _RELEASE, n, None, None, None, 1, options, None, None)
+
+
+class PardisoAnalysis:
+    """A pattern; the library's analysis of it is made when the first matrix comes, once for each arithmetic."""
+
+    def __init__(self, indices: IntArray, indptr: IntArray) -> None:
+        n = len(indptr) - 1
+        columns = np.repeat(np.arange(n), np.diff(indptr))
+        self.kept = np.flatnonzero(indices >= columns)  # lower triangle by columns: the upper one by rows
+        self.indices = np.ascontiguousarray(indices[self.kept], dtype=np.int32)
+        counts = np.bincount(columns[self.kept], minlength=n)
+        self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self.handles: dict[int, _Handle] = {}
+        self.count = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the library's memory, which belongs to this process."""
+        return {**self.__dict__, "handles": {}}
+
+    def factor(self, entries: NDArray[Any]) -> PardisoFactor:
+        """The factorization of the matrix with these `entries`; the one before it ends."""
+        if not np.isfinite(entries).all():
+            raise SingularMatrixError("the matrix has entries that are not finite")
+        is_complex = bool(np.iscomplexobj(entries))
+        kind = _COMPLEX if is_complex else _REAL
+        handle = self.handles.setdefault(kind, _Handle(kind, self.indices, self.indptr))
+        values = np.ascontiguousarray(entries[self.kept], dtype=np.complex128 if is_complex else np.float64)
+        if not handle.analysed:
+            handle.run(_ANALYSE, values)
+            handle.analysed = True
+        handle.run(_FACTORIZE, values)
+        self.count += 1
+        return PardisoFactor(self, handle, values, self.count, int(handle.options[13]))
+
+
+@dataclass(frozen=True, eq=False)
+class PardisoFactor:
+    """The factorization that the library holds of an analysis."""
+
+    analysis: PardisoAnalysis
+    handle: _Handle
+    values: NDArray[Any]
+    count: int
+    n_changed: int
+
+    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+        """X with A X = `right`, (n, n_right)."""
+        if self.count != self.analysis.count:
+            raise RuntimeError("this factorization has ended: another one of the same analysis was made after it")
+        is_complex = self.handle.kind == _COMPLEX
+        if is_complex or not np.iscomplexobj(right):
+            given = np.asfortranarray(right, dtype=np.complex128 if is_complex else np.float64)
+            return self._checked(given, self.handle.run(_SOLVE, self.values, given))
+        return self.solve(right.real) + 1j * self.solve(right.imag)
+
+    def _checked(self, right: NDArray[Any], solution: NDArray[Any] | None) -> NDArray[Any]:
+        """The solution, compared with the right-hand sides where pivots had to be changed."""
+        assert solution is not None
+        if self.n_changed and _residual(self.handle, self.values, right, solution) > _RESIDUAL:
+            raise SingularMatrixError(f"{self.n_changed} pivots are 0 to rounding")
+        return solution
+
+
+def _residual(handle: _Handle, values: NDArray[Any], right: NDArray[Any], solution: NDArray[Any]) -> float:
+    """Largest backward error of a column: |b - A x| / (|A| |x| + |b|) would hide singular matrices, so |b| alone."""
+    from scipy import sparse
+
+    upper = sparse.csr_array((values, handle.indices, handle.indptr), (handle.n, handle.n))
+    product = upper @ solution + sparse.triu(upper, 1).T @ solution
+    size: FloatArray = np.linalg.norm(right, axis=0)
+    off: FloatArray = np.linalg.norm(product - right, axis=0)
+    return float((off / np.where(size > 0, size, 1.0)).max(initial=0.0))

@@ -1,0 +1,111 @@
+"""Poles and residues as a model of FRFs: its terms, its slopes, and residues by linear least squares (LSFD).
+
+As receptance, with phi for the shape, l for the participation of the inputs and two real matrices for the modes
+below and above the band,
+
+    H(s) = sum over modes of phi l' / (s - p) + conj(phi l') / (s - conj(p))  +  lower / s^2  +  upper,
+
+times s for mobility and s^2 for accelerance. It is linear in phi, lower and upper, each output by itself.
+
+References
+----------
+Heylen, Lammens and Sas (1997), Modal analysis theory and testing, section A.3 (least-squares frequency domain method);
+Verboven (2002), Frequency-domain system identification for modal analysis, Vrije Universiteit Brussel, chapter 4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+
+_RANK = 1e-10  # of a column that is left after those before it, below which it says nothing new
+
+
+def terms(laplace: ComplexArray, poles: ComplexArray, participation: ComplexArray, power: int) -> ComplexArray:
+    """What Re phi, Im phi, lower and upper of one output are multiplied by.
+
+    Parameters
+    ----------
+    laplace : (n_lines,) complex array
+        1/s, nowhere 0.
+    poles : (n_modes,) complex array
+        In the upper half plane.
+    participation : (n_inputs, n_modes) complex array
+    power : int
+        0, 1 or 2 for receptance, mobility or accelerance.
+
+    Returns
+    -------
+    (n_lines, n_inputs, 2 n_modes + 2 n_inputs) complex array
+        Their real unknowns: all Re phi, all Im phi, lower of every input, upper of every input.
+    """
+    here, there = _fractions(laplace, poles, power)
+    a, b = here[:, None, :] * participation, there[:, None, :] * participation.conj()
+    each = np.eye(len(participation))
+    static = [laplace[:, None, None] ** (power - 2) * each, laplace[:, None, None] ** power * each]
+    return np.concatenate([a + b, 1j * (a - b), *static], axis=2)
+
+
+def slopes(
+    laplace: ComplexArray, poles: ComplexArray, participation: ComplexArray, shape: ComplexArray, power: int
+) -> ComplexArray:
+    """Derivatives of the FRFs of one output by Re p, Im p, and Re l, Im l of every input and mode.
+
+    Parameters
+    ----------
+    shape : (n_modes,) complex array
+        Of this output.
+
+    Returns
+    -------
+    (n_lines, n_inputs, 2 n_modes + 2 n_inputs n_modes) complex array
+    """
+    here, there = _fractions(laplace, poles, power)
+    a = (here / (laplace[:, None] - poles) * shape)[:, None, :] * participation
+    b = (there / (laplace[:, None] - poles.conj()) * shape.conj())[:, None, :] * participation.conj()
+    n = len(participation)
+    first, second = here * shape, there * shape.conj()
+    each = np.eye(n)[None, :, :, None]
+    real = (each * (first + second)[:, None, None, :]).reshape(len(laplace), n, -1)
+    imag = (each * (1j * (first - second))[:, None, None, :]).reshape(len(laplace), n, -1)
+    return np.concatenate([a + b, 1j * (a - b), real, imag], axis=2)
+
+
+def _fractions(laplace: ComplexArray, poles: ComplexArray, power: int) -> tuple[ComplexArray, ComplexArray]:
+    factor = laplace[:, None] ** power
+    return factor / (laplace[:, None] - poles), factor / (laplace[:, None] - poles.conj())
+
+
+def weighted(columns: ComplexArray, weights: FloatArray) -> FloatArray:
+    """Rows of real parts, then of imaginary ones, times the weights of lines and inputs: (2 n_lines n_inputs, ...)."""
+    flat = (columns * weights[:, :, None]).reshape(-1, columns.shape[2])
+    return np.concatenate([flat.real, flat.imag])
+
+
+def residue_shapes(
+    laplace: ComplexArray,
+    values: ComplexArray,
+    weights: FloatArray,
+    poles: ComplexArray,
+    participation: ComplexArray,
+    power: int,
+) -> ComplexArray:
+    """Shapes phi of all outputs with poles and participation given, (n_outputs, n_modes).
+
+    Parameters
+    ----------
+    values : (n_lines, n_outputs, n_inputs) complex array
+    weights : (n_lines, n_inputs) float array
+        The same for all outputs, which share one factorization.
+    """
+    matrix = weighted(terms(laplace, poles, participation, power), weights)
+    right = weighted(values.transpose(0, 2, 1), weights)
+    size = np.linalg.norm(matrix, axis=0)
+    matrix = matrix / np.where(size > 0, size, 1.0)
+    q, r = np.linalg.qr(matrix)
+    regular = np.abs(np.diag(r)).min() > _RANK
+    found = np.linalg.solve(r, q.T @ right) if regular else np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+    found = found / np.where(size > 0, size, 1.0)[:, None]
+    n = len(poles)
+    return np.asarray((found[:n] + 1j * found[n : 2 * n]).T)

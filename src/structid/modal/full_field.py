@@ -1,0 +1,224 @@
+"""Full-field records: many channels brought down to the few motions that they share, and shapes brought back.
+
+The samples W (n_times, n_channels) of a camera or scanner have the rank of the modes that move, plus noise. A basis Q
+of that rank, orthonormal over the channels, turns them into a record W Q of few channels with the same poles; a mode
+shape psi of it is Q psi at the channels.
+
+References
+----------
+Halko, Martinsson and Tropp (2011), Finding structure with randomness, SIAM Review 53, 217-288, Algorithm 4.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from structid.arrays import FloatArray
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.modal.identification import modal_identification
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.modal_record import unit_largest
+from structid.records import TimeRecord
+from structid.records.record import Quantity
+
+_AT_ONCE = 1 << 22  # entries of a block of samples
+_ROWS = 128  # samples of a block at least, where a sum as long as the channels follows each
+_OVERSAMPLING = 5
+
+
+@dataclass(frozen=True, eq=False)
+class SharedMotions:
+    """The motions that channels share.
+
+    Attributes
+    ----------
+    basis : (n_channels, rank) float array
+        Orthonormal columns, strongest motion first.
+    motions : (n_times, rank) float array
+        Samples of each, in the unit of the record.
+    left_out : float
+        Part of the record's power outside the basis.
+    """
+
+    basis: FloatArray
+    motions: FloatArray
+    left_out: float
+
+
+def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray[np.floating]]]:
+    """Consecutive rows of `values`, which may be a memory map, a few million entries or `_ROWS` at a time."""
+    step = max(_ROWS, _AT_ONCE // max(values.shape[1], 1))
+    for start in range(0, len(values), step):
+        rows = slice(start, min(start + step, len(values)))
+        yield rows, np.asarray(values[rows])
+
+
+def covariance(values: NDArray[np.floating]) -> FloatArray:
+    """Mean of y y' over the samples, (n_channels, n_channels), in one pass over blocks of them.
+
+    Products are taken in the precision of `values` and added up in double precision.
+
+    Parameters
+    ----------
+    values : (n_times, n_channels) float array
+        Single or double precision; a memory map is read block by block.
+    """
+    total = np.zeros((values.shape[1],) * 2)
+    for _, block in sample_blocks(values):
+        total += block.T @ block
+    return total / len(values)
+
+
+def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator | None = None) -> SharedMotions:
+    """The motions that channels share, as far as they stand out of white noise; at most `rank`.
+
+    Parameters
+    ----------
+    values : (n_times, n_channels) float array
+        Samples of one quantity; single or double precision, a memory map if need be.
+    rank : int
+        Greatest number to keep. Those whose singular value lies below the largest one of white noise with the power
+        that is left out, sigma (sqrt(n) + sqrt(N)) for n channels and N samples, are left out as well.
+    rng : numpy.random.Generator, optional
+        For the range finder; a fixed seed by default.
+
+    Raises
+    ------
+    InputError
+        If `values` is no table, holds nothing but zeros or values that are not finite, or `rank` does not fit.
+
+    Notes
+    -----
+    With no more channels than samples, by the eigenvectors of the covariance: n^2 N operations for n channels and N
+    samples. With more, by a randomized range finder: 4 n N (rank + 5) operations in two passes, and no matrix larger
+    than a block of 128 samples or n (rank + 5).
+    """
+    table = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=np.float64)
+    if table.ndim != 2 or not np.issubdtype(table.dtype, np.floating):
+        raise InputError(
+            f"`values` must be real samples of shape (n_times, n_channels), got {table.dtype} of shape {table.shape}"
+        )
+    if not 1 <= rank <= min(table.shape):
+        raise InputError(
+            f"`rank` must lie from 1 to {min(table.shape)} for {table.shape[0]} samples of {table.shape[1]} channels, "
+            f"got {rank}"
+        )
+    if table.shape[1] <= table.shape[0]:
+        basis = np.linalg.eigh(covariance(table))[1][:, ::-1][:, :rank]
+    else:
+        basis = _range(table, min(rank + _OVERSAMPLING, len(table)), rng or np.random.default_rng(0))
+    single = table.dtype == np.float32
+    short = basis.astype(table.dtype) if single else basis
+    motions, power = np.empty((len(table), basis.shape[1])), 0.0
+    for rows, block in sample_blocks(table):
+        motions[rows] = block @ short
+        power += float(np.vdot(block, block))
+    if not np.isfinite(power) or power == 0.0:
+        words = "only zeros" if power == 0.0 else "NaN or infinite samples"
+        raise InputError(f"`values` hold {words}; leave these channels or samples out, or repair the file")
+    _, singular, turn = np.linalg.svd(motions, full_matrices=False)
+    rank = _above_noise(singular[:rank], power, table.shape)
+    turn = turn[:rank].T
+    return SharedMotions(basis @ turn, motions @ turn, max(0.0, 1.0 - float(np.sum(singular[:rank] ** 2)) / power))
+
+
+def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> int:
+    """How many leading `singular` values no white noise makes, at least 1."""
+    kept = 0
+    while True:
+        rest = max(power - float(np.sum(singular[:kept] ** 2)), (1e-14 * singular[0]) ** 2 * max(shape))
+        freedom = max((shape[0] - kept) * (shape[1] - kept), 1)
+        edge = np.sqrt(rest / freedom) * (np.sqrt(shape[0]) + np.sqrt(shape[1]))
+        above = int(np.sum(singular > edge))
+        if above <= kept:
+            return max(1, kept)
+        kept = above
+
+
+def _range(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
+    """Orthonormal basis of W' Omega with random Omega, (n_channels, width)."""
+    sketch = np.zeros((table.shape[1], width))
+    for rows, block in sample_blocks(table):
+        drawn = rng.standard_normal((rows.stop - rows.start, width)).astype(table.dtype)
+        sketch += block.T @ drawn
+    if not np.isfinite(sketch).all():
+        return np.zeros_like(sketch)  # the caller names the samples that are not finite
+    for _ in range(2):  # Cholesky's triangle instead of QR, twice: columns of random sums are far from dependent
+        try:
+            triangle = np.linalg.cholesky(sketch.T @ sketch)
+        except np.linalg.LinAlgError:
+            return np.asarray(np.linalg.qr(sketch)[0])
+        sketch = linalg.solve_triangular(triangle, sketch.T, lower=True).T
+    return sketch
+
+
+def full_field_modes(
+    values: ArrayLike,
+    sampling_rate: float,
+    channels: Sequence[Dof | str],
+    quantity: Quantity = "displacement",
+    rank: int = 40,
+    method: str | None = None,
+    options: ModalOptions | None = None,
+) -> ModalIdentification:
+    """Modes of a record of very many channels of one quantity, by the few motions that they share.
+
+    Parameters
+    ----------
+    values : (n_times, n_channels) float array
+        Single or double precision; a memory map is read block by block.
+    sampling_rate : float
+        Hz.
+    channels : sequence of Dof or str
+        Place of each channel.
+    quantity : str
+        Of all channels.
+    rank : int
+        See `shared_motions`; more than the modes that move.
+    method, options
+        See `modal_identification`.
+
+    Returns
+    -------
+    ModalIdentification
+        With shapes at all channels; their standard deviations are None.
+
+    Raises
+    ------
+    InputError
+        As `shared_motions` and `modal_identification` do, or if names and channels differ in number.
+
+    Examples
+    --------
+    >>> t = np.arange(300)[:, None] * 0.05
+    >>> places = np.linspace(0.0, np.pi, 2000)
+    >>> field = np.exp(-0.02 * t) * (np.cos(2 * t) * np.sin(places) + np.cos(5 * t) * np.sin(2 * places))
+    >>> found = full_field_modes(field, 20.0, [f"{i}Z" for i in range(2000)], options=ModalOptions(orders=[4]))
+    >>> found.modes.omega.round(3).tolist()
+    [2.0, 5.0]
+    """
+    motions = shared_motions(values, rank)
+    if len(channels) != len(motions.basis):
+        raise InputError(f"`channels` must name all {len(motions.basis)} channels, got {len(channels)} names")
+    kept = motions.motions.shape[1]
+    names = tuple(Dof(i + 1, "X") for i in range(kept))
+    record = TimeRecord(sampling_rate, motions.motions, names, (quantity,) * kept)
+    found = modal_identification(record, method, options)
+    modes = found.modes
+    words = f"{len(channels)} channels by {kept} shared motions, which leave out {100 * motions.left_out:.2g} % of the power"
+    return replace(
+        found,
+        modes=replace(
+            modes,
+            mode_shapes=unit_largest(motions.basis @ modes.mode_shapes),
+            channels=parse_dofs(channels),
+            shape_std=None,
+            source=f"{modes.source}; {words}",
+        ),
+    )

@@ -1,0 +1,273 @@
+"""Peaks of the singular spectra of ambient motion, the band of each, and how many modes a band holds.
+
+Peaks are chosen by what the averaging of the spectrum allows to tell: K averages leave every line with a relative
+standard deviation of K^(-1/2), and the greatest of n such errors in the logarithm is about sqrt(2 ln n / K). A peak
+must rise above the higher of the valleys beside it by twice as much (a crest of errors over a trough of errors), and
+the singular vectors of the lines next to it must resemble its own (modal coherence of 0.8 on one side at least,
+after Brincker, Andersen and Jacobsen 2007, Automated frequency domain decomposition, Proc. 25th IMAC).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.errors import InputError
+from structid.modal.correlations import Outputs, outputs
+from structid.records import TimeRecord
+
+#: Modal coherence that a peak must have.
+COHERENCE = 0.8
+_DEPTH = np.log(30.0)  # a band ends where the first singular value is down by 30: 5.4 half-power half-widths
+_TOP = np.log(5.0)  # two half-power half-widths
+_MERGE = np.log(10.0)  # two peaks with a valley less deep than 10 share one band
+_AVERAGES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Singular values and vectors of the spectral matrix of the channels.
+
+    Attributes
+    ----------
+    frequency : (n_lines,) float array
+        Hz.
+    values : (n_lines, n_channels) float array
+        Singular values, greatest first, 1/Hz.
+    vectors : (n_lines, n_channels, n_channels) complex array
+        Singular vectors in the columns.
+    averages : float
+        Independent averages behind each line.
+    segment : int
+        Samples of a segment.
+    """
+
+    frequency: FloatArray
+    values: FloatArray
+    vectors: ComplexArray
+    averages: float
+    segment: int
+
+    @property
+    def error(self) -> float:
+        """The greatest error of the logarithm of a line to be expected over all lines."""
+        return float(np.sqrt(2 * np.log(len(self.frequency)) / self.averages))
+
+
+@dataclass(frozen=True)
+class Band:
+    """A range of frequencies (Hz), and where in it the modes may be."""
+
+    low: float
+    high: float
+    peaks: tuple[float, ...]
+
+    @property
+    def n_modes(self) -> int:
+        return len(self.peaks)
+
+
+def centred(data: Outputs) -> Outputs:
+    """`data` without the mean of each record, which would leak into the low lines."""
+    return replace(data, series=tuple(y - y.mean(axis=0) for y in data.series))
+
+
+def hann(segment: int) -> FloatArray:
+    """Periodic Hann window, (segment,)."""
+    return np.asarray(np.sin(np.pi * np.arange(segment) / segment) ** 2)
+
+
+def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
+    """All stretches of `segment` samples, each half over the next, (segment, n_channels)."""
+    shortest = min(len(y) for y in data.series)
+    if not 8 <= segment <= shortest:
+        raise InputError(
+            f"`segment` must lie from 8 to {shortest}, the samples of the shortest record, got {segment}; shorten it"
+        )
+    for y in data.series:
+        for start in range(0, len(y) - segment + 1, segment // 2):
+            yield y[start : start + segment]
+
+
+def default_segment(data: Outputs, averages: int = _AVERAGES) -> int:
+    """The power of two that leaves about `averages` half-overlapping segments in all records, 8 at the least."""
+    total, shortest = sum(len(y) for y in data.series), min(len(y) for y in data.series)
+    return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (averages + 1), shortest), 8)))))
+
+
+def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
+    """Welch's average of Hann-windowed, half-overlapping segments, decomposed line by line."""
+    data = centred(data)
+    window = hann(segment)
+    total, count = np.zeros((segment // 2 + 1, data.n_channels, data.n_channels), dtype=complex), 0
+    for stretch in segments(data, segment):
+        lines = np.fft.rfft(window[:, None] * stretch, axis=0)
+        total += lines[:, :, None] * lines[:, None, :].conj()
+        count += 1
+    vectors, values, _ = np.linalg.svd(2 * total / (count * data.sampling_rate * np.sum(window**2)))
+    frequency = np.fft.rfftfreq(segment, 1 / data.sampling_rate)
+    overlap = np.sum(window[: -(segment // 2)] * window[segment // 2 :]) / np.sum(window**2)
+    averages = count / (1 + 2 * overlap**2 * (count - 1) / count)  # Welch (1967), IEEE Trans. AU-15
+    return Spectrum(frequency, values, vectors, float(averages), segment)
+
+
+def singular_spectra(
+    records: TimeRecord | Sequence[TimeRecord], segment: int = 2048
+) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Singular values and vectors of the spectral matrix of the channels, each scaled by its root mean square.
+
+    Parameters
+    ----------
+    segment : int
+        Samples of each segment, Hann-windowed, half of them overlapping.
+
+    Returns
+    -------
+    (n_lines,) float array
+        Frequency, Hz.
+    (n_lines, n_channels) float array
+        Singular values, greatest first, 1/Hz.
+    (n_lines, n_channels, n_channels) complex array
+        Singular vectors in the columns.
+
+    Raises
+    ------
+    InputError
+        If the segment is shorter than 8 samples or longer than the shortest record.
+    """
+    found = singular_spectrum(outputs(records), segment)
+    return found.frequency, found.values, found.vectors
+
+
+def coherence(spectrum: Spectrum, line: int) -> float:
+    """Mean MAC of the first singular vector of `line` with those of the two lines on one side, the better one.
+
+    One side, because the vector turns quickly between the peaks of close modes.
+    """
+    sides = []
+    for near in ([line - 2, line - 1], [line + 1, line + 2]):
+        kept = [k for k in near if 0 <= k < len(spectrum.frequency)]
+        if kept:
+            sides.append(np.mean(np.abs(spectrum.vectors[kept, :, 0].conj() @ spectrum.vectors[line, :, 0]) ** 2))
+    return float(max(sides))
+
+
+def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
+    """Lines of the peaks of a singular value that stand out of the errors of the spectrum, lowest first.
+
+    Parameters
+    ----------
+    level : int
+        Which singular value. Modal coherence is asked of the first only: vectors of the second turn at a crossing.
+    """
+    from scipy.signal import find_peaks
+
+    logs = np.log(np.maximum(spectrum.values[:, level], 1e-300))
+    inner = logs[2:-2]  # lines where the window sees the mean, or the mirror image
+    found = 2 + find_peaks(inner, prominence=2 * spectrum.error)[0]
+    if level == 0:
+        found = found[[coherence(spectrum, int(k)) >= COHERENCE for k in found]] if len(found) else found
+    return np.asarray(found, dtype=int)
+
+
+def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
+    """Line of the peak of the first singular value near each of `frequencies` (two lines or 2 %), lowest first.
+
+    Raises
+    ------
+    InputError
+        If a frequency lies outside the spectrum, near no peak, or two of them lead to one peak.
+    """
+    lines, first = spectrum.frequency, spectrum.values[:, 0]
+    wanted = np.asarray(frequencies, dtype=float)
+    if not len(wanted) or (wanted <= 0).any() or (wanted >= lines[-1]).any():
+        raise InputError(f"`frequencies` must lie between 0 and {lines[-1]:g} Hz, got {list(frequencies)}")
+    peaks = 1 + np.flatnonzero((first[1:-1] >= first[:-2]) & (first[1:-1] > first[2:]))
+    chosen = []
+    for f in wanted:
+        near = peaks[np.abs(lines[peaks] - f) <= max(2 * lines[1], 0.02 * f)]
+        if not len(near):
+            nearest = f"{lines[peaks[np.abs(lines[peaks] - f).argmin()]]:.4g} Hz" if len(peaks) else "nowhere"
+            raise InputError(
+                f"`frequencies` must be near peaks of the first singular value, got {f:g} Hz; the nearest peak is at "
+                f"{nearest}. Look at the singular values"
+            )
+        chosen.append(int(near[first[near].argmax()]))
+    if len(set(chosen)) < len(chosen):
+        raise InputError("`frequencies` must belong to different peaks; lengthen `segment`, or leave one out")
+    return np.array(sorted(chosen), dtype=int)
+
+
+def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:
+    """First and last line of the band of a peak.
+
+    The band ends where the first singular value is down by 30, or at the errors of the background, or in the valley
+    before another peak, or at three times the distance at which the steeper flank is down by 5 (six half-power
+    half-widths); it has three lines on either side at the least, which is the window's own width.
+    """
+    logs = np.log(np.maximum(spectrum.values[:, 0], 1e-300))
+    lower = max([0, *(k for k in others if k < line)])
+    upper = min([len(logs) - 1, *(k for k in others if k > line)])
+    before, after = logs[lower : line + 1], logs[line : upper + 1]
+    floor = logs[line] - min(_DEPTH, float(logs[line] - max(before.min(), after.min())) - spectrum.error)
+    below = np.flatnonzero(before[::-1] < floor)
+    above = np.flatnonzero(after < floor)
+    left = int(below[0]) if len(below) else len(before) - 1 - int(before.argmin())
+    right = int(above[0]) if len(above) else int(after.argmin())
+    top = [np.flatnonzero(side < logs[line] - _TOP) for side in (before[::-1], after)]
+    widest = max(3, 3 * min((int(side[0]) for side in top if len(side)), default=max(left, right)))
+    left, right = (min(max(width, 3), widest) for width in (left, right))
+    return max(line - left, 1), min(line + right, len(logs) - 2)
+
+
+def valley(spectrum: Spectrum, first: int, second: int) -> float:
+    """Depth of the valley between two peaks below the lower of them, in natural logarithms."""
+    logs = np.log(np.maximum(spectrum.values[first : second + 1, 0], 1e-300))
+    return float(min(logs[0], logs[-1]) - logs.min())
+
+
+def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
+    """Bands around peaks; those that meet in a shallow valley are one, and the second singular value adds modes."""
+    lines = sorted(int(k) for k in peaks)
+    ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}
+    groups: list[list[int]] = []
+    for k in lines:
+        before = groups[-1][-1] if groups else k
+        if groups and ends[before][1] >= ends[k][0] - 1 and valley(spectrum, before, k) < _MERGE:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    bands = []
+    for group in groups:
+        low = float(spectrum.frequency[min(ends[k][0] for k in group)])
+        high = float(spectrum.frequency[max(ends[k][1] for k in group)])
+        bands.append(Band(low, high, mode_places(spectrum, low, high, group)))
+    return tuple(bands)
+
+
+def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int]) -> tuple[float, ...]:
+    """Where the modes of a band may be (Hz): its peaks, and of the second singular value what they leave unexplained.
+
+    Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
+    that fall together show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests
+    count near the top of a peak only, where the first singular value is down by less than 5: those in the valleys
+    between separate modes are explained.
+    """
+    frequency = spectrum.frequency
+    inside = [int(k) for k in peaks if low <= frequency[k] <= high]
+    places = [float(frequency[k]) for k in inside]
+    if spectrum.values.shape[1] > 1 and inside:
+        first = spectrum.values[:, 0]
+        crests = [
+            int(k)
+            for k in automatic_peaks(spectrum, 1)
+            if low <= frequency[k] <= high
+            and first[k] * np.exp(_TOP) > first[min(inside, key=lambda peak: abs(peak - int(k)))]
+        ]
+        crests.sort(key=lambda k: -spectrum.values[k, 1])
+        missing = 1 + len(crests) - len(inside)
+        places += [float(frequency[k]) for k in crests[: max(missing, 0)]]
+    return tuple(sorted(places))

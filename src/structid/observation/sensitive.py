@@ -1,0 +1,121 @@
+"""Element matrices that the parameters of a structure weigh, and how their weights change with each parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.observation.contraction import WeightedElements
+from structid.parameters import Parameters
+from structid.structure import Contribution, Structure
+from structid.structure.blocks import ElementMatrices
+
+
+def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
+    """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
+    design = unknown.design.tocsr()
+    if not part.is_product:
+        return design[part.value]
+    slopes = [design[rows].multiply(slope[:, None]) for rows, slope in part.partial_slopes(values)]
+    return sparse.csr_array(sum(slopes[1:], slopes[0]))
+
+
+def require_nominal_thickness(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where a thickness is a parameter or not its nominal value: its powers are not linear."""
+    changing = np.diff(unknown.design.tocsr().indptr) > 0
+    for item in structure.properties:
+        moved = unknown.offset[item.values] != item.term.values
+        if item.term.kind == "thickness" and (changing[item.values] | moved).any():
+            raise InputError(
+                f"{item.label} must be known in the time domain, where matrices are linear in the parameters; take"
+                " Young's modulus as the unknown, or identify the thickness from FRFs with `identify`"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class SensitiveElements:
+    """Elements of one family of blocks whose weights depend on the parameters, and in which laws they appear."""
+
+    blocks: ElementMatrices
+    rows: IntArray
+    members: tuple[int, ...]
+
+
+def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
+    """Families of element matrices that the parameters weigh, contributions that share matrices together."""
+    touched = np.diff(unknown.design.tocsr().indptr) > 0
+    families: dict[int, list[int]] = {}
+    for member, part in enumerate(structure.contributions):
+        families.setdefault(id(part.blocks), []).append(member)
+    found = []
+    for members in families.values():
+        masks = []
+        for member in members:
+            part = structure.contributions[member]
+            masks.append(part.touched(touched))
+        rows = np.flatnonzero(np.any(masks, axis=0))
+        used = tuple(m for m, mask in zip(members, masks, strict=True) if mask.any())
+        if len(rows):
+            found.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedParts:
+    """All element matrices that the parameters weigh, and by which laws they enter.
+
+    Attributes
+    ----------
+    parts : tuple of WeightedElements
+    members : tuple of (int, (n_elements,) int array)
+        For each part: a contribution of the structure that has its matrices, and which of its elements they are.
+    uses : tuple of tuples of (str, float)
+        For each kind of part: the laws by which it enters, each with a number that multiplies it.
+    variable : tuple of float arrays
+        Of the slopes what may change with the values of the parameters.
+    """
+
+    parts: tuple[WeightedElements, ...]
+    members: tuple[tuple[int, IntArray], ...]
+    uses: tuple[tuple[tuple[str, float], ...], ...]
+    variable: tuple[FloatArray, ...]
+
+    def same_slopes(self, other: WeightedParts) -> bool:
+        """Whether what may change is the same."""
+        if [part.kind for part in self.parts] != [part.kind for part in other.parts]:
+            return False
+        return all(np.array_equal(a, b) for a, b in zip(self.variable, other.variable, strict=True))
+
+
+def weighted_elements(
+    structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...], physical: FloatArray
+) -> WeightedParts:
+    """The `WeightedParts` of a parametrized structure.
+
+    A loss factor that is one number in all elements of a family, and no parameter, is a multiple of their stiffness:
+    the two laws then share one part. Parts that enter alike are of one kind.
+    """
+    weights, design = unknown.values(physical), unknown.design.tocsr()
+    found: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
+    members: list[tuple[int, IntArray]] = []
+    variable: list[FloatArray] = []
+    for number, group in enumerate(sensitive):
+        for member in group.members:
+            item = structure.contributions[member]
+            factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
+            other = 0 if item.factor is None else design[item.factor][group.rows].nnz
+            simple = np.ptp(factor) == 0 and not other
+            key = (number, item.value.start, -1 if simple else member)
+            if key not in found:
+                slope = design[item.value] if simple else weight_slope(item, unknown, weights)
+                found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])
+                members.append((member, group.rows))
+                variable += [] if simple else [found[key][1].data]
+            found[key][2].append((item.law, float(factor[0]) if simple else 1.0))
+    kinds = {uses: kind for kind, uses in enumerate(dict.fromkeys(tuple(uses) for _, _, uses in found.values()))}
+    parts = tuple(WeightedElements(blocks, slope, kinds[tuple(uses)]) for blocks, slope, uses in found.values())
+    return WeightedParts(parts, tuple(members), tuple(kinds), tuple(variable))

@@ -1,0 +1,320 @@
+"""Time histories that stay on disk: opened without being read, and given out a stretch of samples at a time.
+
+NPY files and HDF5 datasets, samples by channels or channels by samples, single or double precision. What is read is
+checked: a gap is named by its sample, and so is the place where a file ends too early.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.arrays import FloatArray
+from structid.dof import Dof, parse_dof
+from structid.errors import FileError, InputError
+from structid.files import require_readable
+from structid.records.io.bare import channel_units, require_option
+from structid.records.io.options import ReadOptions
+from structid.records.record import QUANTITY_UNITS, Quantity, TimeRecord
+
+_NPY, _HDF5 = (".npy",), (".h5", ".hdf5")
+_CHUNK_BYTES = 32_000_000
+_UNUSED = (
+    "frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages", "start", "stop",
+    "longest_gap",
+)  # fmt: skip
+_REPAIR = "repair the record first (`structid convert` with a longest gap fills short gaps), or leave these samples out"
+
+
+class ChunkedRecord(Protocol):
+    """A time record of any length that gives its samples by stretches."""
+
+    @property
+    def channels(self) -> tuple[Dof, ...]: ...
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]: ...
+
+    @property
+    def sampling_rate(self) -> float: ...
+
+    @property
+    def n_times(self) -> int: ...
+
+    def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
+        """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryRecord:
+    """A `TimeRecord` as a `ChunkedRecord`."""
+
+    record: TimeRecord
+
+    @property
+    def channels(self) -> tuple[Dof, ...]:
+        return self.record.channels
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return self.record.quantities
+
+    @property
+    def sampling_rate(self) -> float:
+        return self.record.sampling_rate
+
+    @property
+    def n_times(self) -> int:
+        return len(self.record.values)
+
+    def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
+        """Samples `first` to `last` in order, (n_channels, at most `longest`) each."""
+        for begin, stop in _stretches(self.n_times, len(self.channels), first, last, longest):
+            yield np.ascontiguousarray(self.record.values[begin:stop].T)
+
+
+@dataclass(frozen=True, eq=False)
+class OnDiskRecord:
+    """A time record in an NPY file or an HDF5 dataset, of which only the names have been read; see `open_record`.
+
+    Attributes
+    ----------
+    path : Path
+    array : str
+        Name of the HDF5 dataset; empty for NPY.
+    channels, quantities, sampling_rate
+        As in `TimeRecord`.
+    n_times : int
+        When the file was opened.
+    samples_first : bool
+        Whether the array is (n_times, n_channels); else (n_channels, n_times).
+    factors : (n_channels,) float array, optional
+        To SI units; None where they are all 1.
+    """
+
+    path: Path
+    array: str
+    channels: tuple[Dof, ...]
+    quantities: tuple[Quantity, ...]
+    sampling_rate: float
+    n_times: int
+    samples_first: bool
+    factors: FloatArray | None = None
+
+    def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
+        """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units.
+
+        Raises
+        ------
+        FileError
+            If the file has shrunk or cannot be read on; the message names the sample.
+        InputError
+            If a sample is missing (NaN or infinite).
+        """
+        for begin, stop in _stretches(self.n_times, len(self.channels), first, last, longest):
+            read = self._read(begin, stop)
+            chunk = _channel_major(read) if self.samples_first else np.ascontiguousarray(read, dtype=np.float64)
+            del read
+            self._require_whole(chunk, begin)
+            if self.factors is not None:
+                chunk *= self.factors[:, None]
+            yield chunk
+
+    def _read(self, begin: int, stop: int) -> NDArray[Any]:
+        """These samples, as they lie in the file; opened anew for each chunk, so that a change is noticed."""
+        shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
+        with _opened(self.path, self.array, f"at sample {begin}") as array:
+            if array.shape != shape:
+                axis = 0 if self.samples_first else 1
+                now = array.shape[axis] if len(array.shape) == 2 else 0
+                raise FileError(
+                    f"{self.path}: changed while it was read: it had {self.n_times} samples, and has {now} at sample"
+                    f" {begin}; read a copy that nothing writes to, and resume from sample {begin}"
+                )
+            part = array[begin:stop] if self.samples_first else array[:, begin:stop]
+            return np.array(part)
+
+    def _require_whole(self, chunk: FloatArray, begin: int) -> None:
+        if np.isfinite(np.add.reduce(chunk, axis=None)):  # NaN and infinity survive a sum
+            return
+        bad = ~np.isfinite(chunk)
+        if not bad.any():  # a sum of finite numbers beyond the largest
+            return
+        sample = int(np.argmax(bad.any(axis=0)))
+        channel = int(np.argmax(bad[:, sample]))
+        raise InputError(
+            f"{self.path}: {self.quantities[channel]} {self.channels[channel]} is missing (NaN or infinite) at sample"
+            f" {begin + sample}, {(begin + sample) / self.sampling_rate:g} s; {_REPAIR}"
+        )
+
+
+def open_record(path: str | Path, options: ReadOptions | None = None) -> OnDiskRecord:
+    """The record at `path`, opened but not read.
+
+    Parameters
+    ----------
+    path : str or Path
+        NPY array, or HDF5 in structid's layout or with a bare dataset; (n_times, n_channels), or with channels first.
+    options : ReadOptions, optional
+        `sampling_rate`, `channels`, `quantities` or `units`, and `array`, of an array that does not describe itself.
+
+    Raises
+    ------
+    FileError
+        If the file is of another format, damaged or cut short.
+    InputError
+        If an option is missing, or does not fit the array.
+    """
+    path, chosen = require_readable(path), options or ReadOptions()
+    unused = [name for name in _UNUSED if name in chosen.given()]
+    if unused:
+        raise InputError(f"{path}: a record read by chunks does not use {', '.join(unused)}; leave them out")
+    if path.suffix.lower() not in _NPY + _HDF5:
+        raise FileError(
+            f"{path}: a record is read by chunks from .npy, .h5 or .hdf5; convert it first with `structid convert`"
+        )
+    if path.suffix.lower() in _HDF5:
+        own = _own_layout(path)
+        if own is not None:
+            return own
+    array = _only_array(path, chosen.array) if path.suffix.lower() in _HDF5 else ""
+    for name, purpose in (("sampling_rate", "its sampling rate"), ("channels", "what its channels are")):
+        require_option(path, chosen, name, purpose)
+    if not chosen.units:
+        require_option(path, chosen, "quantities", "what its channels measure")
+    channels = _dofs(chosen.channels)
+    quantities, factors = channel_units(path, channels, chosen)
+    shape = _shape(path, array)
+    return _record(path, array, channels, quantities, float(chosen.sampling_rate or 0.0), shape, factors)
+
+
+def _record(
+    path: Path,
+    array: str,
+    channels: tuple[Dof, ...],
+    quantities: tuple[Quantity, ...],
+    rate: float,
+    shape: tuple[int, ...],
+    factors: FloatArray | None,
+) -> OnDiskRecord:
+    count = len(channels)
+    if len(shape) != 2 or count not in shape:
+        raise InputError(f"{path}: must hold an array of samples by {count} channels, got shape {shape}; name them all")
+    if 0 in shape:
+        raise InputError(f"{path}: holds no sample; the record is empty")
+    seen = set()
+    for key in zip(quantities, channels, strict=True):
+        if (key[0], key[1].unsigned) in seen:
+            raise InputError(f"{path}: {key[0]} {key[1].unsigned} is there twice; leave one of the channels out")
+        seen.add((key[0], key[1].unsigned))
+    first = shape[1] == count
+    plain = None if factors is None or (factors == 1).all() else factors
+    return OnDiskRecord(path, array, channels, quantities, rate, shape[0] if first else shape[1], first, plain)
+
+
+def _own_layout(path: Path) -> OnDiskRecord | None:
+    """The record of a file in structid's own layout; None for another."""
+    import h5py
+
+    with _damage_told(path, "as it was opened"), h5py.File(path, "r") as file:
+        if "structid_record" not in file:
+            return None
+        if file["structid_record"].asstr()[()] != "time 1":
+            raise InputError(f"{path}: holds no time histories; only they are read by chunks")
+        channels = _dofs(file["channels"].asstr()[()].ravel().tolist())
+        quantities = tuple(file["quantities"].asstr()[()].ravel().tolist())
+        rate, shape = float(np.ravel(file["sampling_rate"][()])[0]), file["values"].shape
+    for quantity in dict.fromkeys(quantities):
+        if quantity not in QUANTITY_UNITS:
+            raise FileError(f"{path}: has channels of {quantity!r}, which this version does not know")
+    if len(quantities) != len(channels):
+        raise FileError(f"{path}: names {len(channels)} channels and {len(quantities)} quantities; write it again")
+    return _record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
+
+
+def _dofs(texts: Any) -> tuple[Dof, ...]:
+    """Degrees of freedom of many texts, each different one read once."""
+    known: dict[str, Dof] = {}
+    for text in texts:
+        if text not in known:
+            known[text] = parse_dof(text)
+    return tuple(known[text] for text in texts)
+
+
+def _only_array(path: Path, wanted: str) -> str:
+    import h5py
+
+    from structid.records.io.hdf5 import dataset_shapes
+
+    with _damage_told(path, "as it was opened"), h5py.File(path, "r") as file:
+        shapes = dataset_shapes(file)
+    numeric = [name for name, (shape, dtype) in shapes.items() if dtype.kind in "fiu" and len(shape) == 2]
+    if wanted and wanted in numeric:
+        return wanted
+    if wanted or len(numeric) != 1:
+        raise InputError(
+            f"{path}: holds the arrays {', '.join(numeric) or 'none'}; say which to read with ReadOptions(array=...)"
+        )
+    return numeric[0]
+
+
+def _shape(path: Path, array: str) -> tuple[int, ...]:
+    with _opened(path, array, "as it was opened") as opened:
+        if opened.dtype.kind not in "fiu":
+            raise FileError(f"{path}: must hold real numbers, got type {opened.dtype}")
+        return tuple(opened.shape)
+
+
+@contextmanager
+def _opened(path: Path, array: str, when: str) -> Iterator[Any]:
+    """The array, memory-mapped or as an HDF5 dataset, closed when the block ends."""
+    if not array:
+        with _damage_told(path, when):
+            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
+        yield mapped
+        return
+    import h5py
+
+    with _damage_told(path, when), h5py.File(path, "r") as file:
+        yield file[array]
+
+
+@contextmanager
+def _damage_told(path: Path, when: str) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError, EOFError) as error:
+        if isinstance(error, FileError | InputError):
+            raise
+        raise FileError(
+            f"{path}: cannot be read {when} ({error}); it is damaged or cut short: copy or write it again, and resume"
+        ) from error
+
+
+def _stretches(
+    n_times: int, n_channels: int, first: int, last: int | None, longest: int | None
+) -> Iterator[tuple[int, int]]:
+    end = n_times if last is None else last
+    if not 0 <= first <= end <= n_times:
+        raise InputError(f"`first` and `last` must lie from 0 to {n_times} in this order, got {first} and {end}")
+    if longest is not None and longest < 1:
+        raise InputError(f"`longest` must be 1 or more, got {longest}")
+    step = longest or max(1, min(4096, _CHUNK_BYTES // (8 * max(1, n_channels))))
+    for begin in range(first, end, step):
+        yield begin, min(begin + step, end)
+
+
+def _channel_major(samples: NDArray[Any]) -> FloatArray:
+    """`samples` with channels first, in double precision; by tiles, which is several times faster than as a whole."""
+    n_times, n_channels = samples.shape
+    found = np.empty((n_channels, n_times))
+    for first in range(0, n_channels, 512):
+        found[first : first + 512] = samples[:, first : first + 512].T
+    return found

@@ -1,0 +1,102 @@
+"""Element matrices of a structure with the values that weigh them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.structure.blocks import ElementMatrices
+from structid.structure.elements import Term
+
+
+@dataclass(frozen=True, eq=False)
+class Property:
+    """One property of one element set, and where its values stand among all values of the structure."""
+
+    element: str
+    term: Term
+    values: slice
+
+    @property
+    def label(self) -> str:
+        return f"{self.term.property}[{self.element}]"
+
+
+@dataclass(frozen=True, eq=False)
+class ThicknessFactor:
+    """(thickness / nominal thickness) to a power, a number an element; the element matrices hold the nominal one.
+
+    Attributes
+    ----------
+    value : slice
+        Where the thicknesses stand among the values of the structure.
+    nominal : (n_elements,) float array
+        m.
+    power : int
+        1 for membrane stiffness and mass, 3 for bending.
+    """
+
+    value: slice
+    nominal: FloatArray
+    power: int
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """The factors, (n_elements,); 1 at the nominal values."""
+        powers: FloatArray = (values[self.value] / self.nominal) ** self.power
+        return powers
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Their derivatives with respect to the thicknesses, (n_elements,), 1/m."""
+        ratio = values[self.value] / self.nominal
+        slopes: FloatArray = self.power * ratio ** (self.power - 1) / self.nominal
+        return slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Contribution:
+    """Element matrices on free degrees of freedom, with the values that weigh them.
+
+    The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
+    (stiffness times loss factor), times a power of the thickness where the element has one. `law` says how it enters
+    the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic`` by 1, ``structural`` by i,
+    ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
+    """
+
+    law: str
+    blocks: ElementMatrices
+    value: slice
+    factor: slice | None = None
+    thickness: ThicknessFactor | None = None
+
+    @property
+    def is_product(self) -> bool:
+        """Whether the weight is a product of several values."""
+        return self.factor is not None or self.thickness is not None
+
+    def weights(self, values: FloatArray) -> FloatArray:
+        """Weight of each element, (n_elements,)."""
+        own = values[self.value]
+        if self.factor is not None:
+            own = own * values[self.factor]
+        return own if self.thickness is None else own * self.thickness.of(values)
+
+    def touched(self, changing: np.ndarray) -> np.ndarray:
+        """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        mask: np.ndarray = changing[self.value]
+        if self.factor is not None:
+            mask = mask | changing[self.factor]
+        return mask if self.thickness is None else mask | changing[self.thickness.value]
+
+    def partial_slopes(self, values: FloatArray) -> list[tuple[slice, FloatArray]]:
+        """Derivative of the weights with respect to each of the values that make them up: where they stand, and it."""
+        factor = 1.0 if self.factor is None else values[self.factor]
+        power = 1.0 if self.thickness is None else self.thickness.of(values)
+        own = values[self.value]
+        found = [(self.value, np.broadcast_to(factor * power, own.shape))]
+        if self.factor is not None:
+            found.append((self.factor, own * power))
+        if self.thickness is not None:
+            found.append((self.thickness.value, own * factor * self.thickness.slope(values)))
+        return found

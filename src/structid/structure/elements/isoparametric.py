@@ -1,0 +1,214 @@
+"""Shapes of isoparametric cells: interpolation, quadrature, and gradients on every cell of a set at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray, locked
+from structid.errors import InputError
+
+_TRIANGLE = [(0, 0), (1, 0), (0, 1)]
+_SQUARE = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+_TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+_CUBE = [(x, y, z) for z in (-1, 1) for x, y in _SQUARE]
+_WEDGE = [(x, y, z) for z in (-1, 1) for x, y in _TRIANGLE]
+_TRIANGLE_SIDES = [(0, 1), (1, 2), (2, 0)]
+_SQUARE_SIDES = [(0, 1), (1, 2), (2, 3), (3, 0)]
+_TETRAHEDRON_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+_CUBE_EDGES = [*_SQUARE_SIDES, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+#: Least ratio of the smallest to the mean Jacobian determinant in a cell.
+_FLAT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CellShape:
+    """Interpolation on one cell type.
+
+    Attributes
+    ----------
+    name : str
+        As mesh files call it, such as ``hexahedron``; nodes are numbered as in VTK.
+    corners : (n_nodes, n_dimensions) float array
+        Reference positions of the nodes.
+    exponents : (n_nodes, n_dimensions) int array
+        Monomials that span the interpolation.
+    points : (n_points, n_dimensions) float array
+        Quadrature of the stiffness.
+    weights : (n_points,) float array
+    mass_points, mass_weights : the same of the mass
+    """
+
+    name: str
+    corners: FloatArray
+    exponents: IntArray
+    points: FloatArray
+    weights: FloatArray
+    mass_points: FloatArray
+    mass_weights: FloatArray
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.corners)
+
+    def values(self, at: FloatArray) -> FloatArray:
+        """Interpolation functions at reference points `at`, (n_points, n_nodes)."""
+        return _monomials(at, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
+
+    def slopes(self, at: FloatArray) -> FloatArray:
+        """Their derivatives along the reference axes, (n_points, n_dimensions, n_nodes)."""
+        coefficients = np.linalg.inv(_monomials(self.corners, self.exponents))
+        axes = range(self.corners.shape[1])
+        return np.stack([_monomial_slopes(at, self.exponents, axis) @ coefficients for axis in axes], axis=1)
+
+
+def _monomials(at: FloatArray, exponents: IntArray) -> FloatArray:
+    powers: FloatArray = np.prod(at[:, None, :] ** exponents[None], axis=2)
+    return powers
+
+
+def _monomial_slopes(at: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
+    lowered = exponents.copy()
+    lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
+    return exponents[:, axis] * _monomials(at, lowered)
+
+
+def _box(*orders: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights of a square or cube, `orders` points along each axis."""
+    rules = [np.polynomial.legendre.leggauss(n) for n in orders]
+    points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
+    weights = np.prod(np.stack(np.meshgrid(*[w for _, w in rules], indexing="ij"), axis=-1), axis=-1).ravel()
+    return points, weights
+
+
+def _triangle(order: int) -> tuple[FloatArray, FloatArray]:
+    """Quadrature of the reference triangle by collapsed Gauss points, exact to degree 2 `order` - 2."""
+    (points, weights) = _box(order, order)
+    s, t = (points.T + 1) / 2
+    return np.stack([s * (1 - t), t], axis=1), weights / 4 * (1 - t)
+
+
+def _tetrahedron(order: int) -> tuple[FloatArray, FloatArray]:
+    """Quadrature of the reference tetrahedron, exact to degree 2 `order` - 3."""
+    points, weights = _box(order, order, order)
+    r, s, t = (points.T + 1) / 2
+    return np.stack([r * (1 - s) * (1 - t), s * (1 - t), t], axis=1), weights / 8 * (1 - s) * (1 - t) ** 2
+
+
+def _wedge(order: int) -> tuple[FloatArray, FloatArray]:
+    flat, weights = _triangle(order)
+    along, others = np.polynomial.legendre.leggauss(2)
+    points = np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in along])
+    return points, np.concatenate([weights * w for w in others])
+
+
+def _middles(corners: list[tuple[int, ...]], edges: list[tuple[int, int]]) -> list[tuple[float, ...]]:
+    found = [tuple((np.array(corners[a]) + corners[b]) / 2) for a, b in edges]
+    return [*corners, *found]
+
+
+def _up_to(degree: int, dimension: int) -> list[tuple[int, ...]]:
+    every = np.ndindex(*[degree + 1] * dimension)
+    return [e for e in every if sum(e) <= degree]
+
+
+def _serendipity(dimension: int) -> list[tuple[int, ...]]:
+    """Exponents of the quadratic serendipity family: superlinear degree at most 2."""
+    every = np.ndindex(*[3] * dimension)
+    return [e for e in every if sum(p for p in e if p > 1) <= 2]
+
+
+def _shape(name: str, corners: list, exponents: list, stiffness: tuple, mass: tuple) -> CellShape:  # type: ignore[type-arg]
+    return CellShape(
+        name,
+        locked(corners, np.float64),
+        locked(exponents, np.int64),
+        *(locked(a, np.float64) for a in (*stiffness, *mass)),
+    )
+
+
+@cache
+def cell_shape(name: str) -> CellShape:
+    """The `CellShape` of a cell type; see `CELLS`."""
+    bilinear, trilinear = list(np.ndindex(2, 2)), list(np.ndindex(2, 2, 2))
+    prism = [(*a, b) for a in _up_to(1, 2) for b in (0, 1)]
+    made = {
+        "triangle": lambda: _shape(name, _TRIANGLE, _up_to(1, 2), _triangle(1), _triangle(2)),
+        "triangle6": lambda: _shape(
+            name, _middles(_TRIANGLE, _TRIANGLE_SIDES), _up_to(2, 2), _triangle(2), _triangle(3)
+        ),
+        "quad": lambda: _shape(name, _SQUARE, bilinear, _box(2, 2), _box(2, 2)),
+        "quad8": lambda: _shape(name, _middles(_SQUARE, _SQUARE_SIDES), _serendipity(2), _box(3, 3), _box(3, 3)),
+        "tetra": lambda: _shape(name, _TETRAHEDRON, _up_to(1, 3), _tetrahedron(2), _tetrahedron(3)),
+        "tetra10": lambda: _shape(
+            name, _middles(_TETRAHEDRON, _TETRAHEDRON_EDGES), _up_to(2, 3), _tetrahedron(3), _tetrahedron(4)
+        ),
+        "wedge": lambda: _shape(name, _WEDGE, prism, _wedge(2), _wedge(3)),
+        "hexahedron": lambda: _shape(name, _CUBE, trilinear, _box(2, 2, 2), _box(2, 2, 2)),
+        "hexahedron20": lambda: _shape(name, _middles(_CUBE, _CUBE_EDGES), _serendipity(3), _box(3, 3, 3), _box(3, 3, 3)),
+    }
+    return made[name]()
+
+
+#: Cell types by number of nodes, of plane and of solid elements.
+PLANE_CELLS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"}
+SOLID_CELLS = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
+
+
+def gradients(
+    name: str, nodes: IntArray, positions: FloatArray, shape: CellShape, at: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gradients of the interpolation in physical axes, and Jacobian determinants.
+
+    Parameters
+    ----------
+    name : str
+        Of the element set, for messages.
+    nodes : (n_cells, n_nodes) int array
+        Labels, for messages.
+    positions : (n_cells, n_nodes, n_dimensions) float array
+        m.
+    shape : CellShape
+    at : (n_points, n_dimensions) float array
+        Reference points.
+
+    Returns
+    -------
+    (n_points, n_cells, n_dimensions, n_nodes) and (n_points, n_cells) float arrays
+        The determinants are positive; in a plane, cells may be numbered in either sense.
+
+    Raises
+    ------
+    InputError
+        If a cell has no volume (area), is turned inside out, or is folded.
+    """
+    jacobian = np.einsum("qdk,ekc->qedc", shape.slopes(at), positions)
+    determinant: FloatArray = np.linalg.det(jacobian)
+    if positions.shape[2] == 2:
+        determinant = determinant * np.where(determinant.mean(axis=0) < 0, -1.0, 1.0)
+    require_regular(name, nodes, positions, determinant)
+    return np.linalg.solve(jacobian, shape.slopes(at)[:, None]), determinant
+
+
+def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
+    """Raise `InputError` at a cell without volume, turned inside out or folded; see `gradients`."""
+    size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
+    word = "area" if positions.shape[2] == 2 else "volume"
+    mean = determinant.mean(axis=0)
+    problems = (
+        (np.abs(determinant).max(axis=0) <= _FLAT * size, f"has no {word}", "remove it, or repair the mesh"),
+        (mean < 0, "is turned inside out", "reverse the order of its nodes in each face, or export the mesh anew"),
+        (determinant.min(axis=0) <= _FLAT * mean, "is folded", "move its nodes so that no corner reaches 180 degrees"),
+    )
+    for bad, words, remedy in problems:
+        if bad.any():
+            e = int(np.argmax(bad))
+            more = f", as {_others(int(bad.sum()) - 1)}" if bad.sum() > 1 else ""
+            labels = ", ".join(map(str, nodes[e]))
+            raise InputError(f"element {e + 1} of {name!r} {words}{more}: nodes {labels}; {remedy}")
+
+
+def _others(count: int) -> str:
+    return "is 1 other" if count == 1 else f"are {count} others"

@@ -1,0 +1,159 @@
+"""A study identified from the motion of every degree of freedom, its record read from disk by chunks."""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.estimation import Status
+from structid.estimation.local_reduction import Work
+from structid.observation.motion_stream import MotionSolution, Progress, identify_motion_by_chunks
+from structid.records.on_disk import OnDiskRecord, open_record
+from structid.study.results import json_text
+from structid.study.study import Study, load_study
+
+#: The files of `write_motion`.
+MOTION_SUMMARY, MOTION_TABLE = "motion.json", "parameters.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class MotionOptions:
+    """How `structid motion` goes through the record.
+
+    Parameters
+    ----------
+    work : Work
+    chunk : int, optional
+        Samples a chunk.
+    checkpoint : Path, optional
+        Where the state is kept after each chunk, and taken up from.
+    """
+
+    work: Work = Work()  # noqa: RUF009  frozen
+    chunk: int | None = None
+    checkpoint: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionResult:
+    """What a study's motion says.
+
+    Attributes
+    ----------
+    study : Study
+    record : OnDiskRecord
+    solution : MotionSolution
+    seconds : mapping of str to float
+        Wall time of reading the study, of the pass over the record, and of the solution.
+    peak_memory : int
+        Bytes of the whole process so far; 0 where the system does not tell.
+    """
+
+    study: Study
+    record: OnDiskRecord
+    solution: MotionSolution
+    seconds: Mapping[str, float]
+    peak_memory: int
+
+    @property
+    def is_determined(self) -> bool:
+        return self.solution.status is Status.CONVERGED
+
+
+def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
+    """Identify the study at `path` from motion.
+
+    Raises
+    ------
+    StudyError
+        If the study cannot be used for it: several records, repeats, measured modes; with the place in the file.
+    InputError, FileError
+        If the record lacks what the equations need, has gaps, or shrinks.
+    """
+    begun = time.perf_counter()
+    study = load_study(path)
+    source = study.record
+    if len(study.setups) > 1 or len(source.paths) > 1:
+        raise source.section.error("identification from motion takes one record; leave the others out")
+    for key in ("modes", "noise", "frf", "channel_error", "window_decay", "channels_used"):
+        if key in source.section.table:
+            raise source.section.error("identification from motion does not use it; leave it out", key)
+    with source.section.located("path"):
+        record = open_record(source.paths[0], source.options)
+    read = time.perf_counter()
+    passed = [read]
+
+    def noted(done: int, whole: int) -> None:
+        passed[0] = time.perf_counter()
+        if progress is not None:
+            progress(done, whole)
+
+    with source.section.located("path"):
+        solution = identify_motion_by_chunks(
+            study.structure, study.parameters, record, None, options.work, options.chunk, options.checkpoint, noted
+        )
+    seconds = {
+        "study": read - begun,
+        "record": passed[0] - read,
+        "solution": time.perf_counter() - passed[0],
+    }
+    return MotionResult(study, record, solution, seconds, peak_memory())
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far in bytes; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak if sys.platform == "darwin" else peak * 1024)
+
+
+def write_motion(result: MotionResult, folder: Path) -> None:
+    """Write motion.json, parameters.csv and study.toml into the existing `folder`."""
+    (folder / MOTION_SUMMARY).write_text(json_text(motion_summary(result)), encoding="utf-8")
+    (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
+    found = result.solution
+    with (folder / MOTION_TABLE).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(["name", "unit", "value", "standard_deviation", "identified"])
+        rows = zip(found.names, found.unknown.units, found.values, found.std, found.identified, strict=True)
+        for name, unit, value, std, identified in rows:
+            table.writerow([name, unit, _number(value), _number(std), "yes" if identified else "no"])
+
+
+def _number(value: float) -> str:
+    return repr(float(value)) if math.isfinite(value) else ""
+
+
+def motion_summary(result: MotionResult) -> dict[str, Any]:
+    """What the pass found and what it cost, as plain values."""
+    found, fit = result.solution, result.solution.fit
+    return {
+        "title": result.study.title,
+        "status": found.status.name.lower(),
+        "message": found.message,
+        "parameters": len(found.values),
+        "identified": int(found.identified.sum()),
+        "degrees_of_freedom_of_the_structure": result.study.structure.n_dofs,
+        "samples": found.n_samples,
+        "equations": found.n_rows,
+        "rank": fit.rank,
+        "condition": fit.condition,
+        "residual_rms": float(np.sqrt(fit.residual_variance)),
+        "engine": found.engine,
+        "solver": fit.method,
+        "record_bytes": result.record.path.stat().st_size,
+        "seconds": dict(result.seconds),
+        "peak_memory_bytes": result.peak_memory,
+        "inputs": dict(result.study.digests),
+    }

@@ -1,0 +1,113 @@
+"""What output-only modes determine: ratios of stiffness to mass, where a common scale of both is free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray, locked
+from structid.estimation import Estimate, Problem
+from structid.estimation.estimate import relative_jacobian
+
+_NULL = 1e-10
+_SEEN = 1e-6
+_SCALED = ("mass", "stiffness", "viscous_damping")
+
+
+@dataclass(frozen=True, eq=False)
+class Ratios:
+    """Parameters over one of them, with intervals that the free common scale does not widen.
+
+    Attributes
+    ----------
+    names : tuple of str
+        All parameters that share the free scale, the reference last left out.
+    reference : str
+        The parameter that they are divided by.
+    values, std : (n_ratios,) float arrays
+        Ratio in the units of both, and its standard deviation; NaN where the data do not determine it.
+    ends : (n_ratios, 2) float array
+        95 % intervals: of the logarithm, taken to the ratio.
+    words : str
+        A sentence for the reader.
+    """
+
+    names: tuple[str, ...]
+    reference: str
+    values: FloatArray
+    std: FloatArray
+    ends: FloatArray
+    words: str
+
+
+def ratios(problem: Problem, found: Estimate) -> Ratios | None:
+    """The ratios, or None where the data and priors determine the scale.
+
+    The scale is free where the data do not see one common relative change of several masses and stiffnesses (with
+    dampings), and no prior holds it: their standard deviations are then larger than their values.
+
+    Parameters
+    ----------
+    problem : Problem
+        That was solved.
+    found : Estimate
+        Of it.
+    """
+    theta = np.asarray(found.theta)
+    jacobian = relative_jacobian(problem, theta, problem.linearize(theta))
+    scale = max(1.0, np.sqrt(found.chi_square_per_dof)) if found.covariance_basis == "model_error" else 1.0
+    members = common_scale(jacobian, np.array(found.kinds), scale)
+    if members is None or found.identified[members].any():
+        return None
+    reference = int(next(i for i in members if found.kinds[i] == "mass"))
+    others = np.array([i for i in members if i != reference])
+    _, singular, rows = np.linalg.svd(jacobian, full_matrices=True)
+    singular = np.concatenate([singular, np.zeros(len(rows) - len(singular))])
+    relative = scale * np.array([_std(i, reference, singular, rows) for i in others])
+    values = found.values[others] / found.values[reference]
+    ends = values[:, None] * np.exp(1.959964 * relative[:, None] * np.array([-1.0, 1.0]))
+    return Ratios(
+        tuple(found.names[i] for i in others),
+        found.names[reference],
+        locked(values),
+        locked(values * relative),
+        locked(ends),
+        scale_words([found.names[i] for i in members], found.names[reference]),
+    )
+
+
+def common_scale(jacobian: FloatArray, kinds: np.ndarray, noise_scale: float = 1.0) -> np.ndarray | None:
+    """All masses, stiffnesses and dampings where the data do not see their common scale; None where they do."""
+    members = np.flatnonzero(np.isin(kinds, _SCALED))
+    if not {"mass", "stiffness"} <= set(kinds[members]):
+        return None
+    change = np.linalg.norm(jacobian[:, members].sum(axis=1)) / np.sqrt(len(members))
+    return members if change <= noise_scale else None
+
+
+def scale_words(names: list[str], reference: str = "") -> str:
+    """What a free common scale of the parameters `names` means."""
+    given = f" Their ratios to {reference} are given with intervals;" if reference else ""
+    return (
+        "modes measured without a force give ratios of stiffness to mass, not kilograms: one common scale of"
+        f" {_listed(names)} is free.{given or ' Ratios are determined as far as no other direction is free;'} a known"
+        " mass, a prior or a record with a measured force fixes the scale"
+    )
+
+
+def _std(i: int, reference: int, singular: FloatArray, rows: FloatArray) -> float:
+    """Standard deviation of log p_i - log p_reference; NaN where a direction other than the common scale is unseen."""
+    contrast = np.zeros(len(rows))
+    contrast[i], contrast[reference] = 1.0, -1.0
+    parts = rows @ contrast
+    seen = singular > _NULL * singular[0]
+    if np.abs(parts[~seen]).max(initial=0.0) > _SEEN:
+        return float("nan")
+    return float(np.sqrt(np.sum((parts[seen] / singular[seen]) ** 2)))
+
+
+def _listed(names: list[str]) -> str:
+    if len(names) > 6:
+        return f"{', '.join(names[:5])} and {len(names) - 5} more"
+    return ", ".join(names[:-1]) + " and " + names[-1]

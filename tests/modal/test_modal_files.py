@@ -1,0 +1,201 @@
+"""Modes in files: what is written comes back, other programs can read it, and damage is named."""
+
+import json
+
+import numpy as np
+import pytest
+import pyuff
+
+from structid.errors import FileError
+from structid.modal import ModalRecord
+from structid.modal.modal_files import read_modes, write_modes
+from structid.modal.modal_record import unit_largest
+from structid.records import Geometry, read_geometry
+
+CHANNELS = ("1X-", "1Y+", "2X+", "7Z-")
+
+
+def modes(is_complex=True, scaling="unit_largest", channels=CHANNELS, known=True, seed=0):
+    rng = np.random.default_rng(seed)
+    n, m = 3, len(channels)
+    shapes = rng.standard_normal((m, n)) + (0.2j * rng.standard_normal((m, n)) if is_complex else 0)
+    factor = rng.standard_normal((2 * n, 2 * n)) * 1e-3
+    return ModalRecord(
+        np.array([1.881234567, 2.42, 30.5]), np.array([0.0158, 0.0147 if known else np.nan, 0.002]),
+        unit_largest(shapes) if scaling == "unit_largest" else shapes, channels,
+        covariance=factor @ factor.T if known else None, shape_std=0.01 + rng.random((m, n)) if known else None,
+        warnings=("short record; measure longer",) if known else (), source="ssi_cov, 30 block rows", scaling=scaling,
+    )  # fmt: skip
+
+
+def same(first, second):
+    return (first is None and second is None) or np.array_equal(first, second, equal_nan=True)
+
+
+@pytest.mark.parametrize("is_complex", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("scaling", ["unit_largest", "mass"])
+def test_json_keeps_everything_to_the_last_bit(tmp_path, is_complex, known, scaling):
+    written = modes(is_complex, scaling, known=known)
+    write_modes(tmp_path / "modes.json", written)
+    back = read_modes(tmp_path / "modes.json")
+    for name in ("frequency", "damping_ratio", "mode_shapes", "covariance", "shape_std"):
+        assert same(getattr(back, name), getattr(written, name)), name
+    for name in ("channels", "warnings", "source", "scaling"):
+        assert getattr(back, name) == getattr(written, name)
+    assert back.mode_shapes.dtype == written.mode_shapes.dtype
+
+
+@pytest.mark.parametrize("is_complex", [False, True])
+@pytest.mark.parametrize("scaling", ["unit_largest", "mass"])
+def test_csv_keeps_all_but_how_errors_move_together(tmp_path, is_complex, scaling):
+    written = modes(is_complex, scaling)
+    write_modes(tmp_path / "modes.csv", written)
+    back = read_modes(tmp_path / "modes.csv")
+    for name in ("frequency", "damping_ratio", "mode_shapes", "shape_std"):
+        assert same(getattr(back, name), getattr(written, name)), name
+    np.testing.assert_allclose(np.diag(back.covariance), np.diag(written.covariance), rtol=1e-15)
+    assert np.count_nonzero(back.covariance) == 6
+    assert (back.channels, back.scaling) == (written.channels, written.scaling)
+
+
+def test_csv_of_published_modes_needs_two_columns_only(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("frequency_hz,1X,2X\n20.5,4,-2\n8.1,1,2\n")
+    back = read_modes(path)
+    assert back.frequency.tolist() == [8.1, 20.5]
+    assert back.mode_shapes.tolist() == [[0.5, 1.0], [1.0, -0.5]]
+    assert np.isnan(back.damping_ratio).all()
+    assert back.covariance is None
+
+
+@pytest.mark.parametrize("channels", [CHANNELS, ("1X-", "1RZ+", "2RX-", "2Y+")])
+@pytest.mark.parametrize("is_complex", [False, True])
+@pytest.mark.parametrize("scaling", ["unit_largest", "mass"])
+def test_universal_file_keeps_six_digits_in_positive_senses(tmp_path, channels, is_complex, scaling):
+    written = modes(is_complex, scaling, channels)
+    write_modes(tmp_path / "modes.uff", written)
+    back = read_modes(tmp_path / "modes.uff")
+    assert {str(dof) for dof in back.channels} == {str(dof.unsigned) for dof in written.channels}
+    assert back.scaling == scaling
+    np.testing.assert_allclose(back.frequency, written.frequency, rtol=6e-6)  # half a unit of the sixth digit
+    np.testing.assert_allclose(back.damping_ratio, written.damping_ratio, rtol=1.2e-5)
+    signs = np.array([dof.sign for dof in written.channels])[:, None]
+    expected = signs * written.mode_shapes
+    order = [back.channels.index(dof.unsigned) for dof in written.channels]
+    if scaling == "unit_largest":
+        expected = unit_largest(expected)
+    np.testing.assert_allclose(back.mode_shapes[order], expected, rtol=0, atol=2e-5 * np.abs(expected).max())
+
+
+def test_damping_that_is_not_known_comes_back_as_not_known(tmp_path):
+    write_modes(tmp_path / "modes.uff", modes(known=False))
+    assert np.isnan(read_modes(tmp_path / "modes.uff").damping_ratio).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("is_complex", [False, True])
+def test_universal_file_is_read_by_pyuff(tmp_path, is_complex):
+    written, geometry = (
+        modes(is_complex),
+        Geometry({1: (0.0, 0.0, 0.0), 2: (1.5, 0.0, 0.0), 7: (0.0, 2.0, 0.25)}, ((1, 2, 7),)),
+    )
+    write_modes(tmp_path / "modes.uff", written, geometry)
+    file = pyuff.UFF(str(tmp_path / "modes.uff"))
+    kinds = file.get_set_types().astype(int).tolist()
+    assert kinds == [164, 15, 2411, 82, 55, 55, 55]
+    for k in range(3):
+        found = file.read_sets(4 + k)
+        assert found["mode_n"] == k + 1
+        assert found["node_nums"].tolist() == [1, 2, 7]
+        x = found["r1"]
+        np.testing.assert_allclose(x, [-written.mode_shapes[0, k], written.mode_shapes[2, k], 0], atol=1e-5)
+        np.testing.assert_allclose(found["r3"][2], -written.mode_shapes[3, k], atol=1e-5)
+        if is_complex:
+            s = 2 * np.pi * written.frequency[k] * np.exp(1j * np.arccos(-written.damping_ratio[k]))
+            assert found["eig"] == pytest.approx(s, rel=1e-5)
+        else:
+            assert found["freq"] == pytest.approx(written.frequency[k], rel=1e-5)
+            assert found["modal_damp_vis"] == pytest.approx(written.damping_ratio[k], rel=1e-5)
+    assert read_geometry(tmp_path / "modes.uff") == geometry
+
+
+def test_modes_of_other_programs_are_read(tmp_path):
+    path = tmp_path / "other.unv"
+    for k, (f, mass) in enumerate(((12.5, 4.0), (3.0, 9.0))):
+        pyuff.UFF(str(path)).write_sets(
+            {
+                "type": 55, "model_type": 1, "analysis_type": 2, "data_ch": 2, "spec_data_type": 8, "load_case": 1,
+                "mode_n": k + 1, "freq": f, "modal_m": mass, "modal_damp_vis": 0.01 * (k + 1), "modal_damp_his": 0.0,
+                "node_nums": [3, 5], "r1": np.array([1.0, 2.0]), "r2": np.zeros(2), "r3": np.array([0.0, 6.0]),
+            },
+            "add",
+        )  # fmt: skip
+    back = read_modes(path)
+    assert back.frequency.tolist() == [3.0, 12.5]
+    assert back.damping_ratio.tolist() == [0.02, 0.01]
+    assert list(map(str, back.channels)) == ["3X+", "5X+", "5Z+"]
+    np.testing.assert_allclose(back.mode_shapes, np.outer([1, 2, 6], [1 / 3, 1 / 2]))  # over the roots of modal masses
+    assert back.scaling == "mass"
+
+
+def test_two_channels_of_one_direction_do_not_fit_a_universal_file(tmp_path):
+    with pytest.raises(FileError, match="two channels measure 1X"):
+        write_modes(tmp_path / "modes.uff", modes(channels=("1X+", "1X-", "2X+")))
+    assert list(tmp_path.iterdir()) == []
+
+
+def _json_with(**changes):
+    def change(text):
+        return json.dumps({**json.loads(text), **changes})
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "suffix, damage, words",
+    [
+        (".json", lambda t: t[: len(t) // 2], "is not JSON"),
+        (".json", lambda t: "[1, 2]", "no `frequency_hz`"),
+        (".json", _json_with(frequency_hz=["a", 1, 2]), "`frequency_hz` must hold numbers"),
+        (".json", _json_with(frequency_hz=[3.0, 1.0, 2.0]), "`frequency` must be at least 0 and increase"),
+        (".json", _json_with(damping_ratio=0.1), "`damping_ratio` must be a list of 1 levels"),
+        (".json", _json_with(mode_shapes=[[1.0]]), "`mode_shapes` must hold `real`"),
+        (".json", _json_with(mode_shapes={"real": [[1.0], [2.0, 3.0]]}), "`mode_shapes.real` must hold numbers"),
+        (".json", _json_with(channels=[1, 2]), "`channels` must be a list of texts"),
+        (".json", _json_with(channels=["1Q"]), "cannot read '1Q'"),
+        (".json", _json_with(covariance=[[1.0]]), "`covariance` must have shape"),
+        (".json", _json_with(scaling="modal"), "`scaling` must be"),
+        (".csv", lambda t: t.replace("frequency_hz", "f"), "must have a column `frequency_hz`"),
+        (".csv", lambda t: t.replace("2.42", "2,42"), "line 3 has"),
+        (".csv", lambda t: t.replace("30.5", "high"), "line 4, column `frequency_hz` must be a number, got 'high'"),
+        (".csv", lambda t: t.replace("7Z- imaginary", "7Z- phase"), "'7Z- phase' must end in"),
+        (".csv", lambda t: t.replace("2X+", "sensor"), "column 'sensor real' is no channel"),
+        (".csv", lambda t: t.replace("unit_largest", "unit", 1), "`scaling` must be unit_largest or mass"),
+        (".csv", lambda t: "frequency_hz,1X,2X\n3,1,2\n4,0,0\n", "line 3 has a mode shape of zeros"),
+        (".uff", lambda t: t[: t.rfind("    -1")], "the file is truncated"),
+        (".uff", lambda t: t.replace("    55", "    57"), "holds no modes"),
+        (".uff", lambda t: t.replace("         3         2         8", "         3         2      oops"), "record 6"),
+        (".uff", lambda t: t.replace("\n         7\n", "\n         2\n"), "gives node 2 twice"),
+        (".uff", lambda t: t.replace("\n         7\n", "\n         7\n  abc"), "node 7"),
+        (".uff", lambda t: t.replace("\n         7\n", "\n         9\n", 1), "other nodes than the first"),
+        (".txt", lambda t: t, "of no format for modes"),
+    ],
+)  # fmt: skip
+def test_broken_files_are_named_with_the_field(tmp_path, suffix, damage, words):
+    source = tmp_path / f"whole{'.json' if suffix == '.txt' else suffix}"
+    write_modes(source, modes())
+    path = tmp_path / f"broken{suffix}"
+    text = source.read_text()
+    damaged = damage(text)
+    assert damaged != text or suffix == ".txt"
+    path.write_text(damaged)
+    with pytest.raises(FileError) as caught:
+        read_modes(path)
+    assert str(caught.value).startswith(f"{path}:")
+    assert words in str(caught.value)
+
+
+def test_missing_file_is_named_with_its_neighbour(tmp_path):
+    write_modes(tmp_path / "modes.json", modes())
+    with pytest.raises(FileError, match=r"did you mean modes\.json"):
+        read_modes(tmp_path / "mode.json")

@@ -1,0 +1,37 @@
+"""A chain of three storeys under random forces, and its FRFs: records with known modes for `structid modes`."""
+
+import numpy as np
+from scipy.signal import cont2discrete, dlsim
+
+from structid.records import FrfRecord, TimeRecord
+
+STIFFNESS = 400.0 * np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+OMEGA = np.sqrt(np.linalg.eigvalsh(STIFFNESS))
+SHAPES = np.linalg.eigh(STIFFNESS)[1]
+FREQUENCY = OMEGA / (2 * np.pi)
+RATIO = 0.01
+_DAMPING = SHAPES @ np.diag(2 * RATIO * OMEGA) @ SHAPES.T
+
+
+def ambient(duration=200.0, rate=25.0, seed=0, noise=0.01):
+    """Displacements of unit masses under independent white forces; the second sensor points the other way."""
+    a = np.block([[np.zeros((3, 3)), np.eye(3)], [-STIFFNESS, -_DAMPING]])
+    b, c = np.vstack([np.zeros((3, 3)), np.eye(3)]), np.hstack([np.eye(3), np.zeros((3, 3))])
+    system = cont2discrete((a, b, c, np.zeros((3, 3))), 1 / rate)
+    rng = np.random.default_rng(seed)
+    forces = rng.standard_normal((round((duration + 40) * rate), 3))
+    motion = dlsim(system, forces)[1][round(40 * rate) :]
+    motion = motion + noise * motion.std(axis=0) * rng.standard_normal(motion.shape)
+    return TimeRecord(rate, motion * [1, -1, 1], ("1X+", "2X-", "3X+"), ("displacement",) * 3)
+
+
+def frfs(noise=0.01, seed=0):
+    """Accelerances of the three masses under a force at the third."""
+    frequency = np.arange(0.5, 8.0, 0.02)
+    omega = 2 * np.pi * frequency
+    modal = 1 / (OMEGA**2 - omega[:, None] ** 2 + 2j * RATIO * OMEGA * omega[:, None])
+    values = -(omega[:, None] ** 2) * np.einsum("ir,fr,r->fi", SHAPES, modal, SHAPES[2])
+    rng = np.random.default_rng(seed)
+    error = rng.standard_normal((2, *values.shape)) * noise * np.abs(values).mean(axis=0) / np.sqrt(2)
+    values = values + error[0] + 1j * error[1]
+    return FrfRecord(frequency, values[:, :, None], ("1X+", "2X+", "3X+"), ("3X+",), "accelerance")

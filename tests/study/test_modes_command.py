@@ -1,0 +1,289 @@
+"""`structid modes`: what it prints, writes and returns, and what it says of records that cannot be used."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from modes_cases import FREQUENCY, RATIO, SHAPES, ambient, frfs
+from structid import cli
+from structid.compare import mac
+from structid.errors import InputError
+from structid.modal import ModalIdentification, ModalRecord, Poles
+from structid.modal.modal_files import read_modes
+from structid.modal.stabilization import Cluster
+from structid.records import Geometry, TimeRecord, write_record
+from structid.records.io import uff
+from structid.study.modes import ModesOptions, modes_of_file
+from structid.study.modes_geometry import record_geometry
+from structid.study.modes_rates import join_frequency, joined, lower_rate
+from structid.study.modes_results import parse_orders
+
+RUN = CliRunner()
+FAST = ("--method", "ssi_cov", "--no-report")
+
+
+def invoke(*arguments):
+    return RUN.invoke(cli.app, ["modes", *map(str, arguments)])
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_record("tower.npz", ambient())
+    return tmp_path
+
+
+def test_no_option_is_needed(place):
+    done = invoke("tower.npz")
+    assert (done.exit_code, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "tower.npz: 3 modes"
+    assert lines[-1].endswith("report.html")
+    assert "no masses or stiffnesses" in lines[-2]
+    folder = place / "tower_modes"
+    assert {p.name for p in folder.iterdir()} == {"modes.json", "modes.csv", "modes.uff", "report.html", "figures"}
+    data = json.loads((folder / "modes.json").read_text())
+    np.testing.assert_allclose(data["frequency_hz"], FREQUENCY, rtol=0.01)
+    np.testing.assert_allclose(data["damping_ratio"], RATIO, atol=4 * max(data["damping_std"]))
+    assert len(data["count"]) == data["n_modes"] == 3
+    assert min(data["count"]) > 5
+    assert data["provenance"]["inputs"].keys() == {"tower.npz"}
+    assert data["preparation"] == ["mean taken off each channel"]
+    assert data["options"]["orders"][:3] == [2, 4, 6]
+    shapes = np.array(data["mode_shapes"]["real"]) * np.array(
+        [[1], [-1], [1]]
+    )  # the second sensor points the other way
+    assert (np.diag(mac(shapes, SHAPES)) > 0.99).all()
+
+
+def test_three_files_hold_the_same_modes(place):
+    assert invoke("tower.npz", *FAST, "--orders", "10,12").exit_code == 0
+    found = [read_modes(place / "tower_modes" / f"modes.{suffix}") for suffix in ("json", "csv", "uff")]
+    for other in found[1:]:
+        np.testing.assert_allclose(other.frequency, found[0].frequency, rtol=6e-6)  # six digits in a universal file
+        np.testing.assert_allclose(np.diag(mac(other.mode_shapes, np.abs(found[0].mode_shapes) * np.sign(
+            (found[0].mode_shapes * ([[1], [-1], [1]] if other is found[2] else 1)).real))), 1, atol=1e-3)  # fmt: skip
+    assert not (place / "tower_modes" / "report.html").exists()
+
+
+def test_the_same_record_gives_the_same_bytes(place):
+    for out in ("a", "b"):
+        assert invoke("tower.npz", *FAST, "--orders", "10,12", "--out", out).exit_code == 0
+    for name in ("modes.json", "modes.csv", "modes.uff"):
+        assert (place / "a" / name).read_bytes() == (place / "b" / name).read_bytes()
+
+
+def test_bare_arrays_take_the_options_of_convert(place):
+    np.save("tower.npy", ambient().values)
+    done = invoke("tower.npy", "--sampling-rate", 25, "--channels", "1X+,2X-,3X+", "--quantity", "displacement", *FAST)
+    assert done.exit_code == 0
+    found = read_modes(place / "tower_modes" / "modes.json")
+    np.testing.assert_allclose(found.frequency, FREQUENCY, rtol=0.01)
+    assert list(map(str, found.channels)) == ["1X+", "2X-", "3X+"]
+    missing = invoke("tower.npy")
+    assert missing.exit_code == 2
+    assert "--sampling-rate" in missing.stderr
+
+
+def test_band_orders_and_frequencies_choose(place):
+    low = 0.5 * (FREQUENCY[0] + FREQUENCY[1])
+    done = invoke("tower.npz", "--band", low, 8, "--orders", "4:40:4", *FAST, "--out", "band")
+    assert done.exit_code == 0
+    found = json.loads((place / "band" / "modes.json").read_text())
+    np.testing.assert_allclose(found["frequency_hz"], FREQUENCY[1:], rtol=0.01)
+    assert found["options"]["orders"] == list(range(4, 41, 4))
+    done = invoke("tower.npz", "--frequencies", f"{FREQUENCY[1]:.3f}", *FAST, "--out", "hand")
+    assert done.exit_code == 0
+    np.testing.assert_allclose(read_modes(place / "hand" / "modes.json").frequency, FREQUENCY[1], rtol=0.01)
+
+
+def test_rate_is_a_step_of_preparation(place):
+    done = invoke("tower.npz", "--rate", 12.5, "--detrend", "linear", *FAST)
+    assert done.exit_code == 0
+    found = json.loads((place / "tower_modes" / "modes.json").read_text())
+    assert found["record"]["sampling_rate_hz"] == 12.5
+    assert found["preparation"][0].startswith("straight line")
+    assert found["preparation"][1].startswith("decimated by 2 to 12.5 Hz")
+
+
+def test_frfs_give_modes_of_known_scale(place):
+    write_record("frf.npz", frfs())
+    done = invoke("frf.npz", "--no-report")
+    assert (done.exit_code, done.stderr) == (0, "")
+    found = read_modes(place / "frf_modes" / "modes.json")
+    np.testing.assert_allclose(found.frequency, FREQUENCY, rtol=1e-3)
+    assert found.scaling == "mass"
+    np.testing.assert_allclose(np.abs(found.mode_shapes), np.abs(SHAPES), atol=0.02)
+    assert "modal mass of 1 kg" in done.stdout
+
+
+def test_low_modes_of_a_fast_record_are_found_by_a_second_look(place):
+    fast = ambient(duration=100.0, rate=100.0)
+    assert lower_rate(fast) == 20.0  # 14 samples a period of the lowest mode
+    write_record("fast.npz", fast)
+    found = modes_of_file("fast.npz")
+    nearest = np.abs(found.modes.frequency[:, None] / FREQUENCY - 1).min(axis=0)
+    assert (nearest < 0.02).all()
+    assert any("decimated by" in step for step in found.steps)
+    clusters, sweep = found.identification.clusters, found.identification.sweep
+    assert len(clusters) == found.modes.n_modes
+    for cluster, f, shape in zip(clusters, found.modes.frequency, found.modes.mode_shapes.T, strict=True):
+        poles = [(sweep[n].frequency[i], sweep[n].order) for n, i in zip(cluster.number, cluster.index, strict=True)]
+        np.testing.assert_array_equal([p for p, _ in poles], cluster.frequency)
+        chosen = sweep[cluster.number[cluster.chosen]]
+        i = cluster.index[cluster.chosen]
+        assert chosen.frequency[i] == pytest.approx(f, rel=1e-12)
+        assert mac(chosen.shapes[:, i], shape).item() == pytest.approx(1, abs=1e-9)
+    for poles in sweep:
+        assert (np.diff(poles.omega) >= 0).all()
+
+
+def test_records_sampled_for_their_modes_are_looked_at_once(place):
+    assert lower_rate(ambient()) is None
+
+
+def test_a_steady_tone_is_not_called_a_mode_without_a_remark(place):
+    record = ambient(seed=5)
+    tone = 0.5 * record.values.std() * np.sin(2 * np.pi * 9.0 * record.time)[:, None] * [1.0, 0.6, -0.8]
+    write_record("tone.npz", replace(record, values=record.values + tone))
+    done = invoke("tone.npz", *FAST)
+    assert done.exit_code == 0
+    rows = [line for line in done.stdout.splitlines() if " 9.0" in line or "9.00" in line.split(" ± ")[0]]
+    assert len(rows) == 1
+    assert "steady tone" in rows[0]
+    others = [line for line in done.stdout.splitlines() if "steady tone" in line]
+    assert others == rows
+
+
+def test_no_stable_mode_ends_with_code_1(place):
+    done = invoke("tower.npz", "--band", 0.02, 0.3, "--rate", 25, *FAST)
+    assert done.exit_code == 1
+    assert "no mode that is stable" in done.stderr
+    assert not (place / "tower_modes").exists()
+
+
+def test_geometry_comes_from_a_table_or_the_file_itself(place):
+    nodes = {1: (0.0, 0.0, 1.0), 2: (0.0, 0.0, 2.0), 3: (0.0, 0.0, 3.5), 9: (0.0, 0.0, 0.0)}
+    rows = ["node,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in nodes.items()), "line,9,1,2,3"]
+    Path("nodes.csv").write_text("\n".join(rows) + "\n")
+    geometry, record = Geometry(nodes, ((9, 1, 2, 3),)), ambient(duration=20.0)
+    assert record_geometry(Path("tower.npz"), record, Path("nodes.csv")) == geometry
+    uff.write("tower.uff", record, geometry)
+    assert record_geometry(Path("tower.uff"), record, None) == geometry
+    assert record_geometry(Path("tower.npz"), record, None) is None
+    assert record_geometry(Path("tower.uff"), record, Path("nodes.csv")) == geometry
+
+
+def _constant(record):
+    values = np.array(record.values)
+    values[:, 1] = 3.0
+    return replace(record, values=values)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["nothing.npz"], "there is no such file"),
+        (["tower.npz", "--method", "magic"], "`method` must be one of"),
+        (["tower.npz", "--method", "lscf"], "needs FRFs"),
+        (["tower.npz", "--band", "4", "2"], "`band` must be least and greatest"),
+        (["tower.npz", "--band", "2", "20"], "need a sampling rate above 50 Hz"),
+        (["tower.npz", "--band", "2", "8", "--rate", "12.5"], "need a sampling rate above 20 Hz"),
+        (["tower.npz", "--frequencies", "2,three"], "`frequencies` must be numbers"),
+        (["tower.npz", "--frequencies", "0"], "`frequencies` must be greater than 0"),
+        (["tower.npz", "--orders", "2:x"], "`orders` must be numbers"),
+        (["tower.npz", "--orders", "2:4000"], "`orders` must lie from"),
+        (["tower.npz", "--rate", "-1"], "`rate` must be greater than 0"),
+        (["tower.npz", "--detrend", "often"], "`detrend` must be"),
+        (["tower.npz", "--geometry", "few.csv"], "few.csv: has no node 2, where 2X- is measured"),
+        (["tower.npz", "--geometry", "bad.csv"], "bad.csv: line 2"),
+        (["tower.npz", "--geometry", "lines.csv"], "joins node 8"),
+        (["constant.npz"], "2X- is dead or constant"),
+        (["short.npz"], "16 samples"),
+        (["force.npz"], "forces only"),
+        (["broken.npz"], "is not a whole NPZ archive"),
+        (["frf.npz", "--rate", "5"], "`rate` is for time histories"),
+        (["frf.npz", "--method", "ssi_cov"], "needs time records"),
+        (["frf.npz", "--band", "20", "30"], "no frequency line is left"),
+    ],
+)  # fmt: skip
+def test_input_that_cannot_be_used_ends_with_code_2(place, arguments, words):
+    record = ambient()
+    write_record("frf.npz", frfs())
+    write_record("constant.npz", _constant(record))
+    write_record("short.npz", replace(record, values=record.values[:12]))
+    write_record("force.npz", TimeRecord(25.0, record.values, record.channels, ("force",) * 3))
+    (place / "broken.npz").write_bytes((place / "tower.npz").read_bytes()[:300])
+    (place / "few.csv").write_text("node,x,y,z\n1,0,0,1\n3,0,0,1\n")
+    (place / "bad.csv").write_text("node,x,y,z\n1,0,0\n")
+    (place / "lines.csv").write_text("1,0,0,1\n2,0,0,1\n3,0,0,1\nline,1,8\n")
+    before = sorted(place.iterdir())
+    done = invoke(*arguments)
+    assert done.exit_code == 2, done.output
+    assert words in done.stderr
+    assert done.stderr.startswith("error: ")
+    assert sorted(place.iterdir()) == before
+
+
+def test_orders_are_lists_or_ranges():
+    assert parse_orders("") is None
+    assert parse_orders("10, 20,30") == (10, 20, 30)
+    assert parse_orders("2:8") == (2, 4, 6, 8)
+    assert parse_orders("4:12:4") == (4, 8, 12)
+    for wrong in ("8:2", "2:4:6:8", "a"):
+        with pytest.raises(InputError, match="`orders`"):
+            parse_orders(wrong)
+
+
+def test_a_band_far_below_the_rate_is_decimated_to(place):
+    record = ambient(duration=100.0, rate=100.0)
+    write_record("fast.npz", record)
+    found = modes_of_file("fast.npz", ModesOptions("ssi_cov", band=(0.5, 6.0)))
+    assert found.record.sampling_rate == 25.0
+    np.testing.assert_allclose(found.modes.frequency, FREQUENCY, rtol=0.02)
+
+
+def _identification(frequencies, orders):
+    """Modes of these frequencies in every order, each with a cluster of all its poles."""
+    n = len(frequencies)
+    omega = 2 * np.pi * np.array(frequencies)
+    rng = np.random.default_rng(n)
+    sweep, shapes = [], rng.standard_normal((3, n)) + 0j
+    for order in orders:
+        s = omega * np.exp(1j * np.arccos(-0.01)) * (1 + 1e-4 * rng.standard_normal(n))
+        sweep.append(Poles(s, shapes, order))
+    clusters = tuple(
+        Cluster(
+            np.arange(len(orders)), np.full(len(orders), k), np.array([p.frequency[k] for p in sweep]),
+            np.array([p.damping_ratio[k] for p in sweep]), k % len(orders),
+        )
+        for k in range(n)
+    )  # fmt: skip
+    covariance = np.diag(rng.random(2 * n))
+    modes = ModalRecord(omega / 2 / np.pi, np.full(n, 0.01), shapes, ("1X", "2X", "3X"), covariance, np.abs(shapes))
+    return ModalIdentification(modes, "pencil", tuple(sweep), clusters)
+
+
+def test_two_looks_are_joined_with_poles_clusters_and_covariance_in_their_places():
+    low = _identification([1.0, 2.0, 3.0, 9.0], [2, 4, 6])
+    high = _identification([1.1, 2.1, 8.0, 10.0, 20.0], [4, 6, 8])
+    found = joined(low, high, 5.0)
+    assert found.modes.frequency.tolist() == [1.0, 2.0, 3.0, 8.0, 10.0, 20.0]
+    assert [poles.order for poles in found.sweep] == [2, 4, 6, 8]
+    assert [len(poles.poles) for poles in found.sweep] == [3, 6, 6, 3]
+    sources = [*low.clusters[:3], *high.clusters[2:]]
+    for cluster, source in zip(found.clusters, sources, strict=True):
+        there = [found.sweep[n].frequency[i] for n, i in zip(cluster.number, cluster.index, strict=True)]
+        np.testing.assert_array_equal(there, source.frequency)
+        assert cluster.frequency[cluster.chosen] == source.frequency[source.chosen]
+    variance = np.diag(found.modes.covariance)
+    parts = [np.diag(part.modes.covariance) for part in (low, high)]
+    np.testing.assert_array_equal(variance, np.concatenate([parts[0][:3], parts[1][2:5], parts[0][4:7], parts[1][7:]]))
+    assert np.count_nonzero(found.modes.covariance) == 12
+    np.testing.assert_array_equal(found.modes.shape_std, np.abs(found.modes.mode_shapes))
+    assert "two sampling rates" in found.modes.warnings[-1]
+    assert 0.30 * 20 <= join_frequency(low.modes, high.modes, 20.0) <= 0.38 * 20

@@ -1,0 +1,294 @@
+"""Measured modes as records of a study: pipeline, ratios, joint fits, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
+from typer.testing import CliRunner
+
+from structid import InputError, ModalRecord, cli
+from structid.dynamics import modes
+from structid.modal.modal_files import read_modes, write_modes
+from structid.records.io import write_record
+from structid.report.drawing import picture
+from structid.report.figures_data import responses
+from structid.report.html import page
+from structid.study.check import check_study
+from structid.study.run import load_study, run_study
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "ambient_storeys"
+FRAMES = ROOT.parent / "shared" / "data" / "smu_shear_frames"
+needs_frames = pytest.mark.skipif(not FRAMES.exists(), reason="measured modes under GPL-3, kept outside the package")
+TRUTH = np.array([2.4e6, 2.0e6, 1.5e6, 1.1e6])
+FREE = '[[unknown]]\nproperty = "mass"\nelements = "floor"\n\n[record]'
+
+
+def storeys(folder, old="", new=""):
+    """The example's study with one passage changed, its modes beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_modes(folder / "modes.json", read_modes(EXAMPLE / "modes.json"))
+    text = (EXAMPLE / "study.toml").read_text(encoding="utf-8")
+    path = folder / "study.toml"
+    path.write_text(replaced(old, new, text) if old else text, encoding="utf-8")
+    return path
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+
+
+def test_ambient_storeys_example_gives_the_true_stiffnesses_within_their_intervals():
+    found = run_study(load_study(EXAMPLE / "study.toml")).identification
+    estimate = found.estimate
+    assert estimate.status.value == "converged"
+    np.testing.assert_array_less(np.abs(estimate.values - TRUTH), 4 * estimate.std)
+    assert (estimate.std < 0.005 * TRUTH).all()
+    np.testing.assert_allclose(estimate.values[0], 2.398e6, rtol=1e-3)  # pinned
+    assert found.ratios is None
+    assert not found.warnings
+
+
+def test_modes_with_unknown_masses_give_ratios_with_intervals_and_exit_1(tmp_path):
+    done = invoke("identify", storeys(tmp_path, "[record]", FREE), "--out", tmp_path / "out", "--no-report")
+    assert done.exit_code == 1
+    result = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert (result["status"], result["rank"]) == ("not_identifiable", 4)
+    assert any("ratios of stiffness to mass, not kilograms" in words for words in result["warnings"])
+    assert "common scale is free" in result["unidentifiable_directions"][0]["words"]
+    assert all(entry["std"] is None for entry in result["parameters"])
+    ratios = result["ratios"]
+    assert ratios["reference"] == "mass[floor]"
+    fixed = run_study(load_study(storeys(tmp_path / "known"))).identification.estimate
+    np.testing.assert_allclose([r["ratio"] for r in ratios["parameters"]], fixed.values, rtol=1e-6)
+    np.testing.assert_allclose([r["std"] for r in ratios["parameters"]], fixed.std, rtol=1e-4)
+    low, high = np.array([r["interval_95"] for r in ratios["parameters"]]).T
+    np.testing.assert_allclose(np.sqrt(low * high), fixed.values, rtol=1e-6)  # symmetric in the logarithm
+    np.testing.assert_allclose(np.log(high / low) / 2, 1.96 * fixed.std / fixed.values, rtol=1e-3)
+    scale = result["parameters"][-1]["value"]
+    assert 0.7 < scale < 1.4  # what is free stays near its start
+
+
+def test_a_prior_on_the_mass_fixes_the_scale(tmp_path):
+    prior = FREE.replace("\n\n[record]", "\nprior = { mean = 1.0, std = 0.05 }\n\n[record]")
+    found = run_study(load_study(storeys(tmp_path, "[record]", prior))).identification
+    assert found.estimate.status.value == "converged"
+    assert found.ratios is None
+    relative = found.estimate.std / found.estimate.values
+    np.testing.assert_allclose(relative, 0.05, rtol=0.05)  # of the prior, in everything
+
+
+def test_check_of_modes_says_that_kilograms_are_missing(tmp_path):
+    found = check_study(load_study(storeys(tmp_path, "[record]", FREE)))
+    assert not found.determined
+    assert any("not kilograms" in words for words in found.warnings)
+    known = check_study(load_study(EXAMPLE / "study.toml"))
+    assert known.determined
+    assert not known.warnings
+    assert known.modes_used[0].n_modes == 4
+    done = invoke("check", EXAMPLE / "study.toml")
+    assert done.exit_code == 0
+    assert "record: 4 modes from 1.1309 to 5.6408 Hz at 3 sensors" in done.stdout
+
+
+def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
+    done = invoke("identify", storeys(tmp_path, "[record]", FREE), "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for words in ("Measured and fitted modes", "Ratios, which a free common scale leaves determined", "modal-fit-1"):
+        assert words in text
+    assert 'id="responses"' not in text
+    assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
+        "convergence.png", "correlation.png", "modal_fit_1.png", "modes.png", "parameters.png", "structure.png",
+    }  # fmt: skip
+    import h5py
+
+    with h5py.File(tmp_path / "out" / "estimate.h5") as file:
+        assert set(file) == {"parameters", "modes", "modes_initial", "modal_record_1"}
+        np.testing.assert_allclose(file["modal_record_1/mac_fitted"], 1.0, atol=1e-3)
+
+
+def chain_modes(noise=1e-3, seed=1):
+    """Modes of the chain of `study_cases` at its two sensors, with noise."""
+    stiffness = np.array([[2000.0, -1000, 0], [-1000, 2000, -1000], [0, -1000, 1000]])
+    found = modes(sparse.csc_array(np.diag([2.0, 3.0, 1.0])), sparse.csc_array(stiffness))
+    rng = np.random.default_rng(seed)
+    shapes = found.mode_shapes[[0, 2]] / np.abs(found.mode_shapes[[0, 2]]).max(axis=0)
+    std = noise * found.frequency
+    covariance = np.diag(np.concatenate([std, np.full(3, 1e-3)]) ** 2)
+    return ModalRecord(
+        found.frequency + std * rng.standard_normal(3),
+        np.full(3, 0.01),
+        shapes + 0.01 * rng.standard_normal(shapes.shape),
+        ("1X", "3X"),
+        covariance,
+        np.full(shapes.shape, 0.01),
+    )
+
+
+def test_modes_and_responses_are_fitted_together(tmp_path):
+    write_modes(tmp_path / "modes.json", chain_modes())
+    write_record(tmp_path / "frf.npz", chain_record())
+    both = replaced("[record]\n", "[[record]]\nname = 'ambient'\npath = 'modes.json'\n[record.modes]\n\n[[record]]\n")
+    path = tmp_path / "study.toml"
+    path.write_text(both, encoding="utf-8")
+    found = run_study(load_study(path)).identification
+    assert (len(found.fits), len(found.modal_fits)) == (1, 1)
+    assert found.modal_fits[0].name == "ambient"
+    assert found.estimate.status.value == "converged"
+    truth = np.array([TRUE[name] for name in found.estimate.names])
+    np.testing.assert_array_less(np.abs(found.estimate.values - truth), 4 * found.estimate.std)
+    write_record(tmp_path / "frf.npz", chain_record())
+    (tmp_path / "one.toml").write_text(CHAIN, encoding="utf-8")
+    alone = run_study(load_study(tmp_path / "one.toml")).identification.estimate
+    assert (found.estimate.std <= 1.001 * alone.std).all()  # more data
+    assert found.estimate.degrees_of_freedom > alone.degrees_of_freedom
+    names = [test.name for test in found.estimate.residual_tests.series]
+    assert "ambient: shape at 1X+" in names
+    assert NOISE == 0.01
+    text = page(found, responses(found), picture(found))
+    for words in ("frequency response functions and modes", 'id="modal-fit-1"', 'id="responses"', "Modes: ambient"):
+        assert words in text
+
+
+def test_modes_of_two_states_are_compared(tmp_path):
+    given = read_modes(EXAMPLE / "modes.json")
+    later = storeys(tmp_path / "later")
+    softer = given.frequency * np.array([0.98, 0.97, 0.98, 0.99])
+    write_modes(
+        tmp_path / "later" / "modes.json",
+        ModalRecord(softer, given.damping_ratio, given.mode_shapes, given.channels, given.covariance, given.shape_std),
+    )
+    invoke("identify", EXAMPLE / "study.toml", "--out", tmp_path / "stored", "--no-report")
+    for baseline in (tmp_path / "stored", EXAMPLE / "study.toml"):
+        done = invoke("compare", baseline, later, "--out", tmp_path / "changed", "--no-report")
+        assert done.exit_code == 0
+        result = json.loads((tmp_path / "changed" / "compare.json").read_text(encoding="utf-8"))
+        assert any(change["changed"] for change in result["changes"])
+
+
+def test_modes_that_are_not_used_and_sensors_left_out_change_the_fit(tmp_path):
+    path = storeys(tmp_path, 'form = "output"', 'form = "dynamic"\nuse = [3, 1]')
+    found = run_study(load_study(path)).identification
+    assert found.modal_fits[0].measured.n_modes == 2
+    assert found.modal_fits[0].problem.form == "dynamic"
+    np.testing.assert_allclose(found.modal_fits[0].fitted.passed_over, [2.878], atol=0.05)
+    assert any("no measured mode is paired with" in words for words in found.warnings)
+    path = storeys(tmp_path, 'path = "modes.json"', 'path = "modes.json"\nchannels_used = ["4X", "1X"]')
+    problem = run_study(load_study(path)).identification.modal_fits[0].problem
+    assert [str(dof) for dof in problem.record.channels] == ["4X+", "1X+"]
+
+
+def test_uniqueness_starts_search_modes_more_than_once(tmp_path):
+    path = storeys(tmp_path, "[record]", "[method]\nuniqueness_starts = 2\n\n[record]")
+    estimate = run_study(load_study(path)).identification.estimate
+    assert (estimate.n_starts, estimate.n_agreeing) == (3, 3)
+
+
+def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
+    given = read_modes(EXAMPLE / "modes.json")
+    path = storeys(tmp_path, "each = true", "each = false")  # a model that cannot bend to any shape
+    shapes = given.mode_shapes.copy()
+    shapes[:, 2] = shapes[:, 0]
+    write_modes(
+        tmp_path / "modes.json",
+        ModalRecord(given.frequency, given.damping_ratio, shapes, given.channels, given.covariance, given.shape_std),
+    )
+    found = run_study(load_study(path)).identification
+    assert any("measured at 4.2906 Hz has no like in the model" in words for words in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('form = "output"', "use = [1, 5]", r"line 34: \[record.modes\] use: must be different numbers from 1 to 4"),
+        ('form = "output"', "forms = 1", r"\[record.modes\] forms: unknown key; the nearest is `form`"),
+        ('path = "modes.json"', 'path = "modes.json"\n[record.noise]\nrelative = 0.1', r"noise: unknown key"),
+        ('path = "modes.json"', 'path = "gone.json"', r"gone.json"),
+        ('path = "modes.json"', 'path = "modes.json"\nchannels_used = "3X"', r"no sensor 3X\+; they have 1X\+, 2X\+"),
+        ('"3X", "4X"]\nstiffness', '"3X", "4X"]\nstiffness', None),
+    ],
+)
+def test_records_of_modes_that_cannot_be_used_are_told_with_their_place(tmp_path, old, new, words):
+    path = storeys(tmp_path, old, new)
+    if words is None:
+        write_modes(tmp_path / "modes.json", replace_uncertainty(read_modes(EXAMPLE / "modes.json")))
+        words = r"\[record.modes\]: the record has no uncertainty of its frequencies; give `frequency_error`"
+    with pytest.raises(InputError, match=words):
+        run_study(load_study(path))
+
+
+def replace_uncertainty(given):
+    return ModalRecord(given.frequency, given.damping_ratio, given.mode_shapes, given.channels)
+
+
+def shear_study(folder, masses, stiffness, record, errors):
+    """A shear chain whose storey stiffnesses are unknown, in the units of the source."""
+    n = len(masses)
+    write_modes(folder / "modes.json", record)
+    nodes = "\n".join(f"{i} = {float(i)}" for i in range(n + 1))
+    below, here = [f"{i}X" for i in range(n)], [f"{i + 1}X" for i in range(n)]
+    path = folder / "frame.toml"
+    path.write_text(
+        f"""[structure]
+active = ["X"]
+fixed = ["0X"]
+[structure.nodes]
+{nodes}
+[[structure.point_mass]]
+name = "floor"
+nodes = {list(range(1, n + 1))}
+mass = {[float(m) for m in masses]}
+[[structure.spring]]
+name = "story"
+first = {json.dumps(below)}
+second = {json.dumps(here)}
+stiffness = {[float(k) for k in stiffness]}
+[[unknown]]
+property = "stiffness"
+elements = "story"
+each = true
+[record]
+path = "modes.json"
+[record.modes]
+use = [1, 2]
+frequency_error = {errors[0]}
+shape_error = {errors[1]}
+[method]
+restarts = 0
+"""
+    )
+    return path
+
+
+@needs_frames
+def test_four_story_frame_as_a_study_gives_a_published_set_and_predicts_the_modes_left_out(tmp_path):
+    data = np.load(FRAMES / "four_story_lab_frame.npz")
+    record = ModalRecord(data["test_frequency_hz"], np.full(4, np.nan), data["test_mode"][:3], ("1X", "2X", "3X"))
+    masses = data["floor_weight_lb"] / 386.088
+    path = shear_study(tmp_path, masses, np.full(4, 10.0), record, (0.002, 0.02))
+    found = run_study(load_study(path)).identification
+    published = 10 * (1 + data["published_alpha_form1_mac"])
+    np.testing.assert_allclose(found.estimate.values, published, rtol=0.01)  # asked: 5 %
+    np.testing.assert_allclose(found.estimate.values, [7.389, 7.821, 8.742, 15.330], rtol=1e-3)  # pinned
+    np.testing.assert_allclose(found.modes.frequency[2:], data["test_frequency_hz"][2:], rtol=0.01)
+
+
+@needs_frames
+def test_eighteen_story_frame_as_a_study_says_what_is_not_determined(tmp_path):
+    data = np.load(FRAMES / "eighteen_story_edefense_frame.npz")
+    channels = tuple(f"{floor}X" for floor in (3, 6, 9, 12, 15, 18))
+    n = len(data["freq_hz"])
+    record = ModalRecord(data["freq_hz"], np.full(n, np.nan), data["mode_shape"][:, :n], channels)
+    path = shear_study(
+        tmp_path, data["weight_kN"] / 9.8, data["nominal_story_stiffness_kN_per_m"], record, (0.005, 0.02)
+    )
+    found = run_study(load_study(path)).identification
+    assert found.estimate.status.value == "not_identifiable"
+    assert found.estimate.identifiability.rank <= 12
+    told = [words for words in found.warnings if words.startswith("the data determine stiffness[story")]
+    assert len(told) == 18 - found.estimate.identifiability.rank
+    assert found.ratios is None  # masses are weighed
