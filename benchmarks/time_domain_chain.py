@@ -75,9 +75,9 @@ def written(folder: Path, n: int, gigabytes: float, noise: float, seed: int) -> 
     unknowns = "\n".join(f'[[unknown]]\nproperty = "{p}"\nelements = "beam"\neach = true\n' for p in PROPERTIES)
     (folder / "beam.toml").write_text(
         f'title = "Chain of {n} beams"\n\n[structure]\nactive = ["Y", "RZ"]\nfixed = ["0Y", "0RZ"]\n\n'
-        f"[structure.nodes]\n{nodes}\n\n[[structure.beam]]\nname = \"beam\"\nnodes = [{pairs}]\n"
+        f'[structure.nodes]\n{nodes}\n\n[[structure.beam]]\nname = "beam"\nnodes = [{pairs}]\n'
         "mass = 1.0\nbending_stiffness = 1.0\nmass_damping = 1.0\n\n"
-        f"{unknowns}\n[record]\npath = \"motion.h5\"\n"
+        f'{unknowns}\n[record]\npath = "motion.h5"\n'
     )
     beam = sid.Beam("beam", np.stack([np.arange(n), np.arange(1, n + 1)], axis=1), **actual)
     structure = sid.Structure({i: float(i) for i in range(n + 1)}, [beam], ["0Y", "0RZ"], active=["Y", "RZ"])

@@ -28,7 +28,17 @@ from structid.observation import (
     simulated_time_record,
     spectra_problem,
 )
-from structid.parameters import Coupling, Parameters, Prior, Smoothness, Sparsity, Unknown, joint_prior, parameters
+from structid.parameters import (
+    Coupling,
+    Field,
+    Parameters,
+    Prior,
+    Smoothness,
+    Sparsity,
+    Unknown,
+    joint_prior,
+    parameters,
+)
 from structid.records import (
     FrfRecord,
     Preparation,
@@ -54,14 +64,19 @@ from structid.structure import (
     Friction,
     MatrixGroup,
     Membrane,
+    Plane,
+    Plate,
     PointMass,
     RigidLink,
     RotaryInertia,
+    Solid,
     SpaceBeam,
     Spring,
     Structure,
     from_matrices,
 )
+from structid.structure.mesh_point import MeshPoint, mesh_points
+from structid.structure.meshes import Mesh, read_mesh
 from structid.study.identification import Identification, IdentifyOptions, Setup, identify, identify_together
 from structid.study.plan import plan
 from structid.study.plan_types import Plan, PlanOptions
@@ -79,6 +94,7 @@ __all__ = [
     "Dashpot",
     "Dof",
     "Estimate",
+    "Field",
     "FileError",
     "FrfProblem",
     "FrfRecord",
@@ -91,6 +107,8 @@ __all__ = [
     "LevenbergMarquardt",
     "MatrixGroup",
     "Membrane",
+    "Mesh",
+    "MeshPoint",
     "ModalProblem",
     "ModalRecord",
     "Motion",
@@ -98,6 +116,8 @@ __all__ = [
     "Parameters",
     "Plan",
     "PlanOptions",
+    "Plane",
+    "Plate",
     "PointMass",
     "Preparation",
     "Prior",
@@ -107,6 +127,7 @@ __all__ = [
     "RotaryInertia",
     "Setup",
     "Smoothness",
+    "Solid",
     "SpaceBeam",
     "Sparsity",
     "SpectraProblem",
@@ -141,12 +162,14 @@ __all__ = [
     "load_study",
     "mac",
     "merge_modes",
+    "mesh_points",
     "motion_fit",
     "parameters",
     "parse_dof",
     "plan",
     "prepare",
     "pseudo_rayleigh",
+    "read_mesh",
     "read_record",
     "recorded_motion",
     "right_half_plane",

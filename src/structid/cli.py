@@ -2,42 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, cast
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 from structid._version import __version__
 from structid.cli_base import DONE, NOT_DETERMINED, fail, reported, words
+from structid.cli_doctor import doctor
+from structid.cli_identify import StudyPath, identify
 from structid.cli_modes import modes
 from structid.cli_motion import motion
+from structid.cli_progress import item_progress, run_progress
 from structid.console import (
     check_summary,
-    identification_summary,
     record_summary,
     reproduction_summary,
     standard_output,
 )
 from structid.errors import FileError
 from structid.estimation import Status
-from structid.estimation.estimate import StageProgress
 from structid.estimation.multiple_tests import Correction
 from structid.records.io import ReadOptions, read_record, write_record
-from structid.reproduce.item import Progress as ItemProgress
 from structid.study.check import check_study
 from structid.study.comparing import COMPARE_PAGE, CompareOptions, ComparisonResult, comparison_summary
 from structid.study.comparing import compare as compared
 from structid.study.plan import Plan, planned
 from structid.study.plan_results import PLAN_PAGE, write_plan
 from structid.study.plan_section import PlanStudy, load_plan
-from structid.study.result import StudyResult
-from structid.study.results import json_text, staged_folder, write_results
-from structid.study.run import load_study, run_study
+from structid.study.results import json_text, staged_folder
+from structid.study.run import load_study
 
 app = typer.Typer(
     name="structid", add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
@@ -67,6 +61,7 @@ def structid(
     Examples:
       structid plan frame.toml --sensors 4
       structid check frame.toml
+      structid doctor frame.toml
       structid identify frame.toml --out frame_results
       structid compare before.toml after.toml --unchanged mass
       structid modes ambient.uff
@@ -79,46 +74,7 @@ def structid(
     """
 
 
-StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
-
-
-@app.command()
-def identify(
-    study: StudyPath,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
-    ] = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
-) -> None:
-    """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
-
-    \b
-    Examples:
-      structid identify frame.toml
-      structid identify frame.toml --out results/frame
-      structid identify frame.toml --no-report
-    """
-    with reported():
-        read = load_study(study)
-        folder = out if out is not None else Path(f"{study.stem}_results")
-        with _progress(read.options.method.max_iterations) as progress:
-            result = run_study(read, progress)
-        with staged_folder(folder) as staged:
-            write_results(result, staged)
-            name = _write_report(result, staged) if report else "estimate.json"
-        for part in identification_summary(result):
-            standard_output().print(part)
-        typer.echo(str(folder / name))
-        estimate = result.identification.estimate
-        if estimate.status is not Status.CONVERGED:
-            fail(f"{estimate.status.words} ({estimate.message})", NOT_DETERMINED)
-
-
-def _write_report(result: StudyResult, folder: Path) -> str:
-    """The name of the page in `folder`; drawing is imported here, so that nothing else waits for it."""
-    from structid.report import write_report
-
-    return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name
+app.command()(identify)
 
 
 @app.command()
@@ -218,8 +174,8 @@ def compare(
         from structid.report.compare_text import comparison_text  # imported here, so that nothing else waits for it
 
         options = CompareOptions(words(unchanged), level, power, cast(Correction, correction))
-        with _progress(100) as progress:
-            found = compared(baseline, later, options, progress)
+        with run_progress(100) as progress:
+            found = compared(baseline, later, options, progress.search)
         folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
         with staged_folder(folder, COMPARE_PAGE) as staged:
             name = _write_comparison(found, staged, report)
@@ -289,6 +245,7 @@ def convert(
 
 
 app.command()(modes)
+app.command()(doctor)
 app.command()(motion)
 
 
@@ -311,47 +268,9 @@ def reproduce(
         from structid.reproduce.run import CHAPTERS
         from structid.reproduce.run import reproduce as reproduced
 
-        with _item_progress() as progress:
+        with item_progress() as progress:
             items = reproduced(CHAPTERS if chapter is None else (chapter,), progress)
         page = write_reproduction(items, out)
         for part in reproduction_summary(items):
             standard_output().print(part)
         typer.echo(str(page))
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[StageProgress | None]:
-    """A bar on stderr while the search runs, where stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed} iterations"),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        tasks = {"": bar.add_task("reading and checking", total=None)}
-
-        def advance(stage: str, iteration: int, cost: float) -> None:
-            if stage not in tasks:
-                bar.update(tasks[""], visible=False)
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=iteration, description=f"{stage} search, sum of squares {cost:.5g}")
-
-        yield advance
-
-
-@contextmanager
-def _item_progress() -> Iterator[ItemProgress | None]:
-    """A bar on stderr that names the table or figure in work, where stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda name, done: bar.update(task, completed=done, description=name)

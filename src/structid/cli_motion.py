@@ -9,7 +9,14 @@ import typer
 
 from structid.cli_base import NOT_DETERMINED, fail, reported
 from structid.estimation.local_reduction import Engine, Work
-from structid.study.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, MotionResult, motion_of_study, write_motion
+from structid.study.motion import (
+    MOTION_SUMMARY,
+    MOTION_TABLE,
+    MotionOptions,
+    MotionResult,
+    motion_of_study,
+    write_motion,
+)
 from structid.study.results import staged_folder
 
 

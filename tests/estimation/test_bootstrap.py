@@ -75,13 +75,6 @@ def test_interval_is_the_same_in_any_free_variable():
     assert one == pytest.approx(two, rel=1e-5)
 
 
-def test_workers_do_not_change_the_answer():
-    case = decay_case(6, 0.05)
-    found = estimate(case)
-    alone, two = (bootstrap(case, found, "noise", 6, np.random.default_rng(7), workers) for workers in (1, 2))
-    assert np.array_equal(alone.values, two.values)
-
-
 def test_bootstrap_of_repeats_has_the_variance_of_a_mean():
     """The average over 300 sets of five repeats of the bootstrap variance of their mean: 1/5 within 10 %."""
     base = estimate(mean_case([1.0, 2.0]))

@@ -7,6 +7,8 @@ import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
 from structid.estimation import Linearization
+from structid.estimation.multistart import Search, searched_minima
+from structid.estimation.work import Alone
 
 
 @dataclass
@@ -140,6 +142,30 @@ def test_ways_that_are_functions_get_the_start_of_each_search():
     starts = [start for _, start in seen]
     assert starts[:2] == [1.9, 1.9]
     assert len(set(starts)) == 5
+
+
+@pytest.mark.parametrize("n_workers", [1, 3])
+@pytest.mark.parametrize("good", [1, 2, 3, 4])
+def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n_workers):
+    """Two ways, up to three restarts of which the one numbered `good` fits, two uniqueness starts: draws written out."""
+    made = []
+
+    class Several(Alone):
+        def map(self, name, task, shared, items, progress=None, first=0):
+            made.append([(name, float(theta[0])) for _, _, theta in items])
+            return super().map(name, task, shared, items, progress, first)
+
+    problem, method = TwoWells(), LevenbergMarquardt(max_iterations=0)
+    verdicts = iter([False] * (good - 1) + [True] + [False] * 9)
+    search = Search(restarts=3, uniqueness_starts=2, seed=5)
+    ways = [(), ()]
+    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers))
+    random = np.random.default_rng(5)
+    starts = [1.4, 1.4][:good] + [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(good - 2)]
+    starts += [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(2)]
+    assert [float(minimum.history[0][0]) for minimum, _ in found] == pytest.approx(starts, rel=1e-14)
+    assert [name for name, _ in made[-1]] == ["uniqueness starts"] * 2
+    assert {name for call in made[:-1] for name, _ in call} == (set() if good == 1 else {"restarts"})
 
 
 def test_restarts_take_the_ways_in_turn_and_then_random_starts():

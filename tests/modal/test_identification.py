@@ -224,9 +224,25 @@ def test_frequencies_beyond_half_the_sampling_rate_are_refused(given):
 def test_very_short_records_fail_in_words_or_give_modes(n):
     record = ambient_chain(1)
     short = TimeRecord(record.sampling_rate, record.values[:n], record.channels, record.quantities)
+    assert any("easure longer" in words for words in words_on(short))
+
+
+def words_on(record):
+    """Warnings on the modes, or the error in their place."""
     try:
-        found = identify_modes(short)
+        return identify_modes(record).warnings
     except InputError as error:
-        assert "measure longer" in str(error)
-    else:
-        assert any("measure longer" in words for words in found.warnings)
+        return (str(error),)
+
+
+@pytest.mark.parametrize("n", [60, 100, 200, 400])
+def test_ambient_records_short_against_their_memory_are_not_taken_for_certain(n):
+    """Less than the memory of the lowest mode, 29 s: either its spread is that of forced motion, or a word warns."""
+    truth = chain_modes()[0] / (2 * np.pi)
+    for seed in range(4):
+        record = ambient_chain(seed)
+        short = TimeRecord(record.sampling_rate, record.values[:n], record.channels, record.quantities)
+        found = identify_modes(short)
+        error = np.abs(found.frequency - truth[nearest(truth, found.frequency)])
+        certain = error > 5 * np.sqrt(np.diag(found.covariance))[: found.n_modes]
+        assert not certain.any() or any("if forces kept it up" in words for words in found.warnings)

@@ -3,22 +3,26 @@
 import numpy as np
 import pytest
 from modal_cases import ambient_chain, beam_decay, chain_modes, decay, nearest
+from scipy import special
+from scipy.signal import lfilter
 
 from structid.modal import identify_modes
 from structid.modal.correlations import displacement_rows, outputs
 from structid.modal.era import era
 from structid.modal.itd import itd
+from structid.modal.modal_record import ModalChanges
 from structid.modal.pencil import pencil
 from structid.modal.pole_uncertainty import (
     delayed_product,
     free_decay_fit,
+    overlapping_batches,
     piece_deviations,
     pole_deviations,
     sample_deviations,
 )
 from structid.modal.ssi import ssi_cov, ssi_data
 from structid.modal.subspace import poles_of_orders, shift_invariant
-from structid.modal.subspace_modes import frequency_damping_covariance
+from structid.modal.subspace_modes import frequency_damping_changes, frequency_damping_covariance
 from structid.reproduce.simple_beam import beam_omega
 
 
@@ -70,7 +74,8 @@ def test_covariance_of_frequency_and_damping_follows_that_of_poles():
 
     change = (numbers(s + 1e-7 * ds) - numbers(s - 1e-7 * ds)) / 2e-7
     expected = change.T @ change
-    assert np.abs(frequency_damping_covariance(s, ds, []) - expected).max() <= 1e-6 * np.abs(expected).max()
+    changes = ModalChanges(*frequency_damping_changes(s, ds), np.zeros((7, 1, 2)))
+    assert np.abs(frequency_damping_covariance(changes, []) - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 def test_quantities_at_one_place_merge_by_least_squares():
@@ -216,3 +221,29 @@ def test_intervals_cover_what_they_say():
         )
     assert 0.90 <= np.mean(inside) <= 0.98
     assert 0.90 <= np.mean(np.concatenate(inside_shapes)) <= 0.98
+
+
+@pytest.mark.parametrize("memory", [0.0, 2.0, 10.0])
+def test_batches_of_independent_changes_keep_their_variance(memory):
+    draws = np.random.default_rng(0).standard_normal((48, 2000))
+    changes = (draws - draws.mean(axis=0)) * np.sqrt(48 / 47) + 0j
+    size = min(max(1, int(np.ceil(2 * memory))), 6)
+    student = special.stdtrit(1.5 * 48 / size, 0.975) / special.ndtri(0.975) if size > 1 else 1.0
+    found, shapes = overlapping_batches(changes, changes[:, None, :], 1.0, memory)
+    assert found.shape == (48 - size + 1, 2000)
+    np.testing.assert_array_equal(shapes[:, 0], found)
+    # of a sum of 48 draws of variance 1
+    assert np.sum(np.abs(found) ** 2, axis=0).mean() / student**2 == pytest.approx(48.0, rel=0.03)
+
+
+def test_batches_count_how_neighbouring_pieces_vary_together():
+    rng = np.random.default_rng(1)
+    e = rng.standard_normal((48, 4000))
+    changes = lfilter([1.0], [1.0, -0.5], e, axis=0)
+    truth = np.var(changes.sum(axis=0))
+    centred = (changes - changes.mean(axis=0)) * np.sqrt(48 / 47)
+    plain = np.mean(np.sum(centred**2, axis=0))
+    batched = overlapping_batches(centred + 0j, centred[:, None, :] + 0j, 1.0, 3.0)[0]
+    student = special.stdtrit(1.5 * 48 / 6, 0.975) / special.ndtri(0.975)
+    assert plain < 0.5 * truth
+    assert np.mean(np.sum(np.abs(batched) ** 2, axis=0)) / student**2 == pytest.approx(truth, rel=0.25)

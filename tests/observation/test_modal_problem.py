@@ -23,6 +23,7 @@ from structid import (
 )
 from structid.dynamics import modes
 from structid.estimation import JointProblem
+from structid.modal.modal_record import ModalChanges
 from structid.observation import FrfProblem, ModalProblem
 
 
@@ -300,3 +301,79 @@ def test_modal_dynamic_residual_does_not_depend_on_a_common_scale():
     np.testing.assert_allclose(problem.residual(theta + np.log(7.0)), at.residual, rtol=1e-8, atol=1e-8)
     slope = at.residual @ at.jacobian
     assert abs(slope.sum()) < 1e-8 * np.abs(slope).sum()  # the gradient along it is 0
+
+
+def with_changes(record, rng, count=30):
+    """`record` with changes that make frequencies and shapes vary together."""
+    n = record.n_modes
+    common = 3 * rng.standard_normal((count, 1)) / np.sqrt(count)
+    frequency = record.frequency * 1e-3 * (common + rng.standard_normal((count, n)) / np.sqrt(count))
+    ratio = 1e-3 * (common + rng.standard_normal((count, n)) / np.sqrt(count))
+    shapes = 0.01 * (common[:, :, None] + rng.standard_normal((count, *record.mode_shapes.shape)) / np.sqrt(count))
+    both = np.concatenate([frequency, ratio], axis=1)
+    std = np.sqrt(np.sum(shapes**2, axis=0))
+    return replace(record, covariance=both.T @ both, shape_std=std, changes=ModalChanges(frequency, ratio, shapes))
+
+
+@pytest.mark.parametrize("close", [False, True])
+@pytest.mark.parametrize("damping", [False, True])
+def test_changes_of_the_data_rows_agree_with_differences(close, damping):
+    structure = tower(1.01) if close else chain()
+    unknown = stiffnesses(structure)
+    channels = ("1X", "2X", "1Y", "2Y") if close else ("1X", "3X", "5X")
+    record = measured(structure, structure.values, channels, 4 if close else 3)
+    record = with_changes(record, np.random.default_rng(0))
+    problem = ModalProblem(structure, unknown, record, use_damping=damping and not close, closeness=0.02)
+    theta = problem.theta_start * 1.02
+    found, changes = problem.data_changes(theta), record.changes
+    step = 1e-4
+    for number in (0, 7, 29):
+        sides = []
+        for sign in (step, -step):
+            # the record's own spread stays, so that weights do
+            moved = replace(
+                record,
+                frequency=record.frequency + sign * changes.frequency[number],
+                damping_ratio=record.damping_ratio + sign * changes.damping_ratio[number],
+                mode_shapes=record.mode_shapes + sign * changes.mode_shapes[number].real,
+            )
+            twin = replace(problem, record=moved)
+            for name in ("shape_std", "_covariance"):
+                twin.__dict__[name] = getattr(problem, name)
+            sides.append(twin.residual(theta)[: problem.n_data])
+        difference = (sides[0] - sides[1]) / (2 * step)
+        # groups scale their rows by measured eigenvalues, and shapes by their largest entry: of second order in the misfit
+        assert np.abs(found[number] - difference).max() < 0.02 * np.abs(difference).max()
+
+
+def test_covariance_counts_how_modes_vary_together():
+    structure = chain()
+    unknown, rng = stiffnesses(structure), np.random.default_rng(3)
+    clean = with_changes(measured(structure, structure.values, ("1X", "2X", "4X", "5X"), 4), rng)
+    changes = clean.changes
+    answers, predicted = [], []
+    for _ in range(80):
+        weights = rng.standard_normal(len(changes.frequency))
+        drawn = replace(
+            clean,
+            frequency=clean.frequency + weights @ changes.frequency,
+            mode_shapes=clean.mode_shapes + np.einsum("b,bcm->cm", weights, changes.mode_shapes.real),
+        )
+        found = estimate(ModalProblem(structure, unknown, drawn))
+        assert found.covariance_basis == "noise"
+        answers.append(found.values)
+        predicted.append(np.diag(found.covariance_noise))
+    ratio = np.std(answers, axis=0) / np.sqrt(np.mean(predicted, axis=0))
+    assert ratio == pytest.approx(np.ones(5), abs=0.25)  # three standard errors of 80 repeats
+    independent = estimate(ModalProblem(structure, unknown, replace(clean, changes=None)))
+    assert np.abs(np.log(np.diag(independent.covariance_noise) / np.mean(predicted, axis=0))).max() > 0.5
+
+
+def test_joint_problem_counts_each_record_by_its_own_errors():
+    structure = chain()
+    unknown, rng = stiffnesses(structure), np.random.default_rng(4)
+    record = with_changes(measured(structure, structure.values, ("1X", "2X", "4X", "5X"), 4), rng)
+    alone = ModalProblem(structure, unknown, record)
+    twice = JointProblem((alone, ModalProblem(structure, unknown, record)))
+    one, two = (estimate(problem).covariance_noise for problem in (alone, twice))
+    np.testing.assert_allclose(two, one / 2, rtol=1e-6)

@@ -215,6 +215,28 @@ nodes = [2, 3, 4]
 mass = 1.0
 tension = 5.0
 lumped = true
+[[structure.plane]]
+name = "sheet"
+nodes = [[2, 3, 4]]
+youngs_modulus = 5.0
+density = 1.0
+thickness = 0.1
+poisson = 0.3
+state = "strain"
+[[structure.plate]]
+name = "plate"
+nodes = [[2, 3, 4]]
+youngs_modulus = 5.0
+density = 1.0
+thickness = 0.1
+poisson = 0.3
+[[structure.solid]]
+name = "solid"
+nodes = [[2, 3, 4, 5]]
+youngs_modulus = 5.0
+density = 1.0
+poisson = 0.3
+formulation = "full"
 [[structure.point_mass]]
 name = "mass"
 nodes = [4]

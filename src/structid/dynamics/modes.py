@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse.linalg import eigsh
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from structid.arrays import FloatArray
+from structid.dynamics.factorization import factorizer
 
 _DENSE_UP_TO = 600
 
@@ -57,8 +58,8 @@ def modes(
     else:
         count = min(n_modes or 20, n - 2)
         shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
-        start = np.ones(n)
-        eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=start)
+        inverse = _shifted_inverse(sparse.csc_array(stiffness - shift * mass))
+        eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=np.ones(n), OPinv=inverse)
         order = np.argsort(eigenvalues)
         eigenvalues, shapes = eigenvalues[order], shapes[:, order]
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))
@@ -70,6 +71,15 @@ def modes(
         loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
     ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
     return Modes(omega / (2 * np.pi), ratio, shapes)
+
+
+def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
+    """The inverse of the shifted stiffness by the factorizer in use; None where its diagonal is not complete."""
+    shifted.sort_indices()
+    if not shifted.diagonal().all():
+        return None
+    factor = factorizer().analyse(shifted.indices, shifted.indptr).factor(shifted.data)
+    return LinearOperator(shifted.shape, matvec=lambda x: factor.solve(x.reshape(-1, 1))[:, 0], dtype=np.float64)
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,11 @@ _CHUNK_ENTRIES = 4_000_000
 _LINES_A_DOF = 30
 
 
+def factorizer_words(n_dofs: int) -> str:
+    """What solves for the fields of a model of that many degrees of freedom, as reports say it."""
+    return "dense matrices (LAPACK)" if n_dofs <= DENSE_UP_TO else factorizer().words
+
+
 def harmonic_fields(
     indices: IntArray,
     indptr: IntArray,

@@ -1,11 +1,14 @@
 """Estimators: they see a problem through its protocol only, and give an `Estimate`."""
 
+from structid.estimation.block_least_squares import BlockFit, block_solution
 from structid.estimation.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
 from structid.estimation.estimate import Estimate, Status, estimate
 from structid.estimation.identifiability import Direction, Identifiability, identifiability
 from structid.estimation.intervals import Intervals, intervals
 from structid.estimation.joint_problem import JointProblem, stage_plans, thinned
 from structid.estimation.least_squares import GaussNewton, LevenbergMarquardt, Minimum, minimize
+from structid.estimation.local_reduction import Work
+from structid.estimation.many_small import solutions_of_many
 from structid.estimation.multistart import Answer
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 from structid.estimation.profile import Profile, profile, profiles
@@ -15,6 +18,7 @@ from structid.estimation.streaming_qr import LinearFit, StreamingQr, no_rows
 
 __all__ = [
     "Answer",
+    "BlockFit",
     "Bootstrap",
     "Direction",
     "Estimate",
@@ -32,6 +36,8 @@ __all__ = [
     "Samples",
     "Status",
     "StreamingQr",
+    "Work",
+    "block_solution",
     "bootstrap",
     "bootstrap_repeats",
     "estimate",
@@ -44,6 +50,7 @@ __all__ = [
     "profiles",
     "residual_tests",
     "sample",
+    "solutions_of_many",
     "stage_plans",
     "thinned",
     "to_arviz",

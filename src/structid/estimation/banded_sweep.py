@@ -7,15 +7,17 @@ of the triangle, and everything stays orthogonal: the products B'B are never mad
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from structid.arrays import FloatArray, IntArray
 from structid.estimation.local_reduction import block_widths, kernels
 
+_KEPT_UP_TO = 100_000
 _WINDOW = 48  # columns beyond the band that one step of the NumPy sweep takes at once
 
 
@@ -43,11 +45,20 @@ class BandLayout:
 
 
 def band_layout(columns: IntArray, n_params: int) -> BandLayout:
-    """The layout of blocks with these columns, (n_blocks, n_columns), -1 where a block has fewer."""
+    """The layout of blocks with these columns, (n_blocks, n_columns), -1 where a block has fewer; small ones are kept."""
+    if columns.size > _KEPT_UP_TO:
+        return _layout(columns, n_params)
+    return _kept_layout(columns.astype(np.int64).tobytes(), columns.shape[1], n_params)
+
+
+@lru_cache(maxsize=16)
+def _kept_layout(columns: bytes, width: int, n_params: int) -> BandLayout:
+    return _layout(np.frombuffer(columns, dtype=np.int64).reshape(-1, width), n_params)
+
+
+def _layout(columns: IntArray, n_params: int) -> BandLayout:
     place = np.empty(n_params, dtype=np.int64)
-    place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(
-        n_params
-    )
+    place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
     used = columns >= 0
     places = np.where(used, place[columns], n_params)
     low = places.min(axis=1, initial=n_params)
@@ -118,8 +129,8 @@ def _swept_by_numpy(
         rows = triangles[blocks, :-1, :-1] * np.where(places[blocks] >= 0, factor[places[blocks]], 0.0)[:, None, :]
         tall[np.arange(len(blocks))[:, None, None], np.arange(side - 1)[:, None], at[:, None, :]] = rows
         tall[..., n] = triangles[blocks, :-1, -1]
-        folded = np.linalg.qr(
-            np.concatenate([_window(band, right, low, n), tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r"
+        folded = np.asarray(
+            np.linalg.qr(np.concatenate([_window(band, right, low, n), tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r")
         )
         _put(band, right, low, n, folded)
         total += float(folded[n, n] ** 2) if len(folded) > n else 0.0

@@ -8,6 +8,7 @@ through sparse normal equations with one step of refinement on the rows themselv
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,6 @@ class BlockFit:
         Whether the parameter's column stands above rounding.
     rank : int
         Of B with unit columns, as far as the factor tells it.
-    condition : float
-        Estimate of the largest over the smallest singular value of B with unit columns, from inside; infinite below
-        full rank.
     residual_sum : float
         ||B p - c||^2.
     degrees_of_freedom : int
@@ -56,19 +54,27 @@ class BlockFit:
     values: FloatArray
     seen: np.ndarray
     rank: int
-    condition: float
     residual_sum: float
     degrees_of_freedom: int
     residual_variance: float
     method: str
     _factor: _Band | _Normal
     _scale: FloatArray
+    _state: StreamingQr
+
+    @cached_property
+    def condition(self) -> float:
+        """Largest over smallest singular value of B with unit columns, estimated from inside; infinite below full rank."""
+        full = self.rank == len(self.values)
+        return _condition(self._factor, _rows(self._state, self._scale)[0]) if full else np.inf
 
     def covariance(self, indices: IntArray) -> FloatArray:
         """Covariance of these parameters, residual variance times (B'B)^-1, (k, k); NaN where values are."""
         chosen = np.asarray(indices, dtype=np.int64).ravel()
         if chosen.size and (chosen.min() < 0 or chosen.max() >= len(self.values)):
-            raise InputError(f"`indices` must lie from 0 to {len(self.values) - 1}, got {chosen.min()} to {chosen.max()}")
+            raise InputError(
+                f"`indices` must lie from 0 to {len(self.values) - 1}, got {chosen.min()} to {chosen.max()}"
+            )
         units = np.zeros((len(self.values), len(chosen)))
         units[chosen, np.arange(len(chosen))] = 1.0
         inverse = self._factor.inverse(units)[chosen] * np.outer(self._scale[chosen], self._scale[chosen])
@@ -172,9 +178,7 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout, compiled
     if weak.any():
         lost = lost | weak | _partners(rows, weak, factor)
     values[lost] = np.nan
-    full = kept.all()
-    condition = _condition(factor, _rows(state, scale)[0]) if full else np.inf
-    return _fit(state, values, scale, kept, rest, factor, f"banded orthogonal sweep, {layout.width} wide", condition)
+    return _fit(state, values, scale, kept, rest, factor, f"banded orthogonal sweep, {layout.width} wide")
 
 
 def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.ndarray:
@@ -203,9 +207,7 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
     kept = scale > 0
     normal = sparse.csc_array(rows.T @ rows + sparse.diags_array(np.where(kept, 0.0, 1.0)))
     try:
-        factor = splu(
-            normal, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        factor = splu(normal, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular
         return None
     scaled = factor.solve(rows.T @ right)
@@ -216,11 +218,9 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
     rest = float(unexplained @ unexplained + (state.triangles[:, -1, -1] ** 2).sum())
     values = np.where(kept, scaled * scale, np.nan)
     normal_factor = _Normal(factor, state.n_params)
-    condition = _condition(normal_factor, rows)
-    if not condition <= _NORMAL_CONDITION:
+    if not _condition(normal_factor, rows) <= _NORMAL_CONDITION:
         return None
-    words = "sparse normal equations, one refinement"
-    return _fit(state, values, scale, kept, rest, normal_factor, words, condition if kept.all() else np.inf)
+    return _fit(state, values, scale, kept, rest, normal_factor, "sparse normal equations, one refinement")
 
 
 def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
@@ -228,7 +228,7 @@ def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
     seen = locked(scale > 0)
     nothing = _Normal(None, state.n_params)
     words = "not solved: some directions are below what sparse normal equations hold, and the band is too wide"
-    return BlockFit(empty, seen, 0, np.inf, np.nan, state.n_rows, np.nan, words, nothing, empty)
+    return BlockFit(empty, seen, 0, np.nan, state.n_rows, np.nan, words, nothing, empty, state)
 
 
 def _fit(
@@ -239,7 +239,6 @@ def _fit(
     rest: float,
     factor: _Band | _Normal,
     words: str,
-    condition: float,
 ) -> BlockFit:
     rank = int(kept.sum())
     freedom = state.n_rows - rank
@@ -248,13 +247,13 @@ def _fit(
         locked(values),
         locked(scale > 0),
         rank,
-        condition,
         rest,
         max(freedom, 0),
         variance,
         words,
         factor,
         locked(scale),
+        state,
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -14,9 +13,10 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError, StructidError
 from structid.estimation.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
 from structid.estimation.estimate import Estimate, Status
-from structid.estimation.least_squares import LevenbergMarquardt, minimize
+from structid.estimation.least_squares import LevenbergMarquardt
 from structid.estimation.problem import Problem
 from structid.estimation.restricted import Shifted
+from structid.estimation.work import ALONE, Tools, Work
 
 BootstrapKind = Literal["noise", "blocks"]
 Record = TypeVar("Record")
@@ -122,7 +122,7 @@ def bootstrap(
     kind: BootstrapKind | None = None,
     n_replicates: int = 200,
     rng: np.random.Generator | None = None,
-    workers: int = 1,
+    work: Work = ALONE,
 ) -> Bootstrap:
     """Refits of `problem` to data made from its own fit.
 
@@ -140,9 +140,9 @@ def bootstrap(
         line; for model error. By default the one that matches ``estimate.covariance_basis``.
     n_replicates : int
     rng : numpy Generator, optional
-        Seed 0 by default. The answer does not depend on `workers`.
-    workers : int
-        Processes.
+        Seed 0 by default. The answer does not depend on where the refits run.
+    work : Work
+        Where they run: in this process by default; `structid.study.tasks` has others.
 
     Returns
     -------
@@ -165,14 +165,8 @@ def bootstrap(
         raise InputError(f"`kind` must be 'noise' or 'blocks', got {chosen!r}; use `bootstrap_repeats` for repeats")
     at_minimum = problem.residual(estimate.theta)
     children = (rng or np.random.default_rng(0)).spawn(n_replicates)
-    refit = partial(_refitted, problem, np.array(estimate.theta), at_minimum, chosen)
-    if workers > 1:
-        from concurrent.futures import ProcessPoolExecutor
-
-        with ProcessPoolExecutor(workers) as pool:
-            results = list(pool.map(refit, children, chunksize=max(1, n_replicates // (4 * workers))))
-    else:
-        results = [refit(child) for child in children]
+    shared = (problem, np.array(estimate.theta), at_minimum, chosen)
+    results = work.map("bootstrap replicates", _refitted, shared, children)
     freedom = np.full(len(estimate.names), np.inf)
     if chosen == "blocks":
         freedom = np.maximum(effective_blocks(problem, problem.linearize(estimate.theta)) - 1, LEAST_FREEDOM)
@@ -180,9 +174,10 @@ def bootstrap(
 
 
 def _refitted(
-    problem: Problem, theta: FloatArray, at_minimum: FloatArray, kind: str, rng: np.random.Generator
+    shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
 ) -> FloatArray | str:
     """Physical values of one replicate, or why there are none."""
+    problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
     if kind == "blocks":
         data = at_minimum[: problem.n_data]
@@ -191,7 +186,7 @@ def _refitted(
             signs += rng.choice([-1.0, 1.0], int(block.max(initial=0)) + 1)[block]
         errors[: problem.n_data] = data * signs
     try:
-        found = minimize(Shifted(problem, errors - at_minimum), _SEARCH, theta)
+        found = tools.minimize(Shifted(problem, errors - at_minimum), _SEARCH, theta)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         return f"the model cannot be evaluated: {error}"
     return problem.physical(found.theta) if found.converged else f"the search {found.message}"

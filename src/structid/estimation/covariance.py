@@ -34,6 +34,64 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     return covariance
 
 
+def score_covariance(problem: Problem, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """Covariance of J'r over repeats of the data, (n_params, n_params): J'J where the rows have independent errors.
+
+    A problem whose rows have not has a method ``data_changes(theta)``, (n_changes, n_data), whose products sum to
+    their covariance, or ``score_covariance(theta, jacobian)``.
+
+    Parameters
+    ----------
+    jacobian : (n_data, n_params) float array
+        Data rows.
+    """
+    own = getattr(problem, "score_covariance", None)
+    if own is not None:
+        return np.asarray(own(theta, jacobian))
+    changes = _data_changes(problem, theta)
+    scores = jacobian if changes is None else changes @ jacobian
+    return scores.T @ scores
+
+
+def _data_changes(problem: Problem, theta: FloatArray) -> FloatArray | None:
+    changes = getattr(problem, "data_changes", None)
+    return None if changes is None else changes(theta)
+
+
+def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+    """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
+
+    With rows of independent unit errors it is A^-1. NaN where the data do not tell.
+    """
+    bread, rows = inverse_information(at.jacobian), problem.n_data
+    seen = np.isfinite(np.diag(bread))
+    if not seen.any() or not (hasattr(problem, "score_covariance") or hasattr(problem, "data_changes")):
+        return bread
+    inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
+    meat = score_covariance(problem, theta, at.jacobian[:rows])[inner] + prior.T @ prior
+    covariance = np.full_like(bread, np.nan)
+    covariance[inner] = bread[inner] @ meat @ bread[inner]
+    return covariance
+
+
+def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
+    """Scale and degrees of freedom of the chi-square that noise alone would leave.
+
+    For rows with errors that vary together, the residual's covariance is P Sigma P with P the projection past the
+    Jacobian: sums of squares have the mean and variance of scale times chi-square (Satterthwaite 1946, Biometrics
+    Bull. 2, 110-114).
+    """
+    freedom = float(max(len(at.residual) - at.jacobian.shape[1] - at.n_eliminated, 0))
+    changes = _data_changes(problem, theta)
+    if changes is None or freedom == 0:
+        return 1.0, freedom
+    basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]
+    left = changes - (changes @ basis) @ basis.T
+    gram = left @ left.T if len(left) <= left.shape[1] else left.T @ left
+    mean, square = float(np.trace(gram)), float(np.sum(gram**2))
+    return square / mean, mean**2 / square
+
+
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
     """How many neighbouring lines a residual stays correlated over: 1 + 2 sum of its autocorrelations.
 

@@ -11,13 +11,14 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation.covariance import correlation_length, inverse_information, model_error_covariance
+from structid.estimation.covariance import chi_square_law, correlation_length, model_error_covariance, noise_covariance
 from structid.estimation.identifiability import Identifiability, identifiability
-from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum, minimize
+from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum
 from structid.estimation.multistart import Answer, Search, StageProgress, Way, distinct_answers, named, searched_minima
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 from structid.estimation.refusal import Bound, bound_at, carried, refusal_words
 from structid.estimation.residual_tests import ResidualTests, residual_tests
+from structid.estimation.work import ALONE, Work
 
 
 class Status(Enum):
@@ -202,6 +203,7 @@ def estimate(
     progress: StageProgress | None = None,
     sample: Problem | None = None,
     uniqueness_starts: int = 0,
+    work: Work = ALONE,
 ) -> Estimate:
     """Parameters that minimize the problem's sum of squares, with their uncertainty.
 
@@ -230,19 +232,21 @@ def estimate(
     uniqueness_starts : int
         How many more searches begin at random points about 20 % from the start even where a search fits: a test
         whether other parameters fit the data as well. See ``Estimate.answers``.
+    work : Work
+        Where the searches run, and whether they are kept; in this process by default.
     """
     searched = problem if sample is None else sample
 
-    def fits(at: Linearization) -> bool:
-        return not _misfits(searched, at, misfit_probability)
+    def fits(minimum: Minimum) -> bool:
+        return not _misfits(searched, minimum.theta, minimum.linearization, misfit_probability)
 
     search = Search(restarts, uniqueness_starts, seed)
-    minima = searched_minima(searched, method or LevenbergMarquardt(), plans, search, fits, progress)
+    minima = searched_minima(searched, method or LevenbergMarquardt(), plans, search, fits, progress, work)
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
     best = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
     same = answers[0].n_searches if answers else 0
     if sample is not None:
-        polished = minimize(problem, _close_by(method), best[0].theta, named(progress, "all data"))
+        polished = work.minimize(problem, _close_by(method), best[0].theta, named(progress, "all data"))
         best = polished, best[1] + len(polished.costs) - 1
     return _complete(problem, best[0], best[1], misfit_probability, (len(minima), same), answers)
 
@@ -255,11 +259,11 @@ def _close_by(method: Method | None) -> Method:
     return replace(chosen, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(chosen.gain_tolerance, 1e-10))
 
 
-def _misfits(problem: Problem, at: Linearization, probability: float) -> bool:
+def _misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
     """Whether chi-square is larger than noise alone would make it with this probability."""
     data = at.residual[: problem.n_data]
-    freedom = len(at.residual) - at.jacobian.shape[1] - at.n_eliminated
-    return freedom > 0 and bool(special.gammaincc(freedom / 2, float(data @ data) / 2) < probability)
+    scale, freedom = chi_square_law(problem, theta, at)
+    return freedom > 0 and bool(special.gammaincc(freedom / 2, float(data @ data) / (2 * scale)) < probability)
 
 
 def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
@@ -283,9 +287,9 @@ def _complete(
     data = at.residual[: problem.n_data]
     chi_square = float(data @ data)
     freedom = max(len(at.residual) - len(values) - at.n_eliminated, 0)
-    noise = inverse_information(at.jacobian) * np.outer(slope, slope)
+    noise = noise_covariance(problem, theta, at) * np.outer(slope, slope)
     model = model_error_covariance(problem, at) * np.outer(slope, slope)
-    misfit = _misfits(problem, at, misfit_probability)
+    misfit = _misfits(problem, theta, at, misfit_probability)
     noise_scale = float(np.sqrt(chi_square / freedom)) if misfit else 1.0
     found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale)
     adopted = np.sqrt(np.diag(model if misfit else noise))

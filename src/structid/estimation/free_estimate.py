@@ -113,8 +113,9 @@ def free_estimate(
     at, slope = found.linearization, problem.slope(found.theta)
     values = problem.physical(found.theta)
     sampled, missed = posterior_draws(at, draws, np.random.default_rng(seed))
-    std = sampled.std(axis=0, mean=np.zeros((1, len(slope)))) if draws else np.full(len(slope), np.nan)
-    error = np.full(len(slope), 1 / np.sqrt(2 * draws) if draws else np.nan)
+    sampled = sampled[np.isfinite(sampled).all(axis=1)]
+    std = np.sqrt((sampled**2).mean(axis=0)) if len(sampled) > 1 else np.full(len(slope), np.nan)
+    error = np.full(len(slope), 1 / np.sqrt(2 * len(sampled)) if len(sampled) > 1 else np.nan)
     for place in places:
         std[place], error[place] = solved_std(at, place), 0.0
     std[at.squares <= 0] = np.nan
@@ -122,11 +123,10 @@ def free_estimate(
     seen = std <= parameter_sizes(problem, values)
     data = at.residual[: at.n_data]
     chi_square = float(data @ data)
+    status = Status.CONVERGED if seen.all() else Status.NOT_IDENTIFIABLE
     if not found.converged:
         status = Status.NOT_CONVERGED
-    else:
-        status = Status.CONVERGED if seen.all() else Status.NOT_IDENTIFIABLE
-    words = [found.message, at.words, _std_words(draws, len(places), missed)]
+    words = [found.message, at.words, _std_words(len(sampled), len(places), missed)]
     if special.gammaincc(max(at.n_data, 1) / 2, chi_square / 2) < misfit_probability:
         words.append("the fit misses the noise: standard deviations carry noise and priors, not the model's error")
     return FreeEstimate(
@@ -158,11 +158,11 @@ def _place(names: tuple[str, ...], name: str) -> int:
 def _std_words(draws: int, n_solved: int, missed: int) -> str:
     words = (
         f"standard deviations from {draws} posterior draws, +-{100 / np.sqrt(2 * draws):.0f} % each"
-        if draws
-        else "no standard deviations were asked for (NaN)"
+        if draws > 1
+        else "no standard deviations from draws (NaN)"
     )
     words += f", {n_solved} of them solved for" if n_solved else ""
-    words += f"; {missed} draws did not converge and are left out (NaN)" if missed else ""
+    words += f"; {missed} draws did not converge and are left out" if missed else ""
     return words + "; no covariance matrix: it would not fit"
 
 

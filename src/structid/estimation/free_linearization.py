@@ -31,6 +31,8 @@ class FreeLinearization:
         Derivative of the rows of the priors.
     words : str
         How the products are made.
+    jacobian : (n_data, n_params) float array, optional
+        Of the data rows, where it is stored all the same.
     """
 
     residual: FloatArray
@@ -39,6 +41,7 @@ class FreeLinearization:
     data_squares: FloatArray
     prior: sparse.csr_array
     words: str = ""
+    jacobian: FloatArray | None = None
 
     @property
     def n_data(self) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.estimation.minimum import Minimum, Progress, cost_at
+from structid.estimation.minimum import Keeper, Minimum, Progress, State, cost_at
 from structid.estimation.problem import Problem
 
 
@@ -29,13 +31,25 @@ class GaussNewton:
     step_tolerance: float = 1e-11
 
 
-def gauss_newton(problem: Problem, method: GaussNewton, theta: FloatArray, progress: Progress | None) -> Minimum:
-    """The minimum that `GaussNewton` reaches from `theta`."""
+def gauss_newton(
+    problem: Problem,
+    method: GaussNewton,
+    theta: FloatArray,
+    progress: Progress | None,
+    keeper: Keeper | None = None,
+) -> Minimum:
+    """The minimum that `GaussNewton` reaches from `theta`, or from the state that `keeper` has."""
+    begun = None if keeper is None else keeper.state
+    if begun is not None:
+        theta = np.array(begun["theta"])
     at = problem.linearize(theta)
     cost = float(at.residual @ at.residual)
     history, costs = [theta], [cost]
+    if begun is not None:
+        history, costs = list(np.array(begun["history"])), np.asarray(begun["costs"]).tolist()
+        cost = costs[-1]
     message, converged = f"stopped after {method.max_iterations} iterations", False
-    for iteration in range(method.max_iterations):
+    for iteration in range(len(costs) - 1, method.max_iterations):
         step = -np.linalg.lstsq(at.jacobian, at.residual, rcond=None)[0]
         size = 1.0
         new_cost = cost_at(problem, theta + step)
@@ -58,4 +72,11 @@ def gauss_newton(problem: Problem, method: GaussNewton, theta: FloatArray, progr
         if np.abs(size * step).max(initial=0.0) < method.step_tolerance:
             message, converged = "the step fell below its tolerance", True
             break
+        if keeper is not None:
+            keeper.keep(iteration + 1, cost, partial(_state, theta, tuple(history), tuple(costs)))
     return Minimum(theta, at, np.array(history), np.array(costs), converged, message)
+
+
+def _state(theta: FloatArray, history: Sequence[FloatArray], costs: Sequence[float]) -> State:
+    """All that the next iteration depends on, but what the problem gives at `theta`."""
+    return {"theta": theta, "history": np.array(history), "costs": np.array(costs)}

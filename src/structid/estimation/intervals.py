@@ -16,6 +16,7 @@ from structid.estimation.estimate import Estimate
 from structid.estimation.problem import Problem
 from structid.estimation.profile import profiles
 from structid.estimation.sampling import sample
+from structid.estimation.work import ALONE, Work
 
 IntervalKind = Literal["laplace", "profile", "bootstrap", "sampling"]
 INTERVAL_KINDS: tuple[str, ...] = get_args(IntervalKind)
@@ -52,7 +53,12 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
 
 
 def intervals(
-    problem: Problem, estimate: Estimate, kind: IntervalKind = "laplace", level: float = 0.95, seed: int = 0
+    problem: Problem,
+    estimate: Estimate,
+    kind: IntervalKind = "laplace",
+    level: float = 0.95,
+    seed: int = 0,
+    work: Work = ALONE,
 ) -> Intervals:
     """Intervals of every parameter.
 
@@ -67,6 +73,8 @@ def intervals(
     level : float
     seed : int
         Of bootstrap and sampling.
+    work : Work
+        Where profiles and refits run.
 
     Returns
     -------
@@ -75,29 +83,29 @@ def intervals(
     """
     if kind not in INTERVAL_KINDS:
         raise InputError(f"`kind` must be one of {', '.join(INTERVAL_KINDS)}, got {kind!r}; 'laplace' costs nothing")
-    ends, notes = _WAYS[kind](problem, estimate, level, seed)
+    ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
     return Intervals(kind, level, locked(ends), notes)
 
 
 _Ends = tuple[FloatArray, tuple[str, ...]]
 
 
-def _laplace(problem: Problem, estimate: Estimate, level: float, seed: int) -> _Ends:
+def _laplace(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
     return estimate.interval(level), ()
 
 
-def _profile(problem: Problem, estimate: Estimate, level: float, seed: int) -> _Ends:
-    found = profiles(problem, estimate, level=level)
+def _profile(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    found = profiles(problem, estimate, level=level, work=work)
     notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
     return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
 
 
-def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int) -> _Ends:
-    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400)
+def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
     return found.interval(level), found.words
 
 
-def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int) -> _Ends:
+def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
     if not np.isfinite(estimate.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
@@ -105,7 +113,7 @@ def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int) -> 
     return found.interval(level), found.words
 
 
-_WAYS: dict[str, Callable[[Problem, Estimate, float, int], _Ends]] = {
+_WAYS: dict[str, Callable[[Problem, Estimate, float, int, Work], _Ends]] = {
     "laplace": _laplace,
     "profile": _profile,
     "bootstrap": _bootstrap,

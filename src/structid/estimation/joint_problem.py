@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
+from structid.estimation.covariance import score_covariance
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 
 _SAME = 1e-9
@@ -123,6 +124,15 @@ class JointProblem:
         wide = [self._widened(part.jacobian, index) for part, index in zip(parts, self.columns, strict=True)]
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """Of J'r over repeats of the data: the sum of that of each problem (see `covariance.score_covariance`)."""
+        total, first = np.zeros((len(self.names),) * 2), 0
+        for problem, index in self._members():
+            rows = jacobian[first : first + problem.n_data, index]
+            total[np.ix_(index, index)] += score_covariance(problem, theta[index], rows)
+            first += problem.n_data
+        return total
 
     def stage_plans(self) -> tuple[tuple[tuple[str, Problem], ...], ...]:
         """Ways to the answer: the ways of each problem, joined stage by stage.

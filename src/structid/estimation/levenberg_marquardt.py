@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import FloatArray
-from structid.estimation.minimum import Minimum, Progress, residual_at
+from structid.estimation.minimum import Keeper, Minimum, Progress, State, residual_at
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
@@ -117,15 +119,24 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
 
 
 def levenberg_marquardt(
-    problem: Problem, method: LevenbergMarquardt, theta: FloatArray, progress: Progress | None
+    problem: Problem,
+    method: LevenbergMarquardt,
+    theta: FloatArray,
+    progress: Progress | None,
+    keeper: Keeper | None = None,
 ) -> Minimum:
-    """The minimum that `LevenbergMarquardt` reaches from `theta`."""
-    here = _point(problem, theta)
+    """The minimum that `LevenbergMarquardt` reaches from `theta`, or from the state that `keeper` has."""
+    begun = None if keeper is None else keeper.state
+    here = _point(problem, theta if begun is None else np.array(begun["theta"]))
     history, costs = [here.theta], [here.cost]
     damping, growth = method.initial_damping, 2.0
     scale, limit = np.zeros(len(theta)), np.zeros(len(theta))
+    if begun is not None:
+        history, costs = list(np.array(begun["history"])), np.asarray(begun["costs"]).tolist()
+        damping, growth = float(begun["damping"]), float(begun["growth"])
+        scale, limit = np.array(begun["scale"]), np.array(begun["limit"])
     message, converged = f"stopped after {method.max_iterations} iterations", False
-    for iteration in range(method.max_iterations):
+    for iteration in range(len(costs) - 1, method.max_iterations):
         scale = np.maximum(np.linalg.norm(here.triangle, axis=0), 0.1 * scale)
         limit = np.maximum(limit, np.where(here.size > 0, method.largest_step * here.size, np.inf))
         damped = _damped(here.triangle, damping, scale)
@@ -148,9 +159,33 @@ def levenberg_marquardt(
             damping, growth = damping * growth, growth * 2
         history.append(here.theta)
         costs.append(here.cost)
+        if keeper is not None:
+            state = partial(_state, here.theta, damping, growth, scale, limit, tuple(history), tuple(costs))
+            keeper.keep(iteration + 1, here.cost, state)
         if progress is not None:
             progress(iteration + 1, here.cost)
     return Minimum(here.theta, here.at, np.array(history), np.array(costs), converged, message)
+
+
+def _state(
+    theta: FloatArray,
+    damping: float,
+    growth: float,
+    scale: FloatArray,
+    limit: FloatArray,
+    history: Sequence[FloatArray],
+    costs: Sequence[float],
+) -> State:
+    """All that the next iteration depends on, but what the problem gives at `theta`."""
+    return {
+        "theta": theta,
+        "damping": damping,
+        "growth": growth,
+        "scale": scale,
+        "limit": limit,
+        "history": np.array(history),
+        "costs": np.array(costs),
+    }
 
 
 def _velocity(here: _Point, damped: _Damped, limit: FloatArray) -> FloatArray:

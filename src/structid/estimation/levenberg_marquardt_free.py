@@ -19,6 +19,10 @@ _DENSE_COPIES = 4
 _MOST_DAMPING = 1e40
 #: What the data add to the preconditioner, as a part of their own diagonal.
 _DATA_PART = 1e-3
+#: The same where the Jacobian is stored: as little as rounding allows.
+_STORED_PART = 1e-5
+#: Most rows of a stored Jacobian that enter the preconditioner, and how many are solved for at once.
+_MOST_ROWS, _RIGHT_SIDES = 6000, 256
 
 
 @dataclass(frozen=True)
@@ -50,10 +54,10 @@ class FreeLevenbergMarquardt:
 
     max_iterations: int = 50
     step_tolerance: float = 1e-6
-    gain_tolerance: float = 1e-8
+    gain_tolerance: float = 1e-6
     initial_damping: float = 1e-3
     largest_step: float = 0.7
-    inner_tolerance: float = 1e-4
+    inner_tolerance: float = 1e-6
     max_inner: int = 500
 
 
@@ -100,19 +104,36 @@ def needs_free_search(problem: Problem, dense_bytes: float = DENSE_BYTES) -> tup
 
 
 def preconditioner(at: FreeLinearization, damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Solver of (P'P + damping + a thousandth of diag(J'J)) x = b, P the rows of the priors.
+    """Solver of (P'P + damping + part of diag(J'J)) x = b, P the rows of the priors, and with J'J where J is stored.
 
-    Where data say little the priors rule and it is exact; conjugate gradients then take about one iteration for each
-    combination of parameters that the data determine.
+    Without J the priors rule: conjugate gradients then take some iterations for each combination of parameters that
+    the data determine. With J of not too many rows, (S + J'J)^-1 = S^-1 - S^-1 J' (1 + J S^-1 J')^-1 J S^-1 for the
+    sparse S; only the small part of the diagonal is then left for conjugate gradients to correct.
     """
+    from scipy.linalg import cho_factor, cho_solve
     from scipy.sparse.linalg import splu
 
-    positive = at.squares > 0
-    diagonal = damping + _DATA_PART * at.data_squares
-    diagonal = np.where(diagonal > 0, diagonal, np.where(positive, 1e-12 * at.squares, 1.0))
+    stored = at.jacobian if at.jacobian is not None and len(at.jacobian) <= _MOST_ROWS else None
+    diagonal = damping + (_DATA_PART if stored is None else _STORED_PART) * at.data_squares
+    diagonal = np.where(diagonal > 0, diagonal, np.where(at.squares > 0, 1e-12 * at.squares, 1.0))
     matrix = sparse.csc_matrix(at.prior.T @ at.prior + sparse.diags_array(diagonal))
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return lambda right: np.asarray(factor.solve(right))
+    if stored is None:
+        return lambda right: np.asarray(factor.solve(right))
+    across = np.empty((at.n_params, len(stored)), order="F")
+    for first in range(0, len(stored), _RIGHT_SIDES):
+        across[:, first : first + _RIGHT_SIDES] = factor.solve(
+            np.asfortranarray(stored[first : first + _RIGHT_SIDES].T)
+        )
+    rows = stored @ across
+    rows[np.diag_indices_from(rows)] += 1.0
+    inner = cho_factor(rows, lower=True, overwrite_a=True, check_finite=False)
+
+    def solve(right: FloatArray) -> FloatArray:
+        first = np.asarray(factor.solve(right))
+        return first - across @ cho_solve(inner, stored @ first, check_finite=False)
+
+    return solve
 
 
 def conjugate_gradients(
@@ -132,19 +153,22 @@ def conjugate_gradients(
     residual = np.array(right)
     direction = better = precondition(residual)
     size = first = float(residual @ better)
+    if not first > 0:
+        return x, 0, 0.0 if first == 0 else float("inf")
     for count in range(1, most + 1):
-        if not size > 0:
-            return x, count - 1, 0.0
         product = apply(direction)
-        length = size / float(direction @ product)
+        curvature = float(direction @ product)
+        if not curvature > 0:  # 0 where nothing sees the direction; NaN where the model broke down
+            return x, count, float("inf")
+        length = size / curvature
         x = x + length * direction
         residual = residual - length * product
         better = precondition(residual)
-        size, before = float(residual @ better), size
+        size, before = max(float(residual @ better), 0.0), size
         if size <= tolerance**2 * first:
-            return x, count, float(np.sqrt(max(size, 0.0) / first))
+            return x, count, float(np.sqrt(size / first))
         direction = better + (size / before) * direction
-    return x, most, float(np.sqrt(max(size, 0.0) / first)) if first > 0 else 0.0
+    return x, most, float(np.sqrt(size / first))
 
 
 def free_levenberg_marquardt(

@@ -18,35 +18,43 @@ _compiled = njit(cache=True, nogil=True, fastmath=_MATHS)
 
 
 @_inline
-def _filled(b, at, count, fields, first, starts, data, i, end):
-    """b[at:at + count] = the sum of data[k] fields[starts[k] + first ...] for k from `i` to `end`, four at a time."""
-    four, one = uint64(4), uint64(1)
-    if i == end:
+def _filled(b, at, count, fields, first, pace, which, data, i, end):
+    """b[at:at + count] = the sum of data[k] fields[which[k] pace + first ...] for k from `i` to `end`, by eights."""
+    one, two, three, four = uint64(1), uint64(2), uint64(3), uint64(4)
+    if end - i >= four:
+        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
+        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
+        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
+        for t in range(count):
+            b[at + t] = v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
+        i += four
+    else:
         for t in range(count):
             b[at + t] = 0.0
-        return
-    fresh = True
+    while end - i >= four + four:
+        j = i + four
+        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
+        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
+        a4, a5 = uint64(which[j]) * pace + first, uint64(which[j + one]) * pace + first
+        a6, a7 = uint64(which[j + two]) * pace + first, uint64(which[j + three]) * pace + first
+        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
+        v4, v5, v6, v7 = data[j], data[j + one], data[j + two], data[j + three]
+        for t in range(count):
+            low = v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
+            high = v4 * fields[a4 + t] + v5 * fields[a5 + t] + v6 * fields[a6 + t] + v7 * fields[a7 + t]
+            b[at + t] += low + high
+        i = j + four
     while end - i >= four:
-        a0, a1, a2, a3 = starts[i], starts[i + one], starts[i + uint64(2)], starts[i + uint64(3)]
-        a0, a1, a2, a3 = a0 + first, a1 + first, a2 + first, a3 + first
-        v0, v1, v2, v3 = data[i], data[i + one], data[i + uint64(2)], data[i + uint64(3)]
-        if fresh:
-            for t in range(count):
-                b[at + t] = v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
-        else:
-            for t in range(count):
-                b[at + t] += v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
-        fresh = False
+        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
+        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
+        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
+        for t in range(count):
+            b[at + t] += v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
         i += four
     while i < end:
-        a0, v0 = starts[i] + first, data[i]
-        if fresh:
-            for t in range(count):
-                b[at + t] = v0 * fields[a0 + t]
-        else:
-            for t in range(count):
-                b[at + t] += v0 * fields[a0 + t]
-        fresh = False
+        a0, v0 = uint64(which[i]) * pace + first, data[i]
+        for t in range(count):
+            b[at + t] += v0 * fields[a0 + t]
         i += one
 
 
@@ -220,16 +228,17 @@ def _touched(fields, begin, stop):
 
 
 @_compiled
-def fold_fields(triangles, fields, n_times, indptr, starts, data, widths, new, news, first, last, outer, inner):
+def fold_fields(triangles, fields, n_times, indptr, which, data, widths, new, news, first, last, outer, inner):
     """Fold the rows of blocks `first` to `last` over all samples into `triangles`, in place.
 
-    `fields` is flat, `starts` the place in it where the field of each entry of the operator begins. Samples go by
+    `fields` is flat, `which` the field of each entry of the operator. Samples go by
     stretches of `outer`, so that the fields of neighbouring blocks stay in the second-level cache, and within them by
-    `inner`, so that the rows stay in the first. Block d is the first to use the fields that start at new[news[d]:news[d + 1]].
+    `inner`, so that the rows stay in the first. Block d is the first to use the fields new[news[d]:news[d + 1]].
     """
     side = triangles.shape[1]
     width = uint64(inner + _APART)  # so that rows do not fall into the same sets of the cache
     b = np.empty(side * (inner + _APART))
+    pace = uint64(n_times)
     total = 0.0
     for begin in range(0, n_times, outer):
         stop = min(begin + outer, n_times)
@@ -237,38 +246,17 @@ def fold_fields(triangles, fields, n_times, indptr, starts, data, widths, new, n
             q = widths[d]
             r = triangles[d]
             for i in range(news[d], news[d + 1]):
-                total += _touched(fields, new[i] + uint64(begin), new[i] + uint64(stop))
+                total += _touched(fields, uint64(new[i]) * pace + uint64(begin), uint64(new[i]) * pace + uint64(stop))
             at = begin
             while at < stop:
                 count = uint64(min(inner, stop - at))
                 for k in range(q + 1):
                     row = d * side + (k if k < q else side - 1)
                     i, end = uint64(indptr[row]), uint64(indptr[row + 1])
-                    _filled(b, uint64(k) * width, count, fields, uint64(at), starts, data, i, end)
+                    _filled(b, uint64(k) * width, count, fields, uint64(at), pace, which, data, i, end)
                 _folded(r, b, q, width, count)
                 at += inner
     return total
-
-
-@_compiled
-def fold_many(triangles, fields, indptr, starts, data, widths, first, last):
-    """`fold_fields` for independent problems: triangles (n, n_blocks, s, s), fields (n, n_fields n_times) flat each."""
-    side = triangles.shape[2]
-    n_times = fields.shape[2]
-    width = uint64(n_times)
-    b = np.empty(side * n_times)
-    count = uint64(n_times)
-    flat = fields.reshape(-1)
-    size = fields.shape[1] * fields.shape[2]
-    for p in range(first, last):
-        offset = uint64(p * size)
-        for d in range(widths.shape[0]):
-            q = widths[d]
-            for k in range(q + 1):
-                row = d * side + (k if k < q else side - 1)
-                i, end = uint64(indptr[row]), uint64(indptr[row + 1])
-                _filled(b, uint64(k) * width, count, flat, offset, starts, data, i, end)
-            _folded(triangles[p, d], b, q, width, count)
 
 
 @_inline
@@ -337,30 +325,47 @@ def band_of_blocks(triangles, places, scale, order, low, high, widths, band, rig
 
 
 @_compiled
-def solve_many(triangles, places, order, low, high, widths, n_band, out, first, last):
-    """Solutions of independent problems of one layout, (n, n_params) in the order of the band."""
-    n_params = out.shape[1]
-    norm = np.empty(n_params)
+def many_solved(
+    fields, starts, which, data, widths, side, places, order, low, high, n_band, values, inner, first, last
+):
+    """Fold and solve problems `first` to `last` of one layout; `values` (n, n_params) in the order of the band.
+
+    NaN where a column is zero or depends on those before it.
+    """
+    n_times, n_params = fields.shape[2], values.shape[1]
+    flat, size = fields.reshape(-1), fields.shape[1] * n_times
+    pace, width = uint64(n_times), uint64(inner + _APART)
+    b = np.empty(side * (inner + _APART))
+    triangles = np.empty((widths.shape[0], side, side))
+    norm, right = np.empty(n_params), np.empty(n_params)
     band = np.empty((n_params, n_band))
-    right = np.empty(n_params)
     for p in range(first, last):
+        triangles[:] = 0.0
         norm[:] = 0.0
         for d in range(widths.shape[0]):
-            for k in range(widths[d]):
+            q = widths[d]
+            for at in range(0, n_times, inner):
+                count = uint64(min(inner, n_times - at))
+                for k in range(q + 1):
+                    row = d * side + (k if k < q else side - 1)
+                    i, end = uint64(starts[row]), uint64(starts[row + 1])
+                    _filled(b, uint64(k) * width, count, flat, uint64(p * size + at), pace, which, data, i, end)
+                _folded(triangles[d], b, q, width, count)
+            for k in range(q):
                 for r in range(k + 1):
-                    norm[places[d, k]] += triangles[p, d, r, k] ** 2
+                    norm[places[d, k]] += triangles[d, r, k] ** 2
         for i in range(n_params):
             norm[i] = 1.0 / np.sqrt(norm[i]) if norm[i] > 0 else 0.0
         band[:] = 0.0
         right[:] = 0.0
-        band_of_blocks(triangles[p], places, norm, order, low, high, widths, band, right)
+        band_of_blocks(triangles, places, norm, order, low, high, widths, band, right)
         for i in range(n_params - 1, -1, -1):
             value = right[i]
             for j in range(1, min(n_band, n_params - i)):
-                value -= band[i, j] * out[p, i + j]
-            out[p, i] = value / band[i, 0] if abs(band[i, 0]) > 1e-10 else np.nan
+                value -= band[i, j] * values[p, i + j]
+            values[p, i] = value / band[i, 0] if abs(band[i, 0]) > 1e-10 else np.nan
         for i in range(n_params):
-            out[p, i] *= norm[i]
+            values[p, i] *= norm[i]
 
 
 @_compiled
@@ -381,16 +386,3 @@ def inverse_diagonal(band):
             total -= band[i, k] * inverse[i, k]
         inverse[i, 0] = total / band[i, 0]
     return inverse[:, 0].copy()
-
-
-@_compiled
-def transposed(samples, out, first, last):
-    """out (n_channels, n_times) = samples' in tiles; channels `first` to `last`."""
-    n_times = samples.shape[0]
-    for c0 in range(first, last, 64):
-        c1 = min(c0 + 64, last)
-        for t0 in range(0, n_times, 64):
-            t1 = min(t0 + 64, n_times)
-            for c in range(c0, c1):
-                for t in range(t0, t1):
-                    out[c, t] = samples[t, c]

@@ -11,6 +11,7 @@ import importlib.util
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ Engine = Literal["auto", "numba", "numpy"]
 
 #: Below so many samples times blocks, loading the compiled kernels takes longer than NumPy does in all.
 COMPILED_FROM = 200_000
-_ROW_ENTRIES = 2_000_000
+_ROW_ENTRIES = 125_000
 _FIRST_CACHE, _SECOND_CACHE = 3_200, 60_000  # numbers of the rows of a block, and of the fields they are made from
 
 
@@ -78,7 +79,7 @@ def kernels() -> Any:
 def shared_out(n: int, threads: int, work: Callable[[int, int], Any]) -> None:
     """`work(first, last)` on `threads` equal parts of range(n) at once."""
     edges = [n * k // threads for k in range(threads + 1)]
-    parts = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+    parts = [(a, b) for a, b in pairwise(edges) if b > a]
     if len(parts) <= 1:
         for part in parts:
             work(*part)
@@ -96,52 +97,75 @@ def block_widths(columns: IntArray) -> IntArray:
     return np.asarray(widths)
 
 
-def folded_fields(
-    triangles: FloatArray, columns: IntArray, operator: sparse.csr_array, fields: FloatArray, work: Work
-) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class RowMaker:
+    """What makes the rows of every block from fields; made once for all chunks of a record.
+
+    Attributes
+    ----------
+    operator : (n_blocks (k + 1), n_fields) sparse array
+        Regressors of every block and its right-hand side from the fields of one sample.
+    widths : (n_blocks,) int array
+        Columns in use of each block.
+    starts : (n_blocks (k + 1) + 1,) int array
+        Where the entries of each row begin.
+    which : (n_entries,) unsigned int array
+        Field of each entry.
+    new : unsigned int array
+        The fields that each block is the first to use, one block after another.
+    news : (n_blocks + 1,) int array
+        Where those of each block begin.
+    """
+
+    operator: sparse.csr_array
+    widths: IntArray
+    starts: IntArray
+    which: IntArray
+    new: IntArray
+    news: IntArray
+
+
+def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
+    """The `RowMaker` of blocks with these columns, -1, last in its row, where a block has fewer."""
+    require_shape("operator", operator, (columns.shape[0] * (columns.shape[1] + 1), None))
+    starts = operator.indptr.astype(np.int64)
+    edges = starts[:: columns.shape[1] + 1]
+    first = np.full(operator.shape[1], -1, dtype=np.int64)
+    first[operator.indices[::-1]] = np.arange(operator.nnz - 1, -1, -1)  # the last one written is the first use
+    new = np.flatnonzero(first >= 0)
+    new = new[np.argsort(first[new])]
+    news = np.searchsorted(first[new], edges)
+    return RowMaker(operator, block_widths(columns), starts, operator.indices.astype(np.uint32), new, news)
+
+
+def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Work) -> FloatArray:
     """Triangles of [triangle; rows of all samples], (n_blocks, k + 1, k + 1).
 
     Parameters
     ----------
     triangles : (n_blocks, k + 1, k + 1) float array
-    columns : (n_blocks, k) int array
-        -1, last in its row, where a block has fewer.
-    operator : (n_blocks (k + 1), n_fields) sparse array
-        Regressors of every block and its right-hand side from the fields of one sample.
+    maker : RowMaker
     fields : (n_fields, n_times) float array
     work : Work
     """
     n_blocks, side = triangles.shape[:2]
-    require_shape("fields", fields, (operator.shape[1], None))
+    require_shape("fields", fields, (maker.operator.shape[1], None))
     if not work.compiled(n_blocks * fields.shape[1]):
-        return _folded_by_numpy(triangles, operator, fields)
+        return _folded_by_numpy(triangles, maker.operator, fields)
     found = np.array(triangles)
-    flat = np.ascontiguousarray(fields, dtype=np.float64)
-    n_times = flat.shape[1]
-    widths = block_widths(columns)
-    starts = operator.indices.astype(np.uint64) * np.uint64(n_times)
-    indptr = operator.indptr.astype(np.int64)
-    inner, outer = stretches(n_times, side, float(operator.nnz) / max(1, n_blocks))
-    new, news = _first_uses(operator.indices, indptr[::side], len(fields))
-    places = new.astype(np.uint64) * np.uint64(n_times)
-    kernel = kernels().fold_fields
+    flat = np.ascontiguousarray(fields, dtype=np.float64).reshape(-1)
+    n_times = fields.shape[1]
+    inner, outer = stretches(n_times, side, len(maker.which) / max(1, n_blocks))
+    kernel, data = kernels().fold_fields, maker.operator.data
 
     def part(first: int, last: int) -> None:
         kernel(
-            found, flat.reshape(-1), n_times, indptr, starts, operator.data, widths, places, news,
+            found, flat, n_times, maker.starts, maker.which, data, maker.widths, maker.new, maker.news,
             first, last, outer, inner,
         )  # fmt: skip
 
     shared_out(n_blocks, work.threads, part)
     return found
-
-
-def _first_uses(indices: IntArray, edges: IntArray, n_fields: int) -> tuple[IntArray, IntArray]:
-    """The fields that each block is the first to use, one block after another, and where those of each begin."""
-    found, at = np.unique(indices, return_index=True)
-    block = np.searchsorted(edges, at, side="right") - 1
-    order = np.argsort(block, kind="stable")
-    return found[order], np.searchsorted(block[order], np.arange(len(edges)))
 
 
 def stretches(n_times: int, side: int, entries: float) -> tuple[int, int]:
@@ -156,7 +180,7 @@ def stretches(n_times: int, side: int, entries: float) -> tuple[int, int]:
 def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:
     n_blocks, side = triangles.shape[:2]
     found = np.array(triangles)
-    samples = max(1, min(fields.shape[1], _ROW_ENTRIES // side))
+    samples = max(1, min(fields.shape[1], _ROW_ENTRIES // (8 * side)))
     blocks = max(1, _ROW_ENTRIES // (side * samples))
     for first in range(0, n_blocks, blocks):
         last = min(first + blocks, n_blocks)

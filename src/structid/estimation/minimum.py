@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,6 +13,21 @@ from structid.errors import SingularModelError
 from structid.estimation.problem import Linearization, Problem
 
 Progress = Callable[[int, float], None]
+#: All that a search needs to go on with the same digits: numbers and arrays by name, free variables as ``theta``.
+State = Mapping[str, Any]
+
+
+class Keeper(Protocol):
+    """Where a search leaves its state after each iteration, and finds one to go on from."""
+
+    @property
+    def state(self) -> State | None:
+        """Where an earlier run of the same search was; None where it has to begin."""
+        ...
+
+    def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        """Take the state after an iteration; `state` makes it, if it is wanted, then or later."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

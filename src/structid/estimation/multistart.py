@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, locked
-from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum, minimize
-from structid.estimation.problem import Linearization, Problem, parameter_sizes
+from structid.errors import SingularModelError
+from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum
+from structid.estimation.problem import Problem, parameter_sizes
+from structid.estimation.work import ALONE, Minimizer, StageProgress, Tools, Work, restored_minimum, stored_minimum
 
-StageProgress = Callable[[str, int, float], None]
 Stages = Sequence[tuple[str, Problem]]
 #: Easier forms of the problem by name, run one after another before it; or how they are made for a start.
 Way = Stages | Callable[[FloatArray], Stages]
@@ -61,33 +63,63 @@ def searched_minima(
     method: Method,
     ways: Sequence[Way],
     search: Search,
-    fits: Callable[[Linearization], bool],
+    fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
+    work: Work = ALONE,
 ) -> list[tuple[Minimum, int]]:
     """The minima of all searches, with the iterations that each took.
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not.
+    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start)
     chosen: Sequence[Way] = ways or ((),)
     spread = _SPREAD * parameter_sizes(problem, problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
-    minima: list[tuple[Minimum, int]] = []
-
-    def run(theta: FloatArray, way: Way) -> bool:
-        prefix = f"search {len(minima) + 1}, " if minima else ""
-        stages = way(theta) if callable(way) else way
-        minima.append(staged(problem, method, stages, theta, progress, prefix))
-        return fits(minima[-1][0].linearization)
-
+    points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + search.uniqueness_starts)]
+    starts, drawn = [], 0
     for attempt in range(search.restarts + 1):
-        given = start if attempt < len(chosen) else start + spread * rng.standard_normal(len(start))
-        if run(given, chosen[attempt % len(chosen)]):
-            break
-    for _ in range(search.uniqueness_starts):
-        run(start + spread * rng.standard_normal(len(start)), chosen[0])
-    return minima
+        if attempt < len(chosen):
+            starts.append((attempt, attempt, start))
+        else:
+            starts.append((attempt, attempt % len(chosen), start + points[drawn]))
+            drawn += 1
+    way = chosen[0]
+    minima = [staged(problem, method, way(start) if callable(way) else way, start, progress, "", work.minimize)]
+    shared = (problem, method, tuple(chosen))
+    good = fits(minima[0][0])
+    while not good and len(minima) < len(starts):
+        ahead = starts[len(minima) : len(minima) + work.n_workers]
+        for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
+            minima.append(_found(problem, task))
+            good = fits(minima[-1][0])
+            if good:
+                break
+    used = max(0, len(minima) - len(chosen))
+    more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][: search.uniqueness_starts])]
+    found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
+    return minima + [_found(problem, task) for task in found]
+
+
+def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Any:
+    """One of several searches, as a task: its number, its way and its start are the item."""
+    (problem, method, ways), (number, which, theta) = shared, item
+    way = ways[which]
+    stages = way(theta) if callable(way) else way
+    prefix = f"search {number + 1}, "
+    try:
+        minimum, iterations = staged(problem, method, stages, theta, tools.progress, prefix, tools.minimize)
+    except (SingularModelError, np.linalg.LinAlgError) as error:
+        return {"failed": str(error)}
+    return {**stored_minimum(minimum), "iterations": iterations}
+
+
+def _found(problem: Problem, task: Any) -> tuple[Minimum, int]:
+    """What the task found; its failure counts when its turn comes, as if it had run then."""
+    if "failed" in task:
+        raise SingularModelError(task["failed"])
+    return restored_minimum(problem, task), int(task["iterations"])
 
 
 def staged(
@@ -97,6 +129,7 @@ def staged(
     theta: FloatArray,
     progress: StageProgress | None,
     prefix: str = "",
+    minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
     """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
     iterations = 0
@@ -116,7 +149,7 @@ def named(progress: StageProgress | None, name: str) -> Callable[[int, float], N
 
 
 def distinct_answers(
-    problem: Problem, minima: Sequence[Minimum], fits: Callable[[Linearization], bool], probability: float
+    problem: Problem, minima: Sequence[Minimum], fits: Callable[[Minimum], bool], probability: float
 ) -> tuple[Answer, ...]:
     """The different minima among those that converged, best first.
 
@@ -142,7 +175,7 @@ def distinct_answers(
     for group in groups:
         first, best = group[0], groups[0][0]
         most = float(special.chdtri(max(len(first.theta), 1), probability))
-        fit = fits(first.linearization) and float(first.costs[-1] - best.costs[-1]) <= most
+        fit = fits(first) and float(first.costs[-1] - best.costs[-1]) <= most
         values, theta = locked(problem.physical(first.theta)), locked(first.theta)
         answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
     return tuple(answers)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -14,6 +15,7 @@ from structid.estimation.estimate import Estimate
 from structid.estimation.least_squares import LevenbergMarquardt, minimize
 from structid.estimation.problem import Problem
 from structid.estimation.restricted import Held
+from structid.estimation.work import ALONE, Tools, Work
 
 _SEARCH = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-8, initial_damping=1e-4)
 _END_TOLERANCE = 2e-3
@@ -161,10 +163,19 @@ def profiles(
     parameters: Sequence[str | int] | None = None,
     level: float = 0.95,
     max_points: int = 24,
+    work: Work = ALONE,
 ) -> tuple[Profile, ...]:
-    """`profile` of each of `parameters`, all by default."""
+    """`profile` of each of `parameters`, all by default, each a task of `work`."""
     chosen = range(len(estimate.names)) if parameters is None else parameters
-    return tuple(profile(problem, estimate, parameter, level, max_points) for parameter in chosen)
+    shared = (problem, replace(estimate, to_physical=np.array), level, max_points)
+    return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
+
+
+def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> dict[str, Any]:
+    """`profile` as a task."""
+    problem, estimate, level, max_points = shared
+    found = profile(problem, replace(estimate, to_physical=problem.physical), parameter, level, max_points)
+    return {entry.name: getattr(found, entry.name) for entry in fields(found)}
 
 
 def _position(estimate: Estimate, parameter: str | int) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.estimation.covariance import score_covariance
 from structid.estimation.problem import Linearization, Problem
 from structid.estimation.wrapped import Wrapped
 
@@ -75,6 +76,11 @@ class Held(Wrapped):
     def linearize(self, others: FloatArray) -> Linearization:
         at = self.problem.linearize(self.whole(others))
         return Linearization(at.residual, np.delete(at.jacobian, self.index, axis=1), at.n_eliminated)
+
+    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray:
+        whole = np.insert(jacobian, self.index, 0.0, axis=1)
+        found = score_covariance(self.problem, self.whole(others), whole)
+        return np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
 
     def physical(self, others: FloatArray) -> FloatArray:
         return np.delete(self.problem.physical(self.whole(others)), self.index)

@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 
 from structid.arrays import FloatArray, IntArray, locked, require_finite, require_shape
 from structid.errors import InputError
-from structid.estimation.local_reduction import Work, folded_fields
+from structid.estimation.local_reduction import RowMaker, Work, folded_fields, row_maker
 
 #: A column, or a direction of unit columns, below this part of what it could be is lost in rounding.
 RANK_TOLERANCE = 1e-10
@@ -92,22 +92,21 @@ class StreamingQr:
         triangles = stacked_triangles(self.triangles, rows)
         return replace(self, triangles=locked(triangles), n_rows=self.n_rows + rows.shape[0] * rows.shape[1])
 
-    def reduced(self, operator: sparse.csr_array, fields: FloatArray, work: Work | None = None) -> StreamingQr:
-        """The state after the rows that `operator` makes of `fields`, which are never held in memory all at once.
+    def reduced(self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Work | None = None) -> StreamingQr:
+        """The state after the rows that `rows` makes of `fields`, which are never held in memory all at once.
 
         Parameters
         ----------
-        operator : (n_blocks (n_columns + 1), n_fields) sparse array
+        rows : RowMaker or (n_blocks (n_columns + 1), n_fields) sparse array
             Regressors of every block, its right-hand side last, from the fields of one sample.
         fields : (n_fields, n_times) float array
         work : Work, optional
             Compiled or not, and on how many threads.
         """
-        n_blocks, n_columns = self.columns.shape
-        require_shape("operator", operator, (n_blocks * (n_columns + 1), len(fields)))
-        triangles = folded_fields(self.triangles, self.columns, operator, fields, work or Work())
+        maker = rows if isinstance(rows, RowMaker) else row_maker(rows, self.columns)
+        triangles = folded_fields(self.triangles, maker, fields, work or Work())
         triangles.setflags(write=False)
-        return replace(self, triangles=triangles, n_rows=self.n_rows + n_blocks * fields.shape[1])
+        return replace(self, triangles=triangles, n_rows=self.n_rows + len(self.columns) * fields.shape[1])
 
     def merged(self, other: StreamingQr) -> StreamingQr:
         """The state after the rows of both; the order does not matter.
@@ -145,7 +144,9 @@ def no_rows(columns: IntArray, n_params: int) -> StreamingQr:
     if table.size and (table.max() >= n_params or table.min() < -1):
         raise InputError(f"`columns` must lie from -1 to {n_params - 1}, got up to {table.max()}")
     side = table.shape[1] + 1
-    return StreamingQr(table, n_params, locked(np.zeros((table.shape[0], side, side))), 0)
+    triangles = np.zeros((table.shape[0], side, side))  # not copied: untouched zeros take no memory
+    triangles.setflags(write=False)
+    return StreamingQr(table, n_params, triangles, 0)
 
 
 def stacked_triangles(triangles: FloatArray, rows: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from structid.arrays import FloatArray, IntArray
+from structid.estimation.covariance import score_covariance
 from structid.estimation.problem import Linearization, Problem
 
 
@@ -50,3 +51,6 @@ class Wrapped:
 
     def slope(self, theta: FloatArray) -> FloatArray:
         return self.problem.slope(theta)
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+        return score_covariance(self.problem, theta, jacobian)

@@ -13,6 +13,7 @@ from structid.modal.modal_record import ModalRecord
 from structid.modal.pole_uncertainty import free_decay_fit, is_free_decay
 
 _STRONG = 10.0  # F statistic from which on a mode is refined
+_SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up
 _FAR = 0.05  # of its size: a pole that moves further has left its mode
 
 
@@ -33,7 +34,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     """
     ratio = modes.damping_ratio
     poles = modes.omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
-    if not is_free_decay(data, free_decay_fit(data, poles)[1]):
+    if not is_free_decay(data, free_decay_fit(data, poles)[1], poles):
         return modes
     strong = np.flatnonzero(strength(data, poles) > _STRONG)
     fit = decay_fit(data, poles[strong]) if len(strong) else None
@@ -52,6 +53,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
         covariance[own, :], covariance[:, own] = 0.0, 0.0
         covariance[np.ix_(own, own)] = _of_frequency_and_damping(s, fit.pole_covariance)
         shape_std[:, strong] = std
+    notes = _shown_decay(data, s)
     order = np.argsort(frequency, kind="stable")
     both = np.concatenate([order, modes.n_modes + order])
     return replace(
@@ -61,6 +63,8 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
         mode_shapes=all_shapes[:, order],
         covariance=None if covariance is None else covariance[np.ix_(both, both)],
         shape_std=None if shape_std is None else shape_std[:, order],
+        changes=None,
+        warnings=(*modes.warnings, *notes),
         source=f"{modes.source}, refined by maximum likelihood of the free decay",
     )
 
@@ -75,3 +79,13 @@ def _of_frequency_and_damping(s: ComplexArray, covariance: FloatArray) -> FloatA
         ]
     ) / (2 * np.pi)
     return np.asarray(slope @ covariance @ slope.T)
+
+
+def _shown_decay(data: Outputs, s: ComplexArray) -> tuple[str, ...]:
+    """A word where the records are too short to show that their motion dies out."""
+    if float(np.max(-s.real)) * data.duration > _SHOWN:
+        return ()
+    return (
+        f"no mode dies out in {data.duration:.3g} s, and the motion is taken as free: if forces kept it up, standard "
+        "deviations are far too small; then measure longer",
+    )

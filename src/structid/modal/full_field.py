@@ -219,6 +219,7 @@ def full_field_modes(
             mode_shapes=unit_largest(motions.basis @ modes.mode_shapes),
             channels=parse_dofs(channels),
             shape_std=None,
+            changes=None,
             source=f"{modes.source}; {words}",
         ),
     )

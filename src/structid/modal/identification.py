@@ -25,6 +25,7 @@ FRF_METHODS: tuple[str, ...] = ("lscf",)
 SPECTRAL_METHODS = {"fdd": fdd_modes, "efdd": efdd, "bayesian_fft": bayesian_fft}
 #: Names of all methods.
 METHODS: tuple[str, ...] = (*SUBSPACE_METHODS, "next_era", *SPECTRAL_METHODS, *FRF_METHODS)
+_NO_COVARIANCE = "no covariance: errors of correlation functions gather at the modes; ssi_cov and pencil give it"
 
 
 def identify_modes(
@@ -77,15 +78,10 @@ def identify_modes(
 
     Notes
     -----
-    Cost 4 i n^2 N for i delays, n channels and N samples, twice with covariance (`n_pieces` times for a free decay),
-    and O((i n)^3) for the singular value decomposition.
-
-    The covariance is of first order and holds no bias. In ambient motion it comes from independent pieces, which must
-    be long against the memory of the slowest mode, 1 / (zeta omega). Where the modes explain most of the record as a
-    free decay, it comes from the remaining noise, taken as stationary; that of ``ssi_data`` is then about twice too
-    wide, since its projection is taken as free of noise.
-    For ``era`` and ``itd`` there is that second form only, and none for motion that is no free decay; at orders above the
-    true one a pole of noise near a mode may widen its interval. For ``lscf`` see `modal.lscf_modes.lscf`.
+    Covariances are of first order and hold no bias. In ambient motion they come from pieces of the record, batches of
+    which must be long against the memory of the slowest mode, 1 / (zeta omega). Free decays are refined by ``pencil``
+    (`decay_fit`), with the covariance of that; for other methods it comes from the noise that the decay leaves (about
+    twice too wide for ``ssi_data``), and there is none for ``era`` and ``itd`` of other motion. For ``lscf`` see `lscf`.
 
     References
     ----------
@@ -136,7 +132,9 @@ def modal_identification(
     if method in SPECTRAL_METHODS:
         return SPECTRAL_METHODS[method](records, options)
     if method == "next_era":
-        return replace(subspace_modes(natural_excitation(records), "era", options), method=method)
+        found = subspace_modes(natural_excitation(records), "era", options)
+        notes = found.modes.warnings if found.modes.covariance is not None else (*found.modes.warnings, _NO_COVARIANCE)
+        return replace(found, modes=replace(found.modes, warnings=notes), method=method)
     return subspace_modes(records, method, options)
 
 

@@ -26,10 +26,10 @@ from structid.modal.close_modes import close_mode_notes
 from structid.modal.joint_subspace import JointSubspace, joint_deviations, joint_poles, joint_subspace
 from structid.modal.merging import common_sensors
 from structid.modal.modal_identification import ModalIdentification, ModalOptions
-from structid.modal.modal_record import ModalRecord
+from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles
 from structid.modal.setup_data import SetupData, setup_data
-from structid.modal.subspace_modes import frequency_damping_covariance, picked_poles
+from structid.modal.subspace_modes import frequency_damping_changes, frequency_damping_covariance, picked_poles
 from structid.records import TimeRecord
 
 _MAX_ORDER = 60
@@ -127,19 +127,21 @@ def _modal_record(
     shapes = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
     unit = shapes / shapes[largest]
-    covariance = std = None
+    covariance = std = changes = None
     if all(len(windows) > 1 for windows in space.windows):
         ds, dshape = _all_deviations(space, sweep, picked)
         dunit = (dshape - unit * dshape[:, largest[0], largest[1]][:, None, :]) / shapes[largest]
         dunit[:, largest[0], largest[1]] = 0.0
-        covariance = frequency_damping_covariance(s, ds, notes)
+        changes = ModalChanges(*frequency_damping_changes(s, ds), dunit)
+        covariance = frequency_damping_covariance(changes, notes)
         std = np.sqrt(np.sum(dunit.real**2, axis=0))
         notes += _piece_notes(space, s)
     data = space.data
     source = f"{len(data.series)} set-ups identified together, {space.rows} block rows, {data.duration:g} s the longest"
     return ModalRecord(
-        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, data.channels, covariance, std, tuple(notes), source
-    )
+        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, data.channels, covariance, std, tuple(notes), source,
+        changes=changes,
+    )  # fmt: skip
 
 
 def _piece_notes(space: JointSubspace, s: ComplexArray) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from structid.errors import FileError, InputError
 from structid.files import atomic_write, require_readable
 from structid.modal.modal_csv import modes_csv, read_modes_csv
-from structid.modal.modal_record import ModalRecord
+from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.modal_uff import modes_uff, read_modes_uff
 from structid.modal.poles import modal_phase_collinearity
 from structid.records.io import Geometry
@@ -106,9 +106,40 @@ def modal_fields(modes: ModalRecord) -> dict[str, Any]:
         },
         "shape_std": None if modes.shape_std is None else modes.shape_std.tolist(),
         "covariance": None if modes.covariance is None else modes.covariance.tolist(),
+        "changes": None if modes.changes is None else _changes_fields(modes.changes),
         "source": modes.source,
         "warnings": list(modes.warnings),
     }
+
+
+def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
+    """Rows of one change each: frequencies, damping ratios, and shapes row by row, in nine digits."""
+    shapes = changes.mode_shapes.reshape(len(changes.frequency), -1)
+    parts = {
+        "frequency_hz": changes.frequency,
+        "damping_ratio": changes.damping_ratio,
+        "shapes_real": shapes.real,
+        "shapes_imaginary": shapes.imag,
+    }
+    return {key: [[float(f"{x:.9g}") for x in row] for row in part.tolist()] for key, part in parts.items()}
+
+
+def _read_changes(path: Path, data: dict[str, Any], shape: tuple[int, int]) -> ModalChanges | None:
+    fields = data.get("changes")
+    if fields is None:
+        return None
+    if not isinstance(fields, dict):
+        raise FileError(f"{path}: `changes` must hold tables of changes, got {_short(fields)}; write it again")
+    frequency, ratio, real, imaginary = (
+        _array(path, fields, key, 2, "changes.")
+        for key in ("frequency_hz", "damping_ratio", "shapes_real", "shapes_imaginary")
+    )
+    if real.shape != (len(frequency), shape[0] * shape[1]) or imaginary.shape != real.shape:
+        raise FileError(
+            f"{path}: `changes.shapes_real` and `changes.shapes_imaginary` must hold {shape[0] * shape[1]} entries in each"
+            f" of {len(frequency)} rows, got {real.shape} and {imaginary.shape}; write it again"
+        )
+    return ModalChanges(frequency, ratio, (real + 1j * imaginary).reshape(-1, *shape))
 
 
 def _json_text(value: Any) -> str:
@@ -141,7 +172,7 @@ def _read_json(path: Path) -> ModalRecord:
     return ModalRecord(
         frequency, _array(path, data, "damping_ratio", 1), shape, _texts(path, data, "channels"),  # type: ignore[arg-type]
         warnings=_texts(path, data, "warnings", ()), source=str(data.get("source", "")),
-        scaling=data.get("scaling", "unit_largest"), **optional,
+        scaling=data.get("scaling", "unit_largest"), changes=_read_changes(path, data, real.shape), **optional,
     )  # fmt: skip
 
 

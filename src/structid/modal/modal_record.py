@@ -8,11 +8,43 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, locked, require_finite, require_shape
+from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 
 Scaling = Literal["unit_largest", "mass"]
+
+
+@dataclass(frozen=True, eq=False)
+class ModalChanges:
+    """A square root of the joint covariance of all numbers of a `ModalRecord`: sums over changes of their products.
+
+    Parameters
+    ----------
+    frequency, damping_ratio : (n_changes, n_modes) float arrays
+        Hz and 1.
+    mode_shapes : (n_changes, n_channels, n_modes) complex array
+        Of shapes with one entry held.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree or an entry is not finite.
+    """
+
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    mode_shapes: ComplexArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
+        object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
+        object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, np.complex128))
+        require_shape("frequency", self.frequency, (None, None))
+        require_shape("damping_ratio", self.damping_ratio, self.frequency.shape, "one for each frequency")
+        require_shape("mode_shapes", self.mode_shapes, (len(self.frequency), None, self.frequency.shape[1]))
+        for name in ("frequency", "damping_ratio", "mode_shapes"):
+            require_finite(name, getattr(self, name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +65,9 @@ class ModalRecord:
         Of all frequencies (Hz), then all damping ratios. None where the method gives none.
     shape_std : (n_channels, n_modes) float array, optional
         Standard deviation of every entry of `mode_shapes`, of its real part for complex ones.
+    changes : ModalChanges, optional
+        What `covariance` and `shape_std` come from, with all that they leave out: how shapes vary together, and with
+        frequencies.
     warnings : tuple of str
         What the user should know before using the modes: causes and remedies.
     source : str
@@ -56,6 +91,7 @@ class ModalRecord:
     warnings: tuple[str, ...] = ()
     source: str = ""
     scaling: Scaling = "unit_largest"
+    changes: ModalChanges | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
@@ -79,6 +115,10 @@ class ModalRecord:
         if self.shape_std is not None:
             object.__setattr__(self, "shape_std", locked(self.shape_std, np.float64))
             require_shape("shape_std", np.asarray(self.shape_std), self.mode_shapes.shape, "one for each entry")
+        if self.changes is not None:
+            require_shape(
+                "changes", self.changes.mode_shapes, (None, *self.mode_shapes.shape), "one for each entry of the shapes"
+            )
 
     @property
     def n_modes(self) -> int:

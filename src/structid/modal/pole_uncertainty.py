@@ -18,11 +18,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, Piece
 from structid.modal.poles import oscillating
 from structid.modal.subspace import Subspace
+
+_PEAK = 4.0  # peak over median of the residual's spectrum from which motion counts as forced
+_STILL = 1e-9  # of a channel's root mean square: nothing but rounding
+_BATCH = 2.0  # memories of the slowest mode in a batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,17 +68,42 @@ def deviations(subspace: Subspace, max_order: int, poles: ComplexArray) -> Devia
         return None
     decay, noise = free_decay_fit(subspace.data, poles)
     n_changes = max(len(subspace.windows), 4 * len(poles))
-    if not is_free_decay(subspace.data, noise):
+    if not is_free_decay(subspace.data, noise, poles):
         return None if subspace.parts is None else piece_deviations(subspace, max_order)
     if subspace.parts is None:
         return sample_deviations(subspace, max_order, noise, n_changes)
     return noise_deviations(subspace, max_order, decay, noise, n_changes)
 
 
-def is_free_decay(data: Outputs, rest: Sequence[FloatArray]) -> bool:
-    """Whether `rest`, which one free decay with the poles leaves of the records, is less than half of their power."""
+def is_mostly_explained(data: Outputs, rest: Sequence[FloatArray]) -> bool:
+    """Whether `rest` holds less than half of the power of the records."""
     total = sum(float(np.sum(np.square(y))) for y in data.series)
     return sum(float(np.sum(np.square(y))) for y in rest) < 0.5 * total
+
+
+def is_free_decay(data: Outputs, rest: Sequence[FloatArray], poles: ComplexArray) -> bool:
+    """Whether one free decay with `poles` explains the records, but for `rest`.
+
+    It must leave less than half of their power, and no peaks around the modes: what ambient forces add in the course
+    of the record gathers there, while sensors' noise does not. Around each mode, the spectrum of what is left must stay
+    below four times its median.
+    """
+    return is_mostly_explained(data, rest) and all(
+        _peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL
+    )
+
+
+def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
+    """Greatest level of the spectrum at the `poles`, averaged over channels and a 32nd of the lines, over its median."""
+    n = len(y)
+    size = np.sqrt(np.mean(y**2, axis=0))
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
+    lines = np.mean(np.abs(np.fft.rfft(window * y / np.where(size > 0, size, 1.0), axis=0)) ** 2, axis=1)
+    width = 2 * max(2, n // 64) + 1
+    smooth = np.convolve(lines, np.ones(width) / width, "same")
+    level = np.median(lines)
+    at = np.interp(poles.imag / (2 * np.pi), np.fft.rfftfreq(n, 1 / sampling_rate), smooth)
+    return float(at.max(initial=0.0) / level) if level > 0 else 0.0
 
 
 def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
@@ -88,6 +118,42 @@ def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
         right.append(factor * (part @ v - window.part * u * s))
         left.append(factor * (part.T @ u - window.part * v * s))
     return Deviations(np.array(right), np.array(left))
+
+
+def overlapping_batches(
+    ds: ComplexArray, dshape: ComplexArray, piece: float, memory: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Sums of neighbouring changes, whose products add up to a covariance that counts how neighbours vary together.
+
+    Pieces short against the memory of a mode are no independent repeats. Every run of L of them is one, L the least
+    with L pieces as long as `_BATCH` memories, but at most an eighth of all pieces; runs overlap. Standard deviations
+    are scaled so that 1.96 of them are the 95 % interval of Student's t with 1.5 n / L degrees of freedom for n pieces.
+
+    Parameters
+    ----------
+    ds : (n_pieces, n_modes) complex array
+    dshape : (n_pieces, n_channels, n_modes) complex array
+    piece : float
+        Duration of a piece, s.
+    memory : float
+        Of the slowest mode, 1 / (zeta omega), s.
+
+    References
+    ----------
+    Meketon and Schmeiser (1984), Overlapping batch means: something for nothing?, Proc. Winter Simul. Conf., 226-230.
+    """
+    n = len(ds)
+    size = int(np.clip(np.ceil(_BATCH * memory / piece), 1, max(1, n // 8)))
+    if size == 1:
+        return ds, dshape
+    scale = np.sqrt(n * (n - 1) / (size * (n - size + 1) * (n - size)))
+    scale *= float(special.stdtrit(1.5 * n / size, 0.975) / special.ndtri(0.975))
+
+    def sums(changes: ComplexArray) -> ComplexArray:
+        total = np.concatenate([np.zeros_like(changes[:1]), np.cumsum(changes, axis=0)])
+        return scale * (total[size:] - total[:-size])
+
+    return sums(ds), sums(dshape)
 
 
 def noise_deviations(

@@ -14,9 +14,16 @@ from structid.modal.decay_modes import decay_modes
 from structid.modal.era import era, era_dc
 from structid.modal.itd import itd
 from structid.modal.modal_identification import ModalIdentification, ModalOptions
-from structid.modal.modal_record import ModalRecord
+from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.pencil import pencil
-from structid.modal.pole_uncertainty import Deviations, deviations, free_decay_fit, is_free_decay, pole_deviations
+from structid.modal.pole_uncertainty import (
+    Deviations,
+    deviations,
+    free_decay_fit,
+    is_mostly_explained,
+    overlapping_batches,
+    pole_deviations,
+)
 from structid.modal.poles import Poles
 from structid.modal.ssi import ssi_cov, ssi_data
 from structid.modal.stabilization import Cluster, clusters
@@ -64,7 +71,7 @@ def subspace_modes(
 
 def _no_free_decay(data: Outputs, s: ComplexArray, method: str) -> list[str]:
     """A word where the modes explain less than half of the motion as a free decay."""
-    if is_free_decay(data, free_decay_fit(data, s)[1]):
+    if is_mostly_explained(data, free_decay_fit(data, s)[1]):
         return []
     return [
         f"the record is no free decay of these modes, as {method} assumes: no covariance, and poles are biased. For ambient "
@@ -141,21 +148,31 @@ def _modal_record(
     shapes = np.einsum("cdm,dm->cm", merge, raw)
     largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
     unit = shapes / shapes[largest]
-    covariance = std = None
+    covariance = std = changes = None
     spread = deviations(subspace, max(sweep[k].order for k, _ in picked), s)
     if spread is not None:
         ds, draw = _all_deviations(subspace, spread, sweep, picked)
+        if not spread.free:
+            piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
+            ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
         dshape = np.einsum("cdm,bdm->bcm", merge, draw)
         top = dshape[:, largest[0], largest[1]]
         dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
-        covariance = frequency_damping_covariance(s, ds, notes)
+        changes = ModalChanges(*frequency_damping_changes(s, ds), dunit)
+        covariance = frequency_damping_covariance(changes, notes)
         std = np.sqrt(np.sum(dunit.real**2, axis=0))
     notes += _warnings(data, s, len(subspace.windows) if spread is not None and not spread.free else 0)
     return ModalRecord(
         np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
-        covariance=covariance, shape_std=std, warnings=tuple(notes),
+        covariance=covariance, shape_std=std, warnings=tuple(notes), changes=changes,
         source=f"{subspace.method}, {len(subspace.left) // data.n_channels} block rows, {data.duration:g} s",
     )  # fmt: skip
+
+
+def _memory(s: ComplexArray) -> float:
+    """1 / (zeta omega) of the slowest mode, s; 0 where none decays."""
+    decaying = -s.real[s.real < 0]
+    return float(1 / decaying.min()) if len(decaying) else 0.0
 
 
 def _all_deviations(
@@ -173,19 +190,24 @@ def _all_deviations(
     return ds, dshape
 
 
-def frequency_damping_covariance(s: ComplexArray, ds: ComplexArray, notes: list[str]) -> FloatArray:
-    """Of frequencies (Hz), then damping ratios; modes taken as independent where pieces are too few to tell."""
+def frequency_damping_changes(s: ComplexArray, ds: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Changes of |s| / 2 pi and of -Re s / |s| with those of s, (n_changes, n_modes) each."""
     size = np.abs(s)
     dsize = (s.conj() * ds).real / size
-    dratio = -ds.real / size + s.real * dsize / size**2
-    change = np.concatenate([dsize / (2 * np.pi), dratio], axis=1)
+    return dsize / (2 * np.pi), np.asarray(-ds.real / size + s.real * dsize / size**2)
+
+
+def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:
+    """Of frequencies (Hz), then damping ratios; modes taken as independent where pieces are too few to tell."""
+    change = np.concatenate([changes.frequency, changes.damping_ratio], axis=1)
+    n = changes.frequency.shape[1]
     covariance = change.T @ change
-    if len(change) <= 2 * len(s):
-        mode = np.tile(np.arange(len(s)), 2)
+    if len(change) <= 2 * n:
+        mode = np.tile(np.arange(n), 2)
         covariance = np.where(mode[:, None] == mode, covariance, 0.0)
         notes.append(
-            f"{len(change)} pieces cannot tell how {2 * len(s)} numbers vary together: the covariance between modes is "
-            f"left out. Raise `n_pieces` above {2 * len(s)}, with a longer record"
+            f"{len(change)} pieces cannot tell how {2 * n} numbers vary together: the covariance between modes is "
+            f"left out. Raise `n_pieces` above {2 * n}, with a longer record"
         )
     return np.asarray(covariance)
 
@@ -201,12 +223,12 @@ def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
         notes.append(f"mode {listed} turns less than three times in {duration:g} s; measure longer")
     decay = np.maximum(-s.real, 1e-300)
     if n_pieces:
-        piece = sum(len(y) for y in data.series) / data.sampling_rate / n_pieces
-        slow = np.flatnonzero((piece * omega < 4 * np.pi) | ((piece * decay < 1) & (duration * decay > 1)))
+        batch = sum(len(y) for y in data.series) / data.sampling_rate / min(n_pieces, 8)  # as long as they may grow
+        slow = np.flatnonzero((batch * omega < 4 * np.pi) | ((batch * decay < 1) & (duration * decay > 1)))
         if len(slow):
             listed = ", ".join(str(i + 1) for i in slow)
             notes.append(
-                f"pieces of {piece:.3g} s are short against the memory of mode {listed}: its standard deviation is "
-                "uncertain. Lower `n_pieces`, or measure longer"
+                f"parts of {batch:.3g} s are short against the memory of mode {listed}: its standard deviation is "
+                "uncertain. Measure longer"
             )
     return notes

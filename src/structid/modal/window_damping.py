@@ -75,6 +75,7 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
         mode_shapes=modes.mode_shapes[:, order],
         covariance=covariance,
         shape_std=None if modes.shape_std is None else modes.shape_std[:, order],
+        changes=None,
         warnings=(*modes.warnings, *_doubts(ratio_new[order], covariance)),
         source=f"{modes.source}, window decay of {decay:g} 1/s taken off".removeprefix(", "),
     )

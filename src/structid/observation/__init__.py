@@ -7,7 +7,14 @@ from structid.observation.frf import Form, FrfProblem
 from structid.observation.identify_time import identify_time
 from structid.observation.modal_problem import ModalForm, ModalProblem
 from structid.observation.motion import Motion, completed, recorded_motion
+from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion_fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
+from structid.observation.motion_stream import (
+    MotionSolution,
+    identify_motion_by_chunks,
+    motion_solution,
+    reduced_by_chunks,
+)
 from structid.observation.output_error import OutputErrorProblem
 from structid.observation.response import Response, response
 from structid.observation.simulation import simulated_record
@@ -24,6 +31,7 @@ __all__ = [
     "ModalForm",
     "ModalProblem",
     "Motion",
+    "MotionSolution",
     "Oscillation",
     "OutputErrorProblem",
     "RecursiveMotionFit",
@@ -35,14 +43,19 @@ __all__ = [
     "damped_stages",
     "frequency_continuation",
     "identify_motion",
+    "identify_motion_by_chunks",
     "identify_time",
     "least_squares_bias",
+    "load_motion_fit",
     "measures_everything",
     "motion_fit",
+    "motion_solution",
     "one_step_values",
     "output_error_problem",
     "recorded_motion",
+    "reduced_by_chunks",
     "response",
+    "save_motion_fit",
     "simulated_record",
     "simulated_time_record",
     "spectra_problem",

@@ -82,12 +82,12 @@ class ParameterForces:
         wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
         return np.concatenate(wide, axis=1)
 
-    def contracted(self, factors: ComplexArray, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
-        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_x, n_params, n_y)."""
+    def contracted(self, factors: ComplexArray, x: NDArray[Any], y: NDArray[Any]) -> list[NDArray[Any]]:
+        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x."""
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
         shape = (self.n_params, self.n_dofs)
-        return np.stack([sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries])
+        return [sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries]
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:

@@ -65,7 +65,7 @@ class FieldJacobian:
 
     def forward(self, v: FloatArray) -> ComplexArray:
         """dH for a change v (n_params,), (n_frequencies, n_outputs, n_inputs)."""
-        n_lines, n_outputs, n_dofs = self.y.shape
+        n_lines, _, n_dofs = self.y.shape
         flat = self.x.view(np.float64)
         forces = np.zeros((n_dofs, n_lines, self.x.shape[1] // n_lines), dtype=np.complex128)
         for kind, matrix in self._changes(v).items():
@@ -77,7 +77,7 @@ class FieldJacobian:
 
     def adjoint(self, w: ComplexArray) -> FloatArray:
         """Re of the sum of w dH/dp over all entries, (n_params,), for w as the FRF."""
-        n_lines, _, n_dofs = self.y.shape
+        n_dofs = self.y.shape[2]
         weighted = w * -self.model.kind_factor[:, None, None]
         drive = np.ascontiguousarray(np.moveaxis(np.swapaxes(self.y, 1, 2) @ weighted, 1, 0))
         total = np.zeros(self.model.parameters.n_params)
@@ -113,6 +113,8 @@ class FreeResponse:
     squares : (n_params,) float array
         Diagonal of J'J.
     words : str
+    jacobian : (n_data, n_params) float array or None
+        Where it is stored.
     """
 
     values: ComplexArray
@@ -120,6 +122,7 @@ class FreeResponse:
     adjoint: Callable[[FloatArray], FloatArray]
     squares: FloatArray
     words: str
+    jacobian: FloatArray | None = None
 
 
 def free_response(
@@ -159,7 +162,7 @@ def free_response(
         for line, fields in zip(range(shape[0])[part], found, strict=True):
             x[:, line] = fields[:, loads] * load_signs
             values[line] = model.read(x[None, :, line])[0] * model.kind_factor[line]
-            products = forces.contracted(factors[line], fields[:, used], fields)[place][:, :, sensors]
+            products = np.stack(forces.contracted(factors[line], fields[:, used], fields))[place][:, :, sensors]
             scale = -model.kind_factor[line] * np.outer(signs, load_signs)
             change = whitening(values[line : line + 1], slice(line, line + 1)).rows(
                 (np.moveaxis(products, 2, 0) * scale[..., None])[None]
@@ -172,7 +175,7 @@ def free_response(
     if stored is not None:
         matrix = stored.reshape(-1, n_params)
         words = f"the Jacobian of the data, {size / 1e6:.0f} MB, is stored"
-        return FreeResponse(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words)
+        return FreeResponse(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words, matrix)
     parts, _ = model.parts_at(physical, model.fixed_coefficients)
     jacobian = FieldJacobian(model, parts, factors, x.reshape(n_dofs, -1), y)
     white = whitening(values, slice(None))

@@ -63,6 +63,9 @@ class FrfProblem:
     factorizer : {"pardiso", "superlu"}, optional
         Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
         names, or the fastest that is installed.
+    reduced : float, optional
+        Largest error of values, in parts of the largest of their line, that a large model may find from few
+        factorizations; it pays for solids and many lines. Derivatives are not reduced. See `reduced_sweep`.
     """
 
     structure: Structure
@@ -75,6 +78,7 @@ class FrfProblem:
     start_prior: tuple[FloatArray, FloatArray] | None = None
     start_error: float | None = None
     factorizer: str | None = None
+    reduced: float | None = None
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -157,7 +161,9 @@ class FrfProblem:
     @cached_property
     def model(self) -> Response:
         """The structure's response at the record's lines, sensors and loads."""
-        return response(self.structure, self.parameters, self.record, self.measured_sliding, self.factorizer)
+        return response(
+            self.structure, self.parameters, self.record, self.measured_sliding, self.factorizer, self.reduced
+        )
 
     def stage_plans(self) -> tuple[tuple[tuple[str, FrfProblem], ...], ...]:
         """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
@@ -299,6 +305,7 @@ class FrfProblem:
             data_squares=slope**2 * at.squares,
             prior=sparse.csr_array(prior @ sparse.diags_array(slope)),
             words=at.words,
+            jacobian=None if at.jacobian is None else at.jacobian * slope,
         )
 
     def _whitening(self, h: ComplexArray, lines: slice) -> Whitening:

@@ -130,6 +130,30 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit
     return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
 
 
+def group_changes(
+    state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What changes of the measured shapes do to `GroupFit`, the model as it is.
+
+    Parameters
+    ----------
+    shapes : (n_channels, m, n_changes) float array
+        In standard deviations of each channel.
+
+    Returns
+    -------
+    (m, n_changes), (n_channels, m, n_changes) and (m, m, n_changes) float arrays
+        Of the frequency (Hz), the shapes' residual and the mixing.
+    """
+    eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
+    b = state.sensors.T @ state.modes.mode_shapes[:, chosen]
+    pseudo = np.linalg.pinv(b)
+    d_a = np.einsum("kc,crp->krp", pseudo, shapes)
+    still = np.zeros((len(chosen), *d_a.shape[1:]))
+    _, frequency, _, mixing = _turned(eigenvalues, still, pseudo @ group.shapes, d_a, group)
+    return frequency, shapes - np.einsum("ck,krp->crp", b, d_a), mixing
+
+
 def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatArray:
     """(C / omega + D / omega^2) phi of a single mode, (n_dofs, 1)."""
     return (state.damping @ phi) / omega + (state.structural @ phi) / omega**2

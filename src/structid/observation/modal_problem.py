@@ -18,7 +18,7 @@ from structid.modal.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.observation.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal_dynamic import dynamic_residual
-from structid.observation.modal_output import GroupData, GroupFit, ModelState, group_fit
+from structid.observation.modal_output import GroupData, GroupFit, ModelState, group_changes, group_fit
 from structid.parameters import NamedUnknowns, Parameters
 from structid.structure import Structure
 
@@ -129,7 +129,10 @@ class ModalProblem(NamedUnknowns):
         if own is None:
             return np.full(self.shapes.shape, self.shape_error)
         scale = np.abs(np.asarray(self.record.mode_shapes)).max(axis=0)
-        return np.hypot(unscaled_shape_std(self.shapes, own / scale), self.shape_error)
+        freed = unscaled_shape_std(self.shapes, own / scale)
+        if self.record.changes is not None:
+            freed = np.broadcast_to(np.sqrt(np.mean(freed**2, axis=0)), freed.shape)
+        return np.hypot(freed, self.shape_error)
 
     @cached_property
     def frequency_std(self) -> FloatArray:
@@ -151,6 +154,8 @@ class ModalProblem(NamedUnknowns):
         extra = np.concatenate(
             [self.frequency_error * self.record.frequency[self.measured], self.damping_error * damping]
         )
+        if self.record.changes is not None:
+            own = np.diag(np.diag(own))
         return np.nan_to_num(own[np.ix_(rows, rows)]) + np.diag(extra**2)
 
     @cached_property
@@ -287,24 +292,80 @@ class ModalProblem(NamedUnknowns):
     def _relative(self) -> list[tuple[float, float]]:
         return list(zip(self.frequency_std.tolist(), self.record.frequency[self.measured].tolist(), strict=True))
 
-    def _output(self, physical: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+    def _groups_at(self, physical: FloatArray) -> list[tuple[ModelState, GroupData, IntArray]]:
+        """Each group with the model, its sensors in the group's standard deviations, and the model's modes for it."""
         state = self.model_state(physical)
         pairs = dict(zip(self.measured.tolist(), self.pairing(state.modes).tolist(), strict=True))
+        found = []
+        for group in self.groups:
+            sensors = self._sensors / self._group_std(group)
+            chosen = np.array([pairs[r] for r in group.members.tolist()])
+            found.append((replace(state, sensors=sensors), group, chosen))
+        return found
+
+    def _group_std(self, group: GroupData) -> FloatArray:
+        """Of each channel, (n_channels,)."""
+        return np.asarray(np.sqrt((self.shape_std[:, group.members] ** 2).mean(axis=1)))
+
+    def _output(self, physical: FloatArray) -> tuple[FloatArray, FloatArray, int]:
         fits: list[GroupFit] = []
         rows: list[FloatArray] = []
         slopes: list[FloatArray] = []
         eliminated = 0
         n_params = self.parameters.n_params
-        for group in self.groups:
-            chosen = np.array([pairs[r] for r in group.members.tolist()])
-            std = np.sqrt((self.shape_std[:, group.members] ** 2).mean(axis=1))
-            fit = group_fit(replace(state, sensors=self._sensors / std), group, chosen)
+        for state, group, chosen in self._groups_at(physical):
+            fit = group_fit(state, group, chosen)
             rows += [fit.shape_residual.ravel(), fit.mixing.ravel()]
             slopes += [fit.shape_slope.reshape(-1, n_params), fit.mixing_slope.reshape(-1, n_params)]
             eliminated += len(chosen) * (len(chosen) + 1)  # A, and the empty diagonal of the mixing
             fits.append(fit)
         scalar, change, unused = self._scalars(fits)
         return np.concatenate([*rows, scalar]), np.concatenate([*slopes, change]), eliminated + unused
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        """Changes of the data rows whose products sum to their covariance, (n_changes, n_data).
+
+        None where the record does not say how its numbers vary together; the rows then count as independent.
+        """
+        own = self.record.changes
+        if self.form == "dynamic" or own is None:
+            return None
+        given = np.asarray(self.record.mode_shapes)
+        turn = np.exp(-0.5j * np.angle((given**2).sum(axis=0)))
+        shapes = (own.mode_shapes * turn).real / np.abs((given * turn).real).max(axis=0)
+        frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
+        n_all, n = shapes.shape[1:], len(self.measured)
+        if self.frequency_error or self.damping_error or self.shape_error:  # errors stated beside the record's own
+            more = np.eye(n_all[0] * n_all[1]) * self.shape_error
+            still = np.zeros((len(more), n))
+            shapes = np.concatenate([shapes, more.reshape(-1, *n_all), np.zeros((2 * n, *n_all))])
+            stated = np.diag(self.frequency_error * self.record.frequency[self.measured]), np.zeros((n, n))
+            frequency = np.concatenate([frequency, still, *stated])
+            stated = (
+                np.zeros((n, n)),
+                np.diag(self.damping_error * np.nan_to_num(self.record.damping_ratio[self.measured])),
+            )
+            ratio = np.concatenate([ratio, still, *stated])
+        rows, model = [], []
+        for state, group, chosen in self._groups_at(self.physical(theta)):
+            moved = np.moveaxis(shapes[:, :, group.members], 0, -1) / self._group_std(group)[:, None, None]
+            d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
+            rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
+            model.append(d_frequency)
+        scalar = self._scalar_changes(np.concatenate(model).T - frequency, ratio)
+        return np.concatenate([np.concatenate(rows).T, scalar], axis=1)
+
+    def _scalar_changes(self, frequency: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Rows of `_scalars` for changes of the frequencies' residual and of the measured damping ratios."""
+        n = len(self.measured)
+        if not self.use_damping:
+            return np.linalg.solve(np.linalg.cholesky(self._covariance[:n, :n]), frequency.T).T
+        single = np.concatenate([np.full(len(g.members), len(g.members) == 1) for g in self.groups])
+        keep = np.concatenate([np.ones(n, bool), single])
+        rows = np.zeros((len(frequency), 2 * n))
+        both = np.concatenate([frequency, -ratio], axis=1)[:, keep]
+        rows[:, keep] = np.linalg.solve(np.linalg.cholesky(self._covariance[np.ix_(keep, keep)]), both.T).T
+        return rows
 
     def _scalars(self, fits: list[GroupFit]) -> tuple[FloatArray, FloatArray, int]:
         """Frequencies and damping ratios, whitened together, and how many of the rows are empty."""

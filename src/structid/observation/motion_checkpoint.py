@@ -49,7 +49,7 @@ def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMot
     """
     path = require_readable(path)
     try:
-        with np.load(path, allow_pickle=False) as kept:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
             fields = {name: kept[name] for name in kept.files}
         layout, digest = str(fields["layout"]), str(fields["equations"])
         triangles, energy, error = (locked(fields[name], np.float64) for name in ("triangles", "energy", "error"))

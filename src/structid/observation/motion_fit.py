@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation import Estimate
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import RowMaker, Work
 from structid.estimation.streaming_qr import LinearFit, StreamingQr, no_rows
 from structid.observation.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
 from structid.observation.motion_words import motion_estimate
@@ -58,7 +57,7 @@ class RecursiveMotionFit:
         fields = self.equations.fields(chunk)
         return replace(
             self,
-            state=reduced_state(self.equations, self.state, self.equations.operator, fields, work),
+            state=reduced_state(self.equations, self.state, None, fields, work),
             energy=locked(self.energy + (fields**2).sum(axis=1)),
             error=self.error if variance is None else locked(self.error + _summed(variance, chunk.force.shape)),
             n_samples=self.n_samples + chunk.n_times,
@@ -119,11 +118,12 @@ class RecursiveMotionFit:
 
 
 def reduced_state(
-    equations: TimeEquations, state: StreamingQr, operator: sparse.csr_array, fields: FloatArray, work: Work | None
+    equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Work | None = None
 ) -> StreamingQr:
-    """`state` after the rows that `operator`, that of the equations or of channels, makes of (n_fields, n_times)."""
+    """`state` after the rows that `rows`, by default those of the equations, makes of (n_fields, n_times)."""
     if len(equations.columns) == equations.n_dofs:
-        return state.reduced(operator, fields, work)
+        return state.reduced(equations.operator if rows is None else rows, fields, work)
+    operator = equations.operator if rows is None else rows.operator
     step = max(1, _CHUNK_ENTRIES // operator.shape[0])
     for first in range(0, fields.shape[1], step):
         state = state.updated(equations.shaped(operator @ fields[:, first : first + step]))

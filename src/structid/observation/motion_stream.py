@@ -6,6 +6,7 @@ record, several records and the work of several processes merge; a checkpoint ho
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,16 +20,18 @@ from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.estimation import Status
 from structid.estimation.block_least_squares import BlockFit, block_solution
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import RowMaker, Work, row_maker
 from structid.observation.motion import MOTION_QUANTITIES
 from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion_fit import RecursiveMotionFit, motion_fit, reduced_state
 from structid.observation.motion_words import solution_words
+from structid.observation.time_equations import TimeEquations
 from structid.parameters import Parameters
 from structid.records.on_disk import ChunkedRecord
 from structid.structure import Structure
 
 _FIELDS = (*MOTION_QUANTITIES, "force")
+_KEEPING = 0.1  # of the time may go into checkpoints
 
 #: Called with the samples done and the number of samples.
 Progress = Callable[[int, int], None]
@@ -114,9 +117,10 @@ def identify_motion_by_chunks(
     work : Work, optional
         Compiled or not, and on how many threads.
     longest : int, optional
-        Samples a chunk; by default as many as fit into about 32 MB.
+        Samples a chunk; by default about a 64th of the record or 32 MB, whichever is less, and at least 24.
     checkpoint : Path, optional
-        NPZ file written after each chunk, by renaming. If it is there already, the pass goes on where it ended.
+        NPZ file that holds the state, written by renaming now and then and at any end. If it is there already, the
+        pass goes on where it ended.
     progress : callable, optional
 
     Raises
@@ -147,18 +151,53 @@ def reduced_by_chunks(
     """`fit` after samples `first` to `last` of the record; parts of a record may be reduced apart and `merged`."""
     mapping = channel_map(structure, record)
     fit.equations.require({_FIELDS[k] for k in range(3) if mapping.kinds[k]})
-    operator = sparse.csr_array(fit.equations.operator @ mapping.matrix)
+    rows = channel_rows(fit.equations, mapping)
     gross = abs(mapping.matrix)
-    for chunk in record.chunks(first, last, longest):
-        state = reduced_state(fit.equations, fit.state, operator, chunk, work)
-        channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
-        energy = locked(fit.energy + (gross @ channels) ** 2)
-        fit = replace(fit, state=state, energy=energy, n_samples=fit.n_samples + chunk.shape[1])
-        if checkpoint is not None:
-            save_motion_fit(checkpoint, fit)
-        if progress is not None:
-            progress(fit.n_samples, record.n_times)
+    keeper = _Keeper(checkpoint)
+    try:
+        for chunk in record.chunks(first, last, longest):
+            state = reduced_state(fit.equations, fit.state, rows, chunk, work)
+            channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
+            energy = locked(fit.energy + (gross @ channels) ** 2)
+            fit = replace(fit, state=state, energy=energy, n_samples=fit.n_samples + chunk.shape[1])
+            del chunk, state  # before the next one is read
+            keeper.offer(fit)
+            if progress is not None:
+                progress(fit.n_samples, record.n_times)
+    finally:
+        keeper.close(fit)
     return fit
+
+
+def channel_rows(equations: TimeEquations, mapping: ChannelMap) -> RowMaker:
+    """What makes the rows of the equations from the channels of a record."""
+    operator = sparse.csr_array(equations.operator @ mapping.matrix)
+    if len(equations.columns) == equations.n_dofs:
+        return row_maker(operator, equations.columns)
+    nothing = np.zeros(0, dtype=np.int64)
+    return RowMaker(operator, nothing, nothing, nothing, nothing, nothing)
+
+
+class _Keeper:
+    """Writes checkpoints, so seldom that they take a small part of the time, and the last one at any end."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path, self.kept = path, -1
+        self.ended, self.taken = time.perf_counter(), 0.0
+
+    def offer(self, fit: RecursiveMotionFit) -> None:
+        if self.path is not None and time.perf_counter() - self.ended >= self.taken / _KEEPING:
+            self._write(self.path, fit)
+
+    def close(self, fit: RecursiveMotionFit) -> None:
+        if self.path is not None and fit.n_samples not in (0, self.kept):
+            self._write(self.path, fit)
+
+    def _write(self, path: Path, fit: RecursiveMotionFit) -> None:
+        begun = time.perf_counter()
+        save_motion_fit(path, fit)
+        self.ended = time.perf_counter()
+        self.taken, self.kept = self.ended - begun, fit.n_samples
 
 
 def motion_solution(fit: RecursiveMotionFit, work: Work | None = None) -> MotionSolution:

@@ -10,13 +10,13 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.dof import Dof
 from structid.dynamics import harmonic_fields
 from structid.dynamics.factorization import Analysis, factorizer
 from structid.dynamics.receptance import DENSE_UP_TO, DynamicStiffness, single_blas
-from structid.errors import InputError
+from structid.dynamics.reduced_sweep import reduced_sweep
 from structid.observation.contraction import ParameterForces, parameter_forces
 from structid.observation.friction import add_amplitude_change, balanced_amplitudes
+from structid.observation.laws import distinct_columns, law_coefficients
 from structid.observation.sensitive import (
     SensitiveElements,
     WeightedParts,
@@ -24,6 +24,7 @@ from structid.observation.sensitive import (
     weight_slope,
     weighted_elements,
 )
+from structid.observation.sliding import require_one_load, sliding_amplitudes
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
@@ -32,47 +33,6 @@ from structid.structure.assembly import Assembly, assembly
 
 _CHUNK_BYTES = 48_000_000
 _STUCK = 1e-4
-
-
-def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
-    """Measured sliding amplitude per unit drive of the friction elements that name sensors.
-
-    Raises
-    ------
-    InputError
-        If a friction element names a sensor that the record lacks, or the record has several loads.
-    """
-    amplitudes = {}
-    for element in structure.elements:
-        if not isinstance(element, Friction) or not element.measured_by:
-            continue
-        _require_one_load(element, record)
-        measured = record.channels(_as_recorded(element.measured_by, record)).as_kind("receptance")
-        signs = np.array([dof.sign for dof in measured.outputs])
-        amplitudes[element.name] = element.sliding(measured.values[:, :, 0] * signs)
-    return amplitudes
-
-
-def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
-    """The record's own outputs at the same places and directions, whatever their sense."""
-    own = {dof.unsigned: dof for dof in record.outputs}
-    return tuple(own.get(dof.unsigned, dof) for dof in wanted)
-
-
-def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]) -> ComplexArray:
-    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
-
-    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
-    """
-    table: dict[str, ComplexArray] = {
-        "inertia": laplace**2,
-        "viscous": laplace,
-        "elastic": np.ones_like(laplace),
-        "structural": np.full_like(laplace, 1j),
-    }
-    table.update({f"friction:{name}": np.asarray(1j / amplitude) for name, amplitude in sliding.items()})
-    zero = np.zeros_like(laplace)
-    return np.stack([table.get(law, zero) for law in laws], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +62,7 @@ class Response:
     sensitive: tuple[SensitiveElements, ...]
     contacts: tuple[_Contact, ...]
     factorizer: str | None = None
+    reduced: float | None = None
 
     @property
     def n_outputs(self) -> int:
@@ -159,23 +120,24 @@ class Response:
         n_sides = self.columns.shape[1]
         direct = not self.contacts and self.parameters.n_params * len(used) < n_sides - len(used)
         right = self.columns[:, used].toarray() if direct else self.columns.toarray()
-        stiffness = self._stiffness(physical, coefficients)
+        stiffness = self.stiffness(physical, coefficients)
         with single_blas():
             for line in range(n_lines):
                 solver = stiffness.solver(line)
                 fields = solver.solve(right)
-                read = self._sensors.T @ fields
+                read = self.sensors.T @ fields
                 if direct:
                     values[line] = read[:, place] * self.inputs[1]
                     moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
-                    change = np.moveaxis((self._sensors.T @ moved).reshape(n_sensors, len(used), -1), 0, 2)
+                    changes = list(np.swapaxes((self.sensors.T @ moved).reshape(n_sensors, len(used), -1), 0, 1))
                 else:
                     values[line] = read[:, self.inputs[0]] * self.inputs[1]
                     reach[line] = (read[:, self.outputs[0]] * self.outputs[1])[:, self.n_outputs :]
                     products = forces.contracted(factors[line], fields[:, used], fields)
-                    change = products[:, :, self.outputs[0]] * self.outputs[1]
+                    changes = [product.T[self.outputs[0]] for product in products]
+                signs = np.ones(n_sensors) if direct else self.outputs[1]
                 for column, (row, sign) in enumerate(zip(place, self.inputs[1], strict=True)):
-                    np.multiply(change[row].T, -sign, out=derivative[line, :, column])
+                    np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[line, :, column])
         return values, derivative, reach
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
@@ -309,7 +271,7 @@ class Response:
             data = at.data(self.parameters.values(physical))
             yield slice(None), harmonic_fields(at.indices, at.indptr, data, coefficients, loads, self.frequency)
             return
-        stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+        stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
         with single_blas():
             for line in range(len(self.frequency)):
                 yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
@@ -318,7 +280,8 @@ class Response:
         """Motion (n, n_dofs, n_columns) under unit loads at all `columns` for stretches of lines, one after another."""
         return self._solved(physical, self._coefficients(physical), self.columns)
 
-    def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+    def stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+        """The dynamic stiffness of a large model, with the factors of each law at every line."""
         data = self.assembled.data(self.parameters.values(physical))
         return DynamicStiffness(self.analysis, data, coefficients, self.frequency)
 
@@ -329,13 +292,18 @@ class Response:
 
     def _readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What the sensors and contacts read under some of the columns, (n_frequencies, n_sensors, n_columns)."""
+        if self.is_large and self.reduced is not None:
+            loads, pattern = self.columns[:, columns].toarray(), (self.assembled.indices, self.assembled.indptr)
+            at = self.stiffness(physical, coefficients)
+            with single_blas():
+                return reduced_sweep(at, pattern, loads, self.sensors, self.reduced).values
         readings = np.empty((len(self.frequency), len(self.outputs[0]), len(columns)), dtype=np.complex128)
         for part, fields in self._solved(physical, coefficients, self.columns[:, columns]):
             readings[part] = self.read(fields)
         return readings
 
     @cached_property
-    def _sensors(self) -> sparse.csc_array:
+    def sensors(self) -> sparse.csc_array:
         """Columns of the sensors and contacts, signs included, (n_dofs, n_sensors)."""
         index, sign = self.outputs
         return sparse.csc_array(self.columns[:, index] @ sparse.diags_array(sign))
@@ -343,7 +311,7 @@ class Response:
     def read(self, x: ComplexArray) -> ComplexArray:
         """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""
         flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
-        return np.moveaxis((self._sensors.T @ flat).reshape(len(self.outputs[0]), x.shape[0], x.shape[2]), 0, 1)
+        return np.moveaxis((self.sensors.T @ flat).reshape(len(self.outputs[0]), x.shape[0], x.shape[2]), 0, 1)
 
 
 def response(
@@ -352,6 +320,7 @@ def response(
     record: FrfRecord,
     measured_sliding: bool = False,
     factorizer: str | None = None,
+    reduced: float | None = None,
 ) -> Response:
     """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
 
@@ -366,6 +335,8 @@ def response(
         Whether friction elements that name sensors slide with the amplitude that those measured.
     factorizer : {"pardiso", "superlu"}, optional
         Of large models; see `structid.dynamics.factorization.factorizer`.
+    reduced : float, optional
+        Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
 
     Raises
     ------
@@ -377,7 +348,7 @@ def response(
     fixed = law_coefficients(assembled.laws, record.laplace, measured)
     contacts, slides = _contacts(structure, assembled.laws, record, set(measured))
     loads, sensors = structure.selection(record.inputs), structure.selection(record.outputs)
-    columns, places = _distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
+    columns, places = distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     n_inputs = len(record.inputs)
     index, sign = np.array([p for p, _ in places]), np.array([s for _, s in places])
     return Response(
@@ -392,6 +363,7 @@ def response(
         sensitive=sensitive_elements(structure, unknown),
         contacts=contacts,
         factorizer=factorizer,
+        reduced=reduced,
     )
 
 
@@ -402,33 +374,9 @@ def _contacts(
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:
         if isinstance(element, Friction) and element.name not in measured:
-            _require_one_load(element, record)
+            require_one_load(element, record)
             value = next(p.values.start for p in structure.properties if p.element == element.name)
             contacts.append(_Contact(laws.index(f"friction:{element.name}"), value))
             slide = structure.selection(element.first)
             columns.append(slide if element.second is None else slide - structure.selection(element.second))
     return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
-
-
-def _require_one_load(element: Friction, record: FrfRecord) -> None:
-    if len(record.inputs) != 1:
-        raise InputError(f"friction {element.name!r} needs a record with one load, got {len(record.inputs)}")
-
-
-def _distinct_columns(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """The columns that differ by more than their sign, and for each given column its place among them and its sign."""
-    kept: dict[tuple[bytes, bytes], int] = {}
-    first, places = [], []
-    for j in range(columns.shape[1]):
-        part = slice(columns.indptr[j], columns.indptr[j + 1])
-        index, value = columns.indices[part], columns.data[part]
-        order = np.argsort(index)
-        index, value = index[order].astype(np.int64), value[order]
-        sign = 1.0 if not value.size or value[0] > 0 else -1.0
-        key = (index.tobytes(), (sign * value).tobytes())
-        if key not in kept:
-            kept[key] = len(kept)
-            first.append((j, sign))
-        places.append((kept[key], sign))
-    unique = columns[:, [j for j, _ in first]] @ sparse.diags_array([s for _, s in first])
-    return sparse.csc_array(unique), places

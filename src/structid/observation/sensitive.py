@@ -108,6 +108,9 @@ def weighted_elements(
             item = structure.contributions[member]
             factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
             other = 0 if item.factor is None else design[item.factor][group.rows].nnz
+            if item.thickness is not None:
+                factor = factor * item.thickness.of(weights)[group.rows]
+                other += design[item.thickness.value][group.rows].nnz
             simple = np.ptp(factor) == 0 and not other
             key = (number, item.value.start, -1 if simple else member)
             if key not in found:

@@ -23,7 +23,7 @@ from structid.parameters import Parameters
 from structid.structure import Contribution, Structure
 
 _LAWS = ("inertia", "viscous", "elastic")  # in the order of MOTION_QUANTITIES
-_STATE_ENTRIES = 4_000_000
+_STATE_ENTRIES = 40_000_000
 _MOST_IN_ONE_BLOCK = 200
 
 
@@ -200,27 +200,26 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
         if part.law in _LAWS
     ]
     row, field, parameter, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    keep = value != 0
-    return row[keep], field[keep], parameter[keep], value[keep]
+    return row, field, parameter, value
 
 
 def _expanded(
     part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, law: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Entries of one contribution: each element's once for every parameter in its weight, and once as known."""
+    """Entries of one contribution: each element's once for every parameter in its weight, and once where known."""
     row, column, element, value = part.blocks.entries()
+    field = law * n_dofs + column
+    del column
     count = np.diff(design.indptr)[element]
     again = np.repeat(np.arange(len(element)), count)
-    within = np.arange(len(again)) - np.repeat(np.cumsum(count) - count, count)
-    place = design.indptr[element[again]] + within
-    known = np.full(len(element), design.shape[1])
-    field = law * n_dofs + column
-    return (
-        np.concatenate([row[again], row]),
-        np.concatenate([field[again], field]),
-        np.concatenate([design.indices[place], known]).astype(np.int64),
-        np.concatenate([value[again] * design.data[place], -value * offset[element]]),
-    )
+    place = np.arange(len(again)) - np.repeat(np.cumsum(count) - count - design.indptr[element], count)
+    del count
+    known = np.flatnonzero(offset[element])
+    parameter = np.concatenate([design.indices[place], np.full(len(known), design.shape[1])]).astype(np.int64)
+    weighted = np.concatenate([value[again] * design.data[place], -value[known] * offset[element[known]]])
+    del place, element, value
+    again = np.concatenate([again, known])
+    return row[again], field[again], parameter, weighted
 
 
 def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> tuple[IntArray, IntArray]:

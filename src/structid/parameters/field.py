@@ -41,9 +41,7 @@ class Field:
     def __post_init__(self) -> None:
         object.__setattr__(self, "intervals", tuple(int(n) for n in self.intervals))
         if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
-            raise InputError(
-                f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}"
-            )
+            raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
         if not 0 <= self.degree <= _LARGEST_DEGREE:
             raise InputError(f"`degree` of a field must lie from 0 to {_LARGEST_DEGREE}, got {self.degree}")
 

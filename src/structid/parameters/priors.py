@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
@@ -69,7 +69,7 @@ class Coupling:
 
     def __post_init__(self) -> None:
         if sparse.issparse(self.matrix):
-            kept: FloatArray | sparse.csr_array = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
+            kept: Any = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
             require_finite("matrix", kept.data)
         else:
             kept = locked(self.matrix, np.float64)
@@ -84,8 +84,9 @@ class Coupling:
     def used(self) -> np.ndarray:
         """Which parameters take part, (n_params,)."""
         if sparse.issparse(self.matrix):
-            return np.bincount(self.matrix.indices[self.matrix.data != 0], minlength=self.matrix.shape[1]) > 0
-        return (self.matrix != 0).any(axis=0)
+            entries = sparse.coo_array(self.matrix)
+            return np.bincount(entries.col[entries.data != 0], minlength=entries.shape[1]) > 0
+        return np.asarray((self.matrix != 0).any(axis=0))
 
     def residual(self, physical: FloatArray) -> FloatArray:
         """``matrix @ g(p) - target``, (n_rows,)."""

@@ -15,6 +15,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "mass": ("mass", "rotary_inertia"),
     "stiffness": ("stiffness",),
     "damping": ("viscous_damping", "loss_factor", "friction"),
+    "thickness": ("thickness",),
 }
 
 
@@ -37,7 +38,7 @@ class Panel:
     Attributes
     ----------
     name : str
-        ``mass``, ``stiffness`` or ``damping``.
+        A key of `PANELS`.
     changes : mapping of (element set, index) to Change
         Only elements that a parameter of this kind acts on.
     limit : float

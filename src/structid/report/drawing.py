@@ -15,7 +15,17 @@ from structid.report.changes import Panel, panels
 from structid.report.labels import Label, Placed, place
 from structid.report.picture import Arrow, Mark, Picture
 from structid.report.text import counted
-from structid.structure import Dashpot, Friction, PointMass, RotaryInertia, Spring, Structure
+from structid.structure import (
+    Dashpot,
+    Friction,
+    Membrane,
+    Plane,
+    Plate,
+    PointMass,
+    RotaryInertia,
+    Spring,
+    Structure,
+)
 from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 from structid.study.identification import Identification
@@ -34,6 +44,8 @@ _SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 _CHARACTER_INCHES = (0.068, 0.115)
 _MANY_NODES = 40
+#: Size of a cell as drawn, so that a gap shows between neighbours.
+_SHRUNK = 0.94
 #: Cosine beyond which two directions count as the same.
 _IN_THE_WAY = 0.9
 
@@ -272,9 +284,12 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 
 
 def _area(frame: _Frame, element: ElementSet, index: int, label: str, taken: Counter[object], heaviest: float) -> Mark:
-    """A disc for a mass, rings for rotary inertias, a square for a group of matrices."""
+    """A disc for a mass, rings for rotary inertias, its own outline for a plane cell, a square for what is left."""
     nodes = [int(n) for n in element.nodes[index] if n >= 0]
     centre = np.mean([frame.points[n] for n in nodes], axis=0)
+    if isinstance(element, Membrane | Plane | Plate):
+        corners = np.array([frame.points[n] for n in nodes[: 3 if len(nodes) in (3, 6) else 4]])
+        return Mark(element.name, index, label, centre + _SHRUNK * (corners - centre), True, centre)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
         path = symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35))

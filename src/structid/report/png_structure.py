@@ -49,7 +49,7 @@ def _panel(figure: Figure, axes: Axes, drawn: Picture, panel: Panel | None) -> N
     axes.plot(*drawn.links.T, color=palette.RIGID, lw=1.1, ls="--", zorder=1)
     axes.plot(*drawn.grounds.T, color=palette.SUPPORT, lw=1.0, zorder=1)
     for path in drawn.supports:
-        axes.fill(*path.T, color=palette.SUPPORT, zorder=2)
+        axes.fill(*path.T, color=palette.SUPPORT, zorder=4.5)
     axes.plot(*drawn.nodes.T, ls="", marker="o", ms=2.2, color=_EDGE, zorder=5)
     for mark in drawn.marks:
         _mark(axes, mark, panel)
@@ -71,6 +71,7 @@ def _panel(figure: Figure, axes: Axes, drawn: Picture, panel: Panel | None) -> N
             ha="center",
             va="center",
             zorder=9,
+            path_effects=[Stroke(linewidth=2.0, foreground="white"), Normal()],
         )
     if panel is None:
         return

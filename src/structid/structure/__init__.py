@@ -1,6 +1,7 @@
 """What a structure is: nodes, elements, supports; it gives element matrices, never data."""
 
 from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.structure.contribution import Contribution, Property
 from structid.structure.elements import (
     ELEMENT_TYPES,
     Bar,
@@ -17,7 +18,6 @@ from structid.structure.elements import (
     SpaceBeam,
     Spring,
 )
-from structid.structure.contribution import Contribution, Property
 from structid.structure.structure import Structure, from_matrices
 from structid.structure.supports import Constraint, RigidLink
 

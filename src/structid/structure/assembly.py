@@ -51,13 +51,17 @@ def structure_laws(structure: Structure) -> tuple[str, ...]:
 def assembly(structure: Structure) -> Assembly:
     """The `Assembly` of `structure`; made once, used for every set of values."""
     n = structure.n_dofs
-    parts = [part.blocks.entries() for part in structure.contributions]
-    keys = [column * n + row for row, column, _, _ in parts]
-    diagonal = np.arange(n) * (n + 1)
-    pattern = np.unique(np.concatenate([*keys, diagonal]))
-    maps = []
-    for key, (_, _, element, value), part in zip(keys, parts, structure.contributions, strict=True):
-        shape = (len(pattern), part.blocks.n_elements)
-        maps.append(sparse.coo_array((value, (np.searchsorted(pattern, key), element)), shape).tocsr())
+    families = {id(part.blocks): part.blocks for part in structure.contributions}
+    used = [np.arange(n) * (n + 1)]  # the diagonal; then one family's entries in memory at a time
+    for blocks in families.values():
+        row, column, _, _ = blocks.entries()
+        used.append(np.unique(column * n + row))
+    pattern = np.unique(np.concatenate(used))
+    found: dict[int, sparse.csr_array] = {}
+    for key, blocks in families.items():
+        row, column, element, value = blocks.entries()
+        place = np.searchsorted(pattern, column * n + row)
+        found[key] = sparse.coo_array((value, (place, element)), (len(pattern), blocks.n_elements)).tocsr()
+    maps = [found[id(part.blocks)] for part in structure.contributions]
     indptr = np.concatenate([[0], np.cumsum(np.bincount(pattern // n, minlength=n))])
     return Assembly(structure, structure_laws(structure), pattern % n, indptr.astype(np.int64), tuple(maps))

@@ -286,12 +286,13 @@ class Structure:
     def _free_blocks(self, term: Term) -> ElementMatrices:
         """The term's matrices on free degrees of freedom."""
         assert term.codes is not None
-        order = {code: i for i, code in enumerate(self._codes)}
+        known = np.array(self._codes, dtype=np.int64)
+        place = np.minimum(np.searchsorted(known, term.codes), len(known) - 1)
         if term.matrices is not None:
-            rows = self._transformation[[order[int(c)] for c in term.codes[0]], :]
+            rows = self._transformation[place[0], :]
             return MatrixBlocks([rows.T @ matrix @ rows for matrix in term.matrices])
         assert term.local is not None
-        position = np.array([[order.get(int(c), -1) for c in row] for row in term.codes])
+        position = np.where(known[place] == term.codes, place, -1)
         return _tied_blocks(position, term.local, self._transformation, self.n_dofs)
 
 

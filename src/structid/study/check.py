@@ -17,6 +17,7 @@ from structid.observation import ModalProblem
 from structid.parameters import term_name
 from structid.records import FrfRecord
 from structid.structure import Structure
+from structid.structure.mesh_point import MeshPoint
 from structid.study.identification import titles
 from structid.study.identified import AnySetup
 from structid.study.model_modes import structure_modes
@@ -201,6 +202,8 @@ def _channels(structure: Structure, record: FrfRecord | ModalRecord) -> tuple[Ch
             part = columns[:, [j]].tocoo()
             pairs = zip(part.coords[0], part.data, strict=True)
             terms = [f"{value:+.3g} {structure.dofs[int(row)].unsigned}"[:-1] for row, value in pairs]
+            place = next((tie for tie in structure.ties if isinstance(tie, MeshPoint) and tie.label == dof.node), None)
+            terms += [] if place is None else [f"(nearest node, {place.distance:.3g} m away)"]
             found.append(ChannelCheck(str(dof), role, " ".join(terms)))
     return tuple(found)
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
-from structid.estimation import Estimate, Problem, estimate, stage_plans, thinned
+from structid.estimation import Estimate
 from structid.estimation.estimate import StageProgress
 from structid.estimation.intervals import IntervalKind, intervals
 from structid.estimation.least_squares import LevenbergMarquardt, Method
+from structid.estimation.work import ALONE, Work
 from structid.observation import (
     ChannelUnknown,
     Form,
@@ -24,19 +25,18 @@ from structid.observation import (
     one_step_values,
 )
 from structid.observation.continuation import START_ERROR
-from structid.observation.frequency_continuation import few_line_plans
 from structid.parameters import Parameters, Regularization
 from structid.records import FrfRecord
 from structid.structure import Structure
+from structid.study.answer import answered
 from structid.study.checks import record_warnings
 from structid.study.identified import AnySetup, Identification, RecordFit, Setup
 from structid.study.modal_setup import ModalFit, ModalSetup, modal_fit, modal_fit_warnings
 from structid.study.model_modes import structure_modes
 from structid.study.ratios import ratios
-from structid.study.regularizing import Held, regularization_warnings, regularized, shares
+from structid.study.regularizing import regularization_warnings, shares
 from structid.study.resonances import resonances
-from structid.study.search import RecordProblem, alike, by_name, searched, together
-from structid.study.time_fit import target, time_estimate
+from structid.study.search import RecordProblem, alike, by_name, shared_parts, together
 from structid.study.warning_words import estimate_warnings, record_fit_warnings
 
 _RELATIVE_WEIGHT = 0.1
@@ -173,7 +173,10 @@ def identify(
 
 
 def identify_together(
-    setups: Sequence[AnySetup], options: IdentifyOptions | None = None, progress: StageProgress | None = None
+    setups: Sequence[AnySetup],
+    options: IdentifyOptions | None = None,
+    progress: StageProgress | None = None,
+    work: Work = ALONE,
 ) -> Identification:
     """Parameters from several records in one fit: other sensors, loads, supports or added masses of one structure.
 
@@ -191,6 +194,8 @@ def identify_together(
         For all records alike.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
+    work : Work
+        Where searches and their repeats run, and whether they are kept.
 
     Returns
     -------
@@ -216,14 +221,15 @@ def identify_together(
     ):
         problems = (_started_by_one_step(only),)
 
-    answer = _searched(setups, problems, chosen, progress)
+    work.known(shared_parts(problems))
+    answer = answered(setups, problems, chosen, progress, work)
     found, problems = (
         replace(answer.estimate, initial=by_name(answer.estimate.names, initial, "start")),
         answer.problems,
     )
     if found.residual_tests is not None and not any(setup.time for setup in setups):
         found = replace(found, residual_tests=found.residual_tests.named(_channel_names(titles(setups), problems)))
-    ends = intervals(answer.target or problems[0], found, chosen.intervals, seed=chosen.seed)
+    ends = intervals(answer.target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
     fits, modal_fits = _fits(setups, problems, found, chosen)
     mass, std = _total_mass(fits[0] if fits else modal_fits[0], found, chosen.direction)
     warnings = record_fit_warnings(
@@ -261,62 +267,6 @@ def prepared_setup(setup: AnySetup, options: IdentifyOptions) -> tuple[RecordPro
     if isinstance(setup, ModalSetup):
         return setup.problem(), ()
     return prepared_problem(setup.structure, setup.parameters, setup.record, options, setup.channel_unknowns)
-
-
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """What a search gave: the estimate, each record's problem, and the problem that was solved, if one of many rows."""
-
-    estimate: Estimate
-    problems: tuple[RecordProblem, ...]
-    target: Problem | None
-    held: tuple[Held, ...]
-
-
-def _searched(
-    setups: Sequence[AnySetup],
-    problems: tuple[RecordProblem, ...],
-    options: IdentifyOptions,
-    progress: StageProgress | None,
-) -> _Answer:
-    """The search that the set-ups ask for: over FRFs, finite spectra, or time histories."""
-
-    def search(problem: Problem) -> Estimate:
-        plans = few_line_plans(problem, stage_plans(problem)) if options.pole_free_start else ()
-        return estimate(
-            problem,
-            options.method,
-            plans,
-            restarts=options.restarts,
-            seed=options.seed,
-            progress=progress,
-            sample=thinned(problem),
-            uniqueness_starts=options.uniqueness_starts,
-        )
-
-    fits = [setup.time for setup in setups]
-    first = fits[0]
-    if first is not None and first.fit != "spectra":
-        if (
-            len(setups) > 1
-            or options.regularization
-            or options.intervals != "laplace"
-            or options.band
-            or options.exclude
-        ):
-            raise InputError(
-                f"fit {first.fit!r} takes one record, all of it, without regularization and with Laplace intervals;"
-                " use fit 'spectra' for more"
-            )
-        return _Answer(time_estimate(problems[0], first, options.restarts, options.seed), problems, None, ())
-    if any(fit is not None for fit in fits):
-        if options.regularization or any(fit is not None and fit.fit != "spectra" for fit in fits):
-            raise InputError("several records, and regularization, go with fit 'spectra' and with FRFs only")
-        aim = target(problems, fits, options.exclude)
-        return _Answer(search(aim), problems, aim, ())
-    problems, held = regularized(problems, options.regularization, options.method, options.pole_free_start)
-    found, problems = searched(problems, search)
-    return _Answer(found, problems, together(problems), held)
 
 
 def _channel_names(records: Sequence[str], problems: Sequence[RecordProblem]) -> list[str]:

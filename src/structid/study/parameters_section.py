@@ -9,7 +9,19 @@ from typing import Any
 from structid.errors import InputError
 from structid.parameters import Field, Parameters, Prior, Unknown, parameters
 from structid.structure import Structure
-from structid.study.section import BOOLEAN, COUNTS, INTEGER, NUMBER, POSITIVE, RANGE, TEXT, TEXTS, Section, as_list, choice
+from structid.study.section import (
+    BOOLEAN,
+    COUNTS,
+    INTEGER,
+    NUMBER,
+    POSITIVE,
+    RANGE,
+    TEXT,
+    TEXTS,
+    Section,
+    as_list,
+    choice,
+)
 
 _KINDS = {
     "property": TEXT,

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from structid.arrays import FloatArray, locked
-from structid.estimation import Estimate, LevenbergMarquardt, Linearization, Problem, minimize, stage_plans
+from structid.estimation import Estimate, LevenbergMarquardt, Linearization, Problem, stage_plans
 from structid.estimation.least_squares import Method
 from structid.estimation.regularization import (
     LocalModel,
@@ -22,6 +22,7 @@ from structid.estimation.regularization import (
     settled,
     sparse_strengths,
 )
+from structid.estimation.work import ALONE, Work
 from structid.parameters import Coupling, Regularization, Smoothness, Sparsity, penalty, term_name
 from structid.study.search import RecordProblem, decided, together
 
@@ -67,7 +68,11 @@ class Held:
 
 
 def regularized(
-    problems: Sequence[RecordProblem], terms: Sequence[Regularization], method: Method, staged: bool = True
+    problems: Sequence[RecordProblem],
+    terms: Sequence[Regularization],
+    method: Method,
+    staged: bool = True,
+    work: Work = ALONE,
 ) -> tuple[tuple[RecordProblem, ...], tuple[Held, ...]]:
     """The problems with the rows of `terms` at the strengths that they give or the data choose.
 
@@ -82,6 +87,8 @@ def regularized(
         Search of every fit.
     staged : bool
         Whether the first fit goes by easier forms of the residual.
+    work : Work
+        Runs the fits.
 
     Raises
     ------
@@ -90,11 +97,11 @@ def regularized(
     """
     if not terms:
         return tuple(problems), ()
-    search = _Search(tuple(decided(p, p.theta_start) for p in problems), tuple(terms), method)
+    search = _Search(tuple(decided(p, p.theta_start) for p in problems), tuple(terms), method, work)
     theta = np.array(search.problem.theta_start)
     if staged:
         for _, stage in stage_plans(search.with_strengths(search.start))[0]:
-            theta = minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta).theta
+            theta = work.minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta).theta
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     held = tuple(
         _held(term, part.residual, strength, found.converged)
@@ -123,6 +130,7 @@ class _Search:
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
     method: Method
+    work: Work
 
     @cached_property
     def problem(self) -> Problem:
@@ -151,7 +159,7 @@ class _Search:
         return together(_coupled(self.problems, self.couplings(strengths)))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
-        return minimize(self.with_strengths(strengths), self.method, theta).theta
+        return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
 
     def model(self, theta: FloatArray) -> LocalModel:
         """Data and penalties at `theta`; the parameters of the first problem's structure come first."""

@@ -12,6 +12,7 @@ import scipy
 
 from structid._version import __version__
 from structid.arrays import FloatArray
+from structid.dynamics.receptance import factorizer_words
 from structid.study.identification import Identification
 from structid.study.study import Study
 
@@ -30,6 +31,8 @@ class Provenance:
         Of the starts that are tried where a fit misses the noise; None where none may be.
     settings : mapping
         The ``[method]`` of the study with its defaults filled in.
+    factorizer : str
+        What solves for the response of the model; empty where there is no model.
     """
 
     structid: str
@@ -39,6 +42,7 @@ class Provenance:
     inputs: Mapping[str, str]
     seed: int | None
     settings: Mapping[str, Any]
+    factorizer: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,7 @@ def provenance(study: Study) -> Provenance:
         inputs=dict(study.digests),
         seed=study.options.seed if study.options.restarts or study.options.uniqueness_starts else None,
         settings=study.settings,
+        factorizer=factorizer_words(max(source.structure.n_dofs for source in study.setups)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from structid.arrays import ComplexArray
 from structid.errors import SingularModelError, StructidError
 from structid.estimation.estimate import StageProgress
+from structid.estimation.work import ALONE, Work
 from structid.observation import FrfProblem, ModalProblem
 from structid.records import FrfRecord
 from structid.study.checks import require_sound_model, unit_warnings
@@ -19,19 +20,21 @@ from structid.study.identification import (
     Setup,
     identify_together,
     prepared_problem,
+    prepared_setup,
     titles,
     used_lines,
 )
 from structid.study.identified import AnySetup
 from structid.study.modal_setup import ModalSetup
+from structid.study.needs import require_room
 from structid.study.record_section import load_histories
 from structid.study.result import StudyResult, provenance
-from structid.study.search import RecordProblem, alike, together
+from structid.study.search import RecordProblem, alike, shared_parts, together
 from structid.study.section import Section
 from structid.study.setup_section import SetupSource
 from structid.study.study import Study, load_study
 
-__all__ = ["SearchFailedError", "Start", "load_study", "run_study", "started"]
+__all__ = ["SearchFailedError", "Start", "load_study", "run_study", "started", "study_parts", "study_problems"]
 
 
 class SearchFailedError(StructidError):
@@ -104,6 +107,23 @@ def started(study: Study) -> Start:
     return Start(study, setups, same, tuple(predicted), tuple(warnings), tuple(units))
 
 
+def study_parts(study: Study) -> tuple[object, ...]:
+    """Structure and record of each problem of the study, as `identify_together` names them to its `work`."""
+    return shared_parts(study_problems(study))
+
+
+def study_problems(study: Study) -> tuple[RecordProblem, ...]:
+    """The problem of each record, nothing evaluated yet.
+
+    Raises
+    ------
+    InputError
+        If a record, its sensors or the band cannot be used.
+    """
+    setups = [_loaded(study, source) for source in study.setups]
+    return alike([prepared_setup(setup, study.options)[0] for setup in setups])
+
+
 def _loaded(study: Study, source: SetupSource) -> AnySetup:
     section = source.section
     if source.record.modes is not None:
@@ -174,7 +194,7 @@ def _placed_mechanism(section: Section) -> Iterator[None]:
         raise SingularModelError(str(section.error(str(error)))) from error
 
 
-def run_study(study: Study, progress: StageProgress | None = None) -> StudyResult:
+def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
     """What the study identifies.
 
     Parameters
@@ -182,6 +202,8 @@ def run_study(study: Study, progress: StageProgress | None = None) -> StudyResul
     study : Study
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
+    work : Work
+        Where searches and their repeats run, and whether they are kept; see `structid.study.long_run`.
 
     Returns
     -------
@@ -192,13 +214,14 @@ def run_study(study: Study, progress: StageProgress | None = None) -> StudyResul
     Raises
     ------
     InputError, SingularModelError
-        If the study cannot be run as it is; see `started`.
+        If the study cannot be run as it is, see `started`, or does not fit in memory.
     SearchFailedError
         If the search came to where there is no model response.
     """
     ready = started(study)
+    require_room(study, ready.problems)
     try:
-        found = identify_together(ready.setups, study.options, progress)
+        found = identify_together(ready.setups, study.options, progress, work)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"

@@ -28,6 +28,11 @@ def together(problems: Sequence[RecordProblem]) -> Problem:
     return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
 
 
+def shared_parts(problems: Sequence[RecordProblem]) -> tuple[object, ...]:
+    """Structure and record of each problem: what another process that reads the same study has as well."""
+    return tuple(part for problem in problems for part in (problem.structure, problem.record))
+
+
 def decided(problem: RecordProblem, theta: FloatArray) -> RecordProblem:
     """The problem with the polarities that `theta` asks for; modes have none."""
     return problem.decided(theta) if isinstance(problem, FrfProblem) else problem

@@ -176,7 +176,7 @@ class Section:
         """
         known = [*kinds, *others]
         for key in self.table:
-            if key not in known:
+            if key not in kinds and key not in others:
                 near = difflib.get_close_matches(key, known, 1, 0.0)
                 nearest = f"the nearest is `{near[0]}`; " if near else ""
                 raise self.error(f"unknown key; {nearest}valid keys are {', '.join(known)}", key)

@@ -13,13 +13,22 @@ from structid.errors import InputError
 from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
+from structid.structure.meshes import Mesh
 from structid.structure.supports import Tie
 from structid.study.input_files import InputFiles
 from structid.study.matrix_files import read_groups
+from structid.study.mesh_section import (
+    group_table,
+    read_points,
+    read_structure_mesh,
+    read_supports,
+    require_all_assigned,
+)
 from structid.study.section import (
     BOOLEAN,
     INTEGER,
     NODES,
+    NUMBER,
     NUMBERS,
     POSITION,
     POSITIVE,
@@ -48,6 +57,9 @@ _KINDS = {
     "smoothing": INTEGER,
     "lumped": BOOLEAN,
     "orientation": VECTOR,
+    "poisson": NUMBER,
+    "state": TEXT,
+    "formulation": TEXT,
 }
 _ONE_END = {"first": TEXT, "second": TEXT}
 _DOF_KEYS = ("first", "second", "measured_by")
@@ -68,25 +80,32 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
         is `fixed` instead.
     """
     plain = {"active": TEXTS, "fixed": TEXTS, "total_mass": POSITIVE}
-    tables = ("nodes", "matrices", "matrix_group", *ELEMENT_TYPES, "rigid_link", "constraint")
-    given = section.values(plain, others=tables)
+    own = ("nodes", "mesh", "support", "points", "matrices", "matrix_group")
+    given = section.values(plain, others=(*own, *ELEMENT_TYPES, "rigid_link", "constraint"))
     groups, held = read_groups(section, files)
-    nodes = _nodes(section, groups)
+    mesh = read_structure_mesh(section, files)
+    nodes = _nodes(section, groups, mesh)
     entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in section.sections(kind)]
-    elements: Elements = [(entry, _element(entry, kind, nodes)) for entry, kind in entries]
+    elements: Elements = [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
     elements.extend(groups)
     if not elements:
         kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
     ties = [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in section.sections(key)]
+    if mesh is not None:
+        require_all_assigned(section, mesh, [element for _, element in elements])
+    for entry, point in read_points(section, mesh, [element for _, element in elements]):
+        nodes[point.label] = list(nodes[point.node])
+        ties.append((entry, point))
     fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(section, text, nodes)]
+    fixed += read_supports(section, mesh, nodes)
     active = as_list(given["active"]) if "active" in given else None
     if "total_mass" in given:
         whole = _built(section, nodes, elements, ties, [*fixed, *held], active)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
-        elements, ties, fixed = _changed(changes, nodes, elements, ties, fixed)
+        elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
     structure = _built(section, nodes, elements, ties, [*fixed, *held], active)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
@@ -102,8 +121,9 @@ def _built(
         raise _placed(section, str(error), elements, ties) from error
 
 
-def _changed(changes: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof]) -> Parts:
+def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
     """What one set-up makes of the structure; its own nodes are added to `nodes`."""
+    elements, ties, fixed = parts
     tables = ("nodes", *ELEMENT_TYPES, "rigid_link", "constraint")
     given = changes.values({"fixed": TEXTS, "without": TEXTS}, others=tables)
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
@@ -124,7 +144,8 @@ def _changed(changes: Section, nodes: Positions, elements: Elements, ties: Ties,
             nodes[label] = position
     elements = [pair for pair in elements if pair[1].name not in absent]
     ties = [pair for pair in ties if pair[1].name not in absent]
-    elements += [(entry, _element(entry, kind, nodes)) for kind in ELEMENT_TYPES for entry in changes.sections(kind)]
+    entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in changes.sections(kind)]
+    elements += [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
     ties += [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in changes.sections(key)]
     if "fixed" in given:
         fixed = [dof for text in as_list(given["fixed"]) for dof in _fixed(changes, text, nodes)]
@@ -143,8 +164,11 @@ def _placed(section: Section, message: str, elements: Elements, ties: Ties) -> I
     return section.error(message)
 
 
-def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]]) -> Positions:
+def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]], mesh: Mesh | None = None) -> Positions:
     inner = section.section("nodes")
+    if mesh is not None:
+        nodes = {label: position.tolist() for label, position in mesh.nodes.items()}
+        return nodes if inner is None else nodes | _besides(inner, _nodes(section, []), mesh)
     if inner is None:
         if groups:
             return {dof.node: [0.0, 0.0, 0.0] for _, group in groups for dof in group.dofs}
@@ -163,13 +187,29 @@ def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]]) -> Posit
     return nodes
 
 
-def _element(entry: Section, kind: str, nodes: Positions) -> ElementSet:
+def _besides(inner: Section, own: Positions, mesh: Mesh) -> Positions:
+    """Nodes beside those of a mesh."""
+    for label, position in own.items():
+        if label in mesh.nodes:
+            raise inner.error(f"is a node of {mesh.source} already; take another number", str(label))
+        if len(position) != 3:
+            raise inner.error(f"must have 3 coordinates like the mesh, got {len(position)}", str(label))
+    return own
+
+
+def _element(entry: Section, kind: str, nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
     signature = inspect.signature(ELEMENT_TYPES[kind])
     kinds: dict[str, Kind] = {key: _KINDS.get(key, NUMBERS) for key in signature.parameters}
     if kind == "friction":
         kinds.update(_ONE_END)
     required = [key for key, item in signature.parameters.items() if item.default is inspect.Parameter.empty]
-    given = entry.values(kinds, required)
+    has_nodes, on_mesh = "nodes" in kinds, mesh is not None and "nodes" in kinds and "nodes" not in entry.table
+    if has_nodes:
+        kinds["group"] = TEXT
+    given = entry.values(kinds, [key for key in required if key != "nodes" or not on_mesh])
+    group = given.pop("group", None)
+    if group is not None and not on_mesh:
+        raise entry.error("needs a mesh, and no `nodes`; add [structure.mesh], or take one of them out", "group")
     for key in _DOF_KEYS:
         for text in as_list(given.get(key, [])):
             _known_dof(entry, key, text, nodes)
@@ -177,6 +217,9 @@ def _element(entry: Section, kind: str, nodes: Positions) -> ElementSet:
         _require_node(entry, "nodes", node, nodes)
     if "directions" in given:
         given["directions"] = tuple(as_list(given["directions"]))
+    if on_mesh:
+        assert mesh is not None
+        given["nodes"] = group_table(entry, kind, group, mesh)
     with entry.located():
         made: ElementSet = ELEMENT_TYPES[kind](**given)
     return made
@@ -226,4 +269,3 @@ def _tie(entry: Section, nodes: Positions) -> tuple[Section, Tie]:
     pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in given["depends_on"]]
     with entry.located():
         return entry, Constraint(given["name"], dependent, pairs)
-

@@ -114,9 +114,7 @@ def elastic_terms(
         Term("density", "mass", "kg/m^3", element.density, codes, mass, thickness_power=heavy),
         Term("youngs_modulus", "stiffness", "Pa", element.youngs_modulus, codes, stiffness, thickness_power=stiff),
         Term("loss_factor", "loss_factor", "1", element.loss_factor),
-        Term(
-            "mass_damping", "viscous_damping", damping_unit, element.mass_damping, codes, mass, thickness_power=heavy
-        ),
+        Term("mass_damping", "viscous_damping", damping_unit, element.mass_damping, codes, mass, thickness_power=heavy),
         Term(
             "stiffness_damping",
             "viscous_damping",

@@ -84,7 +84,9 @@ def _products(left: FloatArray, law: FloatArray, right: FloatArray, measure: Flo
     return total
 
 
-def _bending_slopes(shape: CellShape, positions: FloatArray, measure: FloatArray, determinant: FloatArray) -> FloatArray:
+def _bending_slopes(
+    shape: CellShape, positions: FloatArray, measure: FloatArray, determinant: FloatArray
+) -> FloatArray:
     """Gradients of 1 - xi_i^2 by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
 
     With the determinants' ratio in front, their integrals vanish, as the patch test asks.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -104,8 +105,8 @@ def _wedge(order: int) -> tuple[FloatArray, FloatArray]:
     return points, np.concatenate([weights * w for w in others])
 
 
-def _middles(corners: list[tuple[int, ...]], edges: list[tuple[int, int]]) -> list[tuple[float, ...]]:
-    found = [tuple((np.array(corners[a]) + corners[b]) / 2) for a, b in edges]
+def _middles(corners: Sequence[tuple[int, ...]], edges: Sequence[tuple[int, int]]) -> list[tuple[float, ...]]:
+    found = [tuple((np.array(corners[a]) + np.array(corners[b])) / 2) for a, b in edges]
     return [*corners, *found]
 
 
@@ -120,7 +121,13 @@ def _serendipity(dimension: int) -> list[tuple[int, ...]]:
     return [e for e in every if sum(p for p in e if p > 1) <= 2]
 
 
-def _shape(name: str, corners: list, exponents: list, stiffness: tuple, mass: tuple) -> CellShape:  # type: ignore[type-arg]
+def _shape(
+    name: str,
+    corners: Sequence[tuple[float, ...]],
+    exponents: Sequence[tuple[int, ...]],
+    stiffness: tuple[FloatArray, FloatArray],
+    mass: tuple[FloatArray, FloatArray],
+) -> CellShape:
     return CellShape(
         name,
         locked(corners, np.float64),
@@ -147,7 +154,9 @@ def cell_shape(name: str) -> CellShape:
         ),
         "wedge": lambda: _shape(name, _WEDGE, prism, _wedge(2), _wedge(3)),
         "hexahedron": lambda: _shape(name, _CUBE, trilinear, _box(2, 2, 2), _box(2, 2, 2)),
-        "hexahedron20": lambda: _shape(name, _middles(_CUBE, _CUBE_EDGES), _serendipity(3), _box(3, 3, 3), _box(3, 3, 3)),
+        "hexahedron20": lambda: _shape(
+            name, _middles(_CUBE, _CUBE_EDGES), _serendipity(3), _box(3, 3, 3), _box(3, 3, 3)
+        ),
     }
     return made[name]()
 

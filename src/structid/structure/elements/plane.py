@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from numpy.typing import ArrayLike
 
@@ -51,6 +52,9 @@ class Plane:
     Taylor, Beresford and Wilson (1976), Int. J. Numer. Meth. Eng. 10, 1211-1219 (incompatible modes).
     """
 
+    #: Directions in which its nodes move.
+    directions: ClassVar[tuple[str, ...]] = ("X", "Y")
+
     name: str
     nodes: IntArray
     youngs_modulus: FloatArray
@@ -91,7 +95,7 @@ class Plane:
             stiffness_damping=stiffness_damping,
         )
         if state not in ("stress", "strain"):
-            raise InputError(f"`state` of {name!r} must be \"stress\" or \"strain\", got {state!r}")
+            raise InputError(f'`state` of {name!r} must be "stress" or "strain", got {state!r}')
         require_formulation(name, formulation)
         set_fields(self, state=state, formulation=formulation)
 
@@ -107,13 +111,11 @@ class Plane:
         def mass(nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
             return unit_mass(self.name, nodes, at, cell)
 
-        made = [cell_matrices(self.nodes, corners, PLANE_CELLS, 2, each) * t for each in (mass, stiffness)]
-        return elastic_terms(self, cell_codes(self.nodes, ("X", "Y")), *made, (1, 1), "N s/m^4")
+        heavy, stiff = (cell_matrices(self.nodes, corners, PLANE_CELLS, 2, each) * t for each in (mass, stiffness))
+        return elastic_terms(self, cell_codes(self.nodes, ("X", "Y")), heavy, stiff, (1, 1), "N s/m^4")
 
 
 def require_formulation(name: str, formulation: str) -> None:
     """Raise `InputError` unless `formulation` is one of those of `elastic_stiffness`."""
     if formulation not in FORMULATIONS:
         raise InputError(f"`formulation` of {name!r} must be one of {', '.join(FORMULATIONS)}, got {formulation!r}")
-
-

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from numpy.typing import ArrayLike
 
@@ -44,6 +45,9 @@ class Solid:
     -----
     Four-node tetrahedra and plain hexahedra are far too stiff in bending; take ten nodes or incompatible modes.
     """
+
+    #: Directions in which its nodes move.
+    directions: ClassVar[tuple[str, ...]] = ("X", "Y", "Z")
 
     name: str
     nodes: IntArray
@@ -93,5 +97,5 @@ class Solid:
         def mass(nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
             return unit_mass(self.name, nodes, at, cell)
 
-        made = [cell_matrices(self.nodes, corners, SOLID_CELLS, 3, each) for each in (mass, stiffness)]
-        return elastic_terms(self, cell_codes(self.nodes, ("X", "Y", "Z")), *made, (0, 0), "N s/m^4")
+        heavy, stiff = (cell_matrices(self.nodes, corners, SOLID_CELLS, 3, each) for each in (mass, stiffness))
+        return elastic_terms(self, cell_codes(self.nodes, ("X", "Y", "Z")), heavy, stiff, (0, 0), "N s/m^4")

@@ -1,0 +1,124 @@
+"""Large identifications from FRFs, start to end, with wall time and peak memory.
+
+``python benchmarks/frequency_domain_end_to_end.py solid``: a block of 100,000 degrees of freedom, 50 lines, 20 sensors,
+30 groups whose stiffnesses are unknown, 10 iterations.
+``python benchmarks/frequency_domain_end_to_end.py plate``: a plate of 20,000 elements, every element's stiffness
+unknown, held by smoothness alone; a soft spot is looked for. ``--stored 0`` applies the Jacobian from fields.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import structid as sid
+from structid.dynamics.factorization import factorizer
+from structid.estimation.free_estimate import free_estimate
+from structid.estimation.levenberg_marquardt_free import FreeLevenbergMarquardt, needs_free_search
+from structid.observation import response
+from structid.parameters import Smoothness, penalty
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from mesh_cases import empty_record, solid
+
+
+class Clock:
+    """Lines with the wall time since the start and the peak memory."""
+
+    def __init__(self) -> None:
+        self.start = time.perf_counter()
+
+    def say(self, text: str) -> None:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        print(f"{time.perf_counter() - self.start:8.1f} s  {peak:6.2f} GB  {text}", flush=True)
+
+
+def main() -> None:
+    """Run one of the cases."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("case", choices=("solid", "plate"))
+    parser.add_argument("--shape", type=int, nargs="+", help="elements along each edge")
+    parser.add_argument("--lines", type=int)
+    parser.add_argument("--iterations", type=int)
+    parser.add_argument("--noise", type=float, default=0.01, help="part of each channel's rms")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--stored", type=float, default=1e9, help="plate: largest Jacobian that is stored, bytes")
+    parser.add_argument("--strength", type=float, default=100.0, help="plate: of the smoothness")
+    parser.add_argument("--draws", type=int, default=16, help="plate: posterior draws")
+    given = parser.parse_args()
+    clock = Clock()
+    clock.say(factorizer().words)
+    (run_solid if given.case == "solid" else run_plate)(given, clock)
+
+
+def measured(given: argparse.Namespace, model: sid.Structure, unknown: sid.Parameters, truth: np.ndarray, lines: list):
+    """Simulated FRFs with noise of its standard deviation."""
+    generator = np.random.default_rng(given.seed)
+    record = empty_record(model, np.linspace(*lines, given.lines), 20)
+    exact = response(model, unknown, record).values_at(truth)
+    size = given.noise * np.sqrt((np.abs(exact) ** 2).mean(axis=0, keepdims=True)) * np.ones_like(exact.real)
+    noise = generator.standard_normal((2, *exact.shape)) * size / np.sqrt(2)
+    return replace(record, values=exact + noise[0] + 1j * noise[1], variance=size**2)
+
+
+def run_solid(given: argparse.Namespace, clock: Clock) -> None:
+    shape, given.lines = tuple(given.shape or (45, 25, 27)), given.lines or 50
+    structure = solid(shape, (1.8, 1.0, 1.08), 30)
+    unknown = sid.parameters(structure, [sid.Unknown("young", element.name) for element in structure.elements])
+    truth = np.exp(0.1 * np.random.default_rng(given.seed + 1).standard_normal(unknown.n_params))
+    clock.say(f"{structure.n_dofs} degrees of freedom, {unknown.n_params} parameters, {given.lines} lines")
+    record = measured(given, structure, unknown, truth, [100.0, 1000.0])
+    clock.say("record simulated")
+    at = sid.FrfProblem(structure, unknown, record)
+    found = sid.estimate(
+        at,
+        sid.LevenbergMarquardt(max_iterations=given.iterations or 10),
+        progress=lambda stage, count, cost: clock.say(f"{stage} iteration {count}: sum of squares {cost:.6g}"),
+    )
+    off = (found.values - truth) / found.std
+    clock.say(f"{found.status.value}: {found.message}; {found.n_iterations} iterations")
+    rms, largest = np.sqrt((off**2).mean()), np.abs(found.values / truth - 1).max()
+    print(f"largest error {largest:.2%}; errors in standard deviations: rms {rms:.2f}")
+
+
+def run_plate(given: argparse.Namespace, clock: Clock) -> None:
+    shape, given.lines = tuple(given.shape or (200, 100)), given.lines or 30
+    structure = solid(shape, (2.0, 1.0), 1)
+    unknown = sid.parameters(structure, [sid.Unknown("young", "part1", each=True)])
+    middle = np.array([np.mean([structure.nodes[n] for n in row], axis=0) for row in structure.elements[0].nodes])
+    place = np.array([1.3, 0.6])
+    truth = 1 - 0.3 * np.exp(-((middle - place) ** 2).sum(axis=1) / (2 * 0.12**2))
+    clock.say(f"{structure.n_dofs} degrees of freedom, {unknown.n_params} parameters, {given.lines} lines")
+    record = measured(given, structure, unknown, truth, [50.0, 2500.0])
+    smooth = penalty(structure, unknown, Smoothness("young", "part1", given.strength)).scaled(given.strength)
+    at = sid.FrfProblem(structure, unknown.coupled(smooth), record)
+    clock.say(f"smoothness of {len(smooth.target)} pairs; {needs_free_search(at)[1]}")
+    whole = at.linearize_free
+    object.__setattr__(at, "linearize_free", lambda theta: whole(theta, given.stored))
+    found = free_estimate(
+        at,
+        FreeLevenbergMarquardt(max_iterations=given.iterations or 50),
+        draws=given.draws,
+        progress=lambda count, cost: clock.say(f"iteration {count}: sum of squares {cost:.6g}"),
+    )
+    clock.say(f"{found.status.value}: {found.message}")
+    lowest = int(found.values.argmin())
+    print(f"conjugate gradient iterations a step: {found.inner.tolist()}")
+    print(f"chi-square {found.chi_square:.0f} of {found.n_data} data")
+    print(
+        f"least stiffness {found.values[lowest]:.3f} at {middle[lowest].round(2)} m; true {truth.min():.3f} at {place} m"
+    )
+    rms = np.sqrt(((found.values - truth) ** 2).mean())
+    print(f"rms error {rms:.4f}; median standard deviation {np.nanmedian(found.std):.4f}")
+    inside = np.abs(found.values - truth) <= 1.96 * found.std
+    print(f"95 % intervals that hold the truth: {inside.mean():.1%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""The streaming pass over measured motion against its floors and against the textbook, both sides in one run.
+
+``python benchmarks/time_domain.py`` prints the ratios beside their bars; ``--json FILE`` keeps them. One-thread figures
+are processor time of the thread, medians of ``--repeats`` pairs taken side by side; the two-thread figure is wall time.
+Meshes: bilinear quadrilaterals and trilinear bricks, mass, damping (of the stiffness's pattern) and stiffness of every
+element unknown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy import sparse
+
+from structid.estimation import no_rows
+from structid.estimation.block_least_squares import block_solution
+from structid.estimation.local_reduction import Work, row_maker
+from structid.estimation.many_small import solutions_of_many
+from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
+
+ONE, TWO, NUMPY = Work("numba"), Work("numba", 2), Work("numpy")
+Rows = tuple[np.ndarray, sparse.csr_array, int]
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--repeats", type=int, default=5)
+    options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--json", type=Path)
+    options.add_argument("--only", default="", help="parts of names of the measurements wanted, with commas")
+    chosen = options.parse_args()
+    results = []
+    print(f"{'what':64s} {'reached':>10s} {'bar':>8s}   ", flush=True)
+    for name, measure, bar, least in MEASUREMENTS:
+        if chosen.only and not any(part in name for part in chosen.only.split(",")):
+            continue
+        figures = measure(chosen.repeats, np.random.default_rng(chosen.seed))
+        value = statistics.median(figures)
+        met = value >= bar if least else value <= bar
+        spread = f"{min(figures):.3g} to {max(figures):.3g}"
+        sign = ">=" if least else "<="
+        print(f"{name:64s} {value:10.3g} {sign} {bar:5.4g}   {'met' if met else 'MISSED'}, {spread}", flush=True)
+        results.append(
+            {"what": name, "reached": value, "all": figures, "bar": bar, "at_least": least, "met": bool(met)}
+        )
+    if chosen.json:
+        load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+        chosen.json.write_text(json.dumps({"results": results, "load": load, "cores": os.cpu_count()}, indent=1))
+
+
+def ratios(
+    top: Callable[[], object], bottom: Callable[[], object], repeats: int, clock: Callable[[], float] = time.thread_time
+) -> list[float]:
+    """Time of `top` over that of `bottom`, one after the other, after one run of each that does not count."""
+    top(), bottom()
+    found = []
+    for _ in range(repeats):
+        begun = clock()
+        top()
+        between = clock()
+        bottom()
+        found.append((between - begun) / (clock() - between))
+    return found
+
+
+#: Runs of what takes a fraction of a millisecond, so that the clock and the caches of the other side do not count.
+TIMES = 20
+
+
+def streaming(rows: Callable[[], Rows], n_times: int, work: Work, clock: Callable[[], float] = time.thread_time):
+    """The pass against numpy.sum of the same four arrays."""
+
+    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
+        columns, operator, n_params = rows()
+        fields = rng.standard_normal((operator.shape[1], n_times))
+        arrays = np.split(fields, 4)
+        empty, maker = no_rows(columns, n_params), row_maker(operator, columns)
+        return ratios(lambda: empty.reduced(maker, fields, work), lambda: [a.sum() for a in arrays], repeats, clock)
+
+    return measure
+
+
+def against_dense(n: int, n_times: int):
+    """numpy.linalg.lstsq of the dense regression, already made, against pass and solution together."""
+
+    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
+        columns, operator, n_params = chain_rows(n)
+        fields = rng.standard_normal((operator.shape[1], n_times))
+        dense, right = dense_rows(columns, operator, n_params, fields)
+        maker = row_maker(operator, columns)
+
+        def ours() -> np.ndarray:
+            for _ in range(TIMES):
+                found = solutions_of_many(maker, columns, n_params, fields[None], ONE)[0]
+            return found
+
+        expected = np.linalg.lstsq(dense, right, rcond=None)[0]
+        print(f"   largest difference from lstsq {np.abs(ours() / expected - 1).max():.1e}")
+        pairs = ratios(lambda: np.linalg.lstsq(dense, right, rcond=None), ours, repeats)
+        return [TIMES * ratio for ratio in pairs]
+
+    return measure
+
+
+def merged_parts(repeats: int, rng: np.random.Generator) -> list[float]:
+    """Largest relative difference of two merged halves from one pass."""
+    columns, operator, n_params = chain_rows(200)
+    found = []
+    for _ in range(repeats):
+        fields = rng.standard_normal((operator.shape[1], 1000))
+        start, cut = no_rows(columns, n_params), int(rng.integers(100, 900))
+        whole = block_solution(start.reduced(operator, fields, ONE), work=ONE).values
+        parts = [start.reduced(operator, part, ONE) for part in (fields[:, cut:], fields[:, :cut])]
+        found.append(float(np.abs(block_solution(parts[0].merged(parts[1]), work=ONE).values / whole - 1).max()))
+    return found
+
+
+def memory(n: int, n_times: int):
+    """Largest growth of resident memory in a pass over a record on disk, in parts of the record."""
+
+    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "record.npy"
+            values = np.lib.format.open_memmap(path, "w+", np.float64, (n_times, 8 * n))
+            for first in range(0, n_times, 200):
+                values[first : first + 200] = rng.standard_normal((min(200, n_times - first), 8 * n))
+            values.flush()
+            del values
+            command = [sys.executable, "-c", PASS_IN_A_PROCESS, str(n), str(path)]
+            size = path.stat().st_size
+            runs = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(repeats)]
+            return [int(done.stdout) / size for done in runs]
+
+    return measure
+
+
+def batched(n_problems: int, n_times: int):
+    """A loop of numpy.linalg.lstsq over dense problems, already made, against all of them at once."""
+
+    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
+        columns, operator, n_params = chain_rows(15)
+        fields = rng.standard_normal((n_problems, operator.shape[1], n_times))
+        few = [dense_rows(columns, operator, n_params, own) for own in fields[:50]]
+
+        def loop() -> None:
+            for k in range(n_problems):
+                np.linalg.lstsq(*few[k % len(few)], rcond=None)
+
+        return ratios(loop, lambda: solutions_of_many(operator, columns, n_params, fields, ONE), repeats)
+
+    return measure
+
+
+def compiled_against_numpy(repeats: int, rng: np.random.Generator) -> list[float]:
+    """NumPy's time over that of the compiled kernels, for the same pass."""
+    columns, operator, n_params = chain_rows(1000)
+    fields = rng.standard_normal((operator.shape[1], 1000))
+    empty, maker = no_rows(columns, n_params), row_maker(operator, columns)
+    return ratios(lambda: empty.reduced(maker, fields, NUMPY), lambda: empty.reduced(maker, fields, ONE), repeats)
+
+
+MEASUREMENTS = [
+    ("chain pass / numpy.sum, N = 15, m = 100000, 96 MB", streaming(lambda: chain_rows(15), 100_000, ONE), 5, False),
+    ("chain pass / numpy.sum, N = 1000, m = 2000, 128 MB", streaming(lambda: chain_rows(1000), 2000, ONE), 5, False),
+    ("chain pass / numpy.sum, N = 10000, m = 400, 256 MB", streaming(lambda: chain_rows(10_000), 400, ONE), 5, False),
+    (
+        "chain pass, two threads, wall / numpy.sum, N = 1000, m = 2000",
+        streaming(lambda: chain_rows(1000), 2000, TWO, time.perf_counter),
+        3.2,
+        False,
+    ),
+    ("quad mesh pass / numpy.sum, 2178 DOFs, m = 1000", streaming(lambda: mesh_rows((32, 32)), 1000, ONE), 12, False),
+    ("hex mesh pass / numpy.sum, 3528 DOFs, m = 600", streaming(lambda: mesh_rows((6, 11, 13)), 600, ONE), 35, False),
+    ("dense lstsq / ours, N = 15, m = 1000", against_dense(15, 1000), 60, True),
+    ("dense lstsq / ours, N = 100, m = 500", against_dense(100, 500), 1000, True),
+    ("memory beyond the record / record, N = 1000, m = 2000", memory(1000, 2000), 0.1, False),
+    ("memory beyond the record / record, N = 5000, m = 1000", memory(5000, 1000), 0.1, False),
+    ("two merged parts / one pass - 1", merged_parts, 1e-12, False),
+    ("loop of lstsq / batched, 15 elements, m = 8", batched(2000, 8), 15, True),
+    ("loop of lstsq / batched, 15 elements, m = 100", batched(500, 100), 30, True),
+    ("NumPy / compiled, same pass, N = 1000, m = 1000", compiled_against_numpy, 1, True),
+]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,18 @@
+"""Meshes from files: nodes, cells and named groups, checked."""
+
+from structid.structure.meshes.checks import duplicate_nodes, orphan_nodes, require_sound, unassigned
+from structid.structure.meshes.mesh import CELL_DIMENSIONS, CellBlock, Mesh
+from structid.structure.meshes.reading import LENGTH_UNITS, SUFFIXES, read_mesh
+
+__all__ = [
+    "CELL_DIMENSIONS",
+    "LENGTH_UNITS",
+    "SUFFIXES",
+    "CellBlock",
+    "Mesh",
+    "duplicate_nodes",
+    "orphan_nodes",
+    "read_mesh",
+    "require_sound",
+    "unassigned",
+]

@@ -1,0 +1,49 @@
+"""A sweep from few factorizations against all of them."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from structid.dynamics.factorization import factorizer
+from structid.dynamics.receptance import DynamicStiffness
+from structid.dynamics.reduced_sweep import FEWEST_LINES, reduced_sweep
+
+
+def chain(n_lines, loss=0.02, n=120):
+    """Springs and masses, fixed at one end: Z at `n_lines` lines over the first modes, its pattern, two loads."""
+    stiffness = sparse.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]).tocsc()
+    mass = sparse.csc_array((np.where(stiffness.data == 2, 1.0, 0.0), stiffness.indices, stiffness.indptr), (n, n))
+    omega = np.linspace(0.005, 0.25, n_lines)
+    data = np.stack([mass.data, 0 * mass.data, stiffness.data, loss * stiffness.data])
+    ones = np.ones(n_lines)
+    coefficients = np.stack([-(omega**2) + 0j, 1j * omega, ones + 0j, 1j * ones], axis=1)
+    pattern = stiffness.indices, stiffness.indptr
+    z = DynamicStiffness(factorizer().analyse(*pattern), data, coefficients, omega / (2 * np.pi))
+    loads = np.zeros((n, 2))
+    loads[n - 1, 0] = loads[n // 3, 1] = 1.0
+    k, m = (1 + 1j * loss) * stiffness.toarray(), mass.toarray()
+    exact = np.array([np.linalg.solve(k - w**2 * m, loads) for w in omega])
+    return z, pattern, loads, exact
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("loss", [0.0, 0.02])
+def test_reduced_readings_are_as_close_as_verified(tolerance, loss):
+    z, pattern, loads, exact = chain(60, loss)
+    sensors = sparse.csc_array(np.eye(120)[:, [5, 60, 119]])
+    found = reduced_sweep(z, pattern, loads, sensors, tolerance)
+    read = exact[:, [5, 60, 119]]
+    off = np.abs(found.values - read).max((1, 2)) / np.abs(read).max((1, 2))
+    assert off.max() <= tolerance
+    assert found.error <= tolerance
+    assert 2 <= found.n_factorizations <= 20
+    assert 0 < found.n_basis < 120
+
+
+def test_few_lines_are_solved_one_by_one():
+    z, pattern, loads, exact = chain(FEWEST_LINES - 1)
+    sensors = sparse.csc_array(np.eye(120)[:, :2])
+    found = reduced_sweep(z, pattern, loads, sensors)
+    assert found.values == pytest.approx(exact[:, :2], rel=1e-9)
+    assert (found.n_basis, found.n_factorizations) == (0, FEWEST_LINES - 1)
+    assert np.isnan(found.error)

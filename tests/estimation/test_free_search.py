@@ -1,0 +1,187 @@
+"""A search without a Jacobian against the one with it, and against dense linear algebra."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from structid.errors import InputError
+from structid.estimation import LevenbergMarquardt, Linearization, Status, minimize
+from structid.estimation.free_estimate import free_estimate, posterior_draws, solved_std
+from structid.estimation.free_linearization import FreeLinearization
+from structid.estimation.levenberg_marquardt_free import (
+    FreeLevenbergMarquardt,
+    conjugate_gradients,
+    free_levenberg_marquardt,
+    needs_free_search,
+    preconditioner,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """exp(theta) along a line seen through few wide windows, smooth from one to the next."""
+
+    windows: np.ndarray
+    data: np.ndarray
+    smoothness: sparse.csr_array
+    stored: bool
+
+    @property
+    def names(self):
+        return tuple(f"p{i}" for i in range(self.windows.shape[1]))
+
+    kinds = property(lambda self: ("stiffness",) * self.windows.shape[1])
+    units = property(lambda self: ("1",) * self.windows.shape[1])
+    theta_start = property(lambda self: np.zeros(self.windows.shape[1]))
+    n_data = property(lambda self: len(self.data))
+    lines = property(lambda self: np.arange(len(self.data)))
+    series = property(lambda self: np.zeros(len(self.data), int))
+
+    def physical(self, theta):
+        return np.exp(theta)
+
+    slope = physical
+
+    def residual(self, theta):
+        return np.concatenate([self.windows @ np.exp(theta) - self.data, self.smoothness @ theta])
+
+    def linearize(self, theta):
+        return Linearization(
+            self.residual(theta), np.concatenate([self.windows * np.exp(theta), self.smoothness.toarray()])
+        )
+
+    def linearize_free(self, theta):
+        jacobian = self.windows * np.exp(theta)
+        return FreeLinearization(
+            residual=self.residual(theta),
+            forward=lambda v: jacobian @ v,
+            adjoint=lambda u: jacobian.T @ u,
+            data_squares=(jacobian**2).sum(axis=0),
+            prior=self.smoothness,
+            words="formed by the test",
+            jacobian=jacobian if self.stored else None,
+        )
+
+
+def field(stored, n=60, n_windows=25, strength=400.0, seed=0):
+    rng = np.random.default_rng(seed)
+    place = np.linspace(0, 1, n)
+    centre = np.linspace(0, 1, n_windows)
+    windows = 40 * np.exp(-0.5 * ((place - centre[:, None]) / 0.05) ** 2)
+    truth = 1 - 0.4 * np.exp(-0.5 * ((place - 0.6) / 0.1) ** 2)
+    differences = sparse.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1], shape=(n - 1, n))
+    smoothness = sparse.csr_array(np.sqrt(strength) * differences)
+    return Field(windows, windows @ truth + rng.standard_normal(n_windows), smoothness, stored), truth
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_minimum_and_damage_equal_those_of_the_dense_search(stored):
+    problem, truth = field(stored)
+    dense = minimize(problem, LevenbergMarquardt())
+    free = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
+    assert free.converged
+    assert free.theta == pytest.approx(dense.theta, abs=1e-6)
+    assert free.costs[-1] == pytest.approx(dense.costs[-1], rel=1e-9)
+    assert abs(int(np.argmin(free.theta)) - int(np.argmin(truth))) <= 3
+    assert (free.inner <= (5 if stored else 60)).all()
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_standard_deviations_equal_the_dense_covariance(stored):
+    problem, _ = field(stored)
+    found = free_estimate(problem, draws=400, solved=("p3", "p40"), seed=1)
+    jacobian = problem.linearize(found.theta).jacobian
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    exact = np.sqrt(np.diag(covariance)) * found.values
+    assert found.std[[3, 40]] == pytest.approx(exact[[3, 40]], rel=1e-4)
+    rest = np.setdiff1d(np.arange(60), [3, 40])
+    off = found.std[rest] / exact[rest] - 1
+    assert np.abs(off).max() < 4.5 / np.sqrt(800)  # 4.5 of their own standard errors
+    assert found.std_error[[3, 5]] == pytest.approx([0.0, 1 / np.sqrt(800)])
+    sampled = found.draws.T @ found.draws / 400
+    assert np.corrcoef(sampled.ravel(), covariance.ravel())[0, 1] > 0.9
+    assert found.status is Status.CONVERGED
+    assert "400 posterior draws" in found.message
+    assert "no covariance matrix" in found.message
+    assert found.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
+
+
+def test_without_draws_and_without_convergence_nothing_is_zero():
+    problem, _ = field(True)
+    found = free_estimate(problem, draws=0)
+    assert np.isnan(found.std).all()
+    assert found.status is Status.NOT_IDENTIFIABLE
+    stopped = free_estimate(problem, FreeLevenbergMarquardt(max_iterations=1), draws=4)
+    assert stopped.status is Status.NOT_CONVERGED
+    assert "stopped after 1 iterations" in stopped.message
+
+
+def test_parameter_that_nothing_sees_has_no_standard_deviation():
+    problem, _ = field(False, n=30)
+    blind = problem.windows.copy()
+    blind[:, 7] = 0.0
+    loose = problem.smoothness.toarray()
+    loose[6:8] = 0.0
+    unseen = Field(blind, problem.data, sparse.csr_array(loose), False)
+    found = free_estimate(unseen, draws=8, solved=("p7",))
+    assert np.isnan(found.std[7])
+    assert np.isfinite(np.delete(found.std, 7)).all()
+    assert found.status is Status.NOT_IDENTIFIABLE
+
+
+def test_information_is_that_of_the_jacobian_and_the_preconditioner_is_close():
+    rng = np.random.default_rng(3)
+    for stored in (False, True):
+        problem, _ = field(stored)
+        at = problem.linearize_free(0.1 * rng.standard_normal(60))
+        jacobian = np.concatenate([at.forward(e)[None] for e in np.eye(60)]).T
+        whole = np.concatenate([jacobian, problem.smoothness.toarray()])
+        v = rng.standard_normal(60)
+        assert at.information(v) == pytest.approx(whole.T @ whole @ v)
+        assert at.squares == pytest.approx((whole**2).sum(axis=0))
+        damping = 0.1 * at.squares
+        solve = preconditioner(at, damping)
+        system = whole.T @ whole + np.diag(damping)
+        if stored:
+            assert solve(system @ v) == pytest.approx(v, rel=1e-2, abs=1e-2)
+        x, _, left = conjugate_gradients(lambda u, a=system: a @ u, system @ v, solve, 1e-10, 200)
+        assert x == pytest.approx(v, rel=1e-6)
+        assert left <= 1e-10
+
+
+def test_conjugate_gradients_say_where_they_stopped():
+    matrix = np.diag(np.arange(1.0, 31.0))
+    _, count, left = conjugate_gradients(lambda v: matrix @ v, np.ones(30), lambda v: v, 1e-12, 3)
+    assert count == 3
+    assert 1e-12 < left < 1
+    assert conjugate_gradients(lambda v: v, np.zeros(3), lambda v: v, 1e-6, 5)[0] == pytest.approx(np.zeros(3))
+
+
+def test_draws_and_solved_deviations_that_do_not_converge_are_nan():
+    problem, _ = field(False)
+    at = problem.linearize_free(problem.theta_start)
+    broken = FreeLinearization(at.residual, lambda v: at.forward(v) * np.nan, at.adjoint, at.data_squares, at.prior)
+    made, missed = posterior_draws(broken, 2, np.random.default_rng(0))
+    assert missed == 2
+    assert np.isnan(made).all()
+    assert np.isnan(solved_std(broken, 0))
+
+
+def test_reason_for_a_search_without_jacobian_has_the_numbers():
+    problem, _ = field(False)
+    needed, words = needs_free_search(problem)
+    assert not needed
+    assert "60 parameters and 25 data" in words
+    needed, words = needs_free_search(problem, dense_bytes=1000)
+    assert needed
+    assert "more than" in words
+
+
+def test_what_cannot_be_asked_for():
+    problem, _ = field(False)
+    with pytest.raises(InputError, match="`solved` must name parameters, got 'q'"):
+        free_estimate(problem, solved=("q",))
+    with pytest.raises(InputError, match="`draws` must be 0 or at least 2, got 1"):
+        free_estimate(problem, draws=1)

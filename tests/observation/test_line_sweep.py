@@ -1,0 +1,181 @@
+"""Large models, swept line by line, against dense matrices written out here, and against differences."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import structid as sid
+from structid.dynamics.factorization import installed_factorizers
+from structid.observation import response
+from structid.observation.contraction import element_products
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from mesh_cases import empty_record, solid
+
+FREQUENCY = np.linspace(40.0, 2000.0, 6)
+SHAPES = {"plate": ((8, 5), (2.0, 1.0)), "block": ((4, 3, 2), (1.5, 1.0, 1.0))}
+LAWS = ("inertia", "viscous", "elastic", "structural")
+
+
+def model(shape="plate", n_sensors=5, n_loads=2, each=True, loss=0.02, **options):
+    """Unknown stiffness and mass of elements or groups, and a loss factor; 96 or 144 degrees of freedom."""
+    structure = solid(*SHAPES[shape], groups=3, loss=loss)
+    names = [element.name for element in structure.elements]
+    unknowns = [sid.Unknown(kind, name, each=each) for name in names for kind in ("young", "density")]
+    unknowns += [sid.Unknown("loss_factor", "part1", each=each)] if loss else []
+    made = sid.parameters(structure, unknowns)
+    record = empty_record(structure, FREQUENCY, n_sensors, n_loads)
+    turned = (replace(record.outputs[0], sign=-1), *record.outputs[1:])
+    record = replace(record, outputs=turned, inputs=(*record.inputs[:-1], replace(record.inputs[-1], sign=-1)))
+    return structure, made, record, response(structure, made, record, **options)
+
+
+def dense_values(structure, made, record, physical):
+    """S' Z^-1 F by dense matrices."""
+    matrices = {law: structure.matrix(law, made.values(physical)).toarray() for law in LAWS}
+    loads, sensors = (structure.selection(d).toarray() for d in (record.inputs, record.outputs))
+    found = []
+    for s in 2j * np.pi * record.frequency:
+        z = s**2 * matrices["inertia"] + s * matrices["viscous"] + matrices["elastic"] + 1j * matrices["structural"]
+        found.append(sensors.T @ np.linalg.solve(z, loads.astype(complex)))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", installed_factorizers())
+@pytest.mark.parametrize("shape", list(SHAPES))
+def test_values_equal_dense_matrices(shape, name):
+    structure, made, record, at = model(shape, factorizer=name)
+    assert at.is_large
+    exact = dense_values(structure, made, record, made.start)
+    assert at.values_at(made.start) == pytest.approx(exact, rel=1e-9, abs=1e-10 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    "each, n_sensors, loss", [(True, 5, 0.02), (False, 5, 0.02), (False, 40, 0.02), (True, 5, 0.0)]
+)
+def test_jacobian_equals_differences_of_dense_matrices(each, n_sensors, loss):
+    """By adjoint fields, by direct sensitivities where sensors are more (40 against 7 x 2), and undamped."""
+    structure, made, record, at = model(n_sensors=n_sensors, each=each, loss=loss)
+    rng = np.random.default_rng(5)
+    physical = made.start * (1 + 0.1 * rng.standard_normal(made.n_params))
+    values, derivative = at.derivatives_at(physical)
+    assert values == pytest.approx(dense_values(structure, made, record, physical), rel=1e-8)
+    for column in rng.choice(made.n_params, min(made.n_params, 9), replace=False):
+        step = np.zeros(made.n_params)
+        step[column] = 1e-5 * physical[column]
+        change = [dense_values(structure, made, record, physical + sign * step) for sign in (2, 1, -1, -2)]
+        exact = (8 * (change[1] - change[2]) - (change[0] - change[3])) / (12 * step[column])
+        assert derivative[..., column] == pytest.approx(exact, rel=1e-6, abs=1e-6 * np.abs(exact).max())
+
+
+def test_direct_and_adjoint_sensitivities_agree_and_accelerance_scales_both():
+    structure, made, record, _ = model(each=False, n_sensors=40)
+    few = record.channels(record.outputs[:5])
+    for kind in ("receptance", "accelerance"):
+        direct = response(structure, made, replace(record, kind=kind)).derivatives_at(made.start)
+        adjoint = response(structure, made, replace(few, kind=kind)).derivatives_at(made.start)
+        for a, b in zip(direct, adjoint, strict=True):
+            assert a[:, :5] == pytest.approx(b, rel=1e-8, abs=1e-9 * np.abs(b).max())
+
+
+def test_sensor_gram_by_lines_equals_dense():
+    structure, made, record, at = model()
+    sensors = structure.selection(record.outputs).toarray()
+    matrices = {law: structure.matrix(law, made.values(made.start)).toarray() for law in LAWS}
+    s = 2j * np.pi * record.frequency[2]
+    y = np.linalg.solve(s**2 * matrices["inertia"] + matrices["elastic"] + 1j * matrices["structural"], sensors)
+    assert at.sensor_gram(made.start)[2] == pytest.approx(y.T @ y.conj(), rel=1e-8)
+
+
+def test_friction_in_a_large_model_equals_differences():
+    chain = sid.Spring("chain", [f"{i}X" for i in range(80)], [f"{i + 1}X" for i in range(80)], stiffness=1000.0)
+    soft = sid.Spring("ground", "60X", stiffness=50.0, loss_factor=0.05)
+    masses = sid.PointMass("m", list(range(1, 81)), 1.0, directions=("X",))
+    slider = sid.Friction("slider", "40X", friction_force=0.02)
+    nodes = {i: float(i) for i in range(81)}
+    structure = sid.Structure(nodes, [chain, soft, masses, slider], ["0X"], active=["X"])
+    made = sid.parameters(structure, [sid.Unknown("stiffness", "ground"), sid.Unknown("friction_force", "slider")])
+    record = sid.FrfRecord(np.linspace(0.1, 1.0, 5), np.ones((5, 2, 1)), ("20X", "60X"), ("60X",), "receptance")
+    at = response(structure, made, record)
+    assert at.is_large
+    derivative = at.derivatives_at(made.start)[1]
+    for column in range(2):
+        step = np.zeros(2)
+        step[column] = 1e-5 * made.start[column]
+        exact = (at.values_at(made.start + step) - at.values_at(made.start - step)) / (2 * step[column])
+        assert derivative[..., column] == pytest.approx(exact, rel=1e-5, abs=1e-6 * np.abs(exact).max())
+
+
+def test_reduced_sweep_of_a_model_keeps_its_promise():
+    structure, made, record, _ = model()
+    record = empty_record(structure, np.linspace(40.0, 2000.0, 60), 5, 2)
+    full = response(structure, made, record).values_at(made.start)
+    reduced = response(structure, made, record, reduced=1e-6).values_at(made.start)
+    assert (np.abs(reduced - full).max((1, 2)) <= 1e-6 * np.abs(full).max((1, 2))).all()
+    assert not np.array_equal(reduced, full)
+
+
+def noisy(form, shape="plate", **options):
+    structure, made, record, at = model(shape)
+    rng = np.random.default_rng(2)
+    values = at.values_at(made.start) * (1 + 0.1 * rng.standard_normal(record.values.shape))
+    record = replace(record, values=values, variance=(0.03 * np.abs(values)) ** 2)
+    made = replace(made, prior_mean=made.start.copy(), prior_std=np.where(np.arange(made.n_params) % 3, 0.2, np.nan))
+    return sid.FrfProblem(structure, made, record, form, **options)
+
+
+@pytest.mark.parametrize("form", ["output", "log", "pole_free"])
+@pytest.mark.parametrize("stored", [0.0, 1e9])
+def test_products_without_a_jacobian_equal_those_with_it(form, stored):
+    problem = noisy(form)
+    rng = np.random.default_rng(1)
+    theta = problem.theta_start + 0.1 * rng.standard_normal(len(problem.names))
+    at, free = problem.linearize(theta), problem.linearize_free(theta, stored)
+    v, u = rng.standard_normal(len(theta)), rng.standard_normal(len(at.residual))
+    assert free.n_data == problem.n_data
+    assert free.residual == pytest.approx(at.residual, rel=1e-9)
+    assert free.product(v) == pytest.approx(at.jacobian @ v, rel=1e-9, abs=1e-9 * np.abs(at.jacobian @ v).max())
+    assert free.transposed(u) == pytest.approx(at.jacobian.T @ u, rel=1e-9, abs=1e-9 * np.abs(at.jacobian.T @ u).max())
+    assert free.squares == pytest.approx((at.jacobian**2).sum(axis=0), rel=1e-9)
+    assert ("is stored" in free.words) == bool(stored)
+    assert u @ free.product(v) == pytest.approx(v @ free.transposed(u), rel=1e-11)
+
+
+def test_products_on_groups_of_matrices_equal_those_with_the_jacobian():
+    blocks, made, record, _ = model(each=False)
+    groups = {}
+    for element, name in zip(blocks.elements, ("a", "b", "c"), strict=True):
+        alone = sid.Structure(blocks.nodes, [element], blocks.fixed, active=blocks.active)
+        place = np.array([blocks.dofs.index(dof) for dof in alone.dofs])
+        wide = {}
+        for key, law in (("mass", "inertia"), ("stiffness", "elastic")):
+            wide[key] = np.zeros((blocks.n_dofs, blocks.n_dofs))
+            wide[key][np.ix_(place, place)] = alone.matrix(law).toarray()
+        groups[name] = {**wide, "loss_factor": 0.02}
+    structure = sid.from_matrices(groups, blocks.dofs)
+    made = sid.parameters(structure, [sid.Unknown(k, g) for g in groups for k in ("mass", "stiffness")])
+    problem = sid.FrfProblem(structure, made, replace(record, variance=np.full(record.values.shape, 1e-18)))
+    at, free = problem.linearize(problem.theta_start), problem.linearize_free(problem.theta_start, 0.0)
+    rng = np.random.default_rng(4)
+    v, u = rng.standard_normal(len(made.names)), rng.standard_normal(len(at.residual))
+    assert free.product(v) == pytest.approx(at.jacobian @ v, rel=1e-8, abs=1e-9 * np.abs(at.jacobian @ v).max())
+    assert free.transposed(u) == pytest.approx(at.jacobian.T @ u, rel=1e-8, abs=1e-9 * np.abs(at.jacobian.T @ u).max())
+
+
+def test_element_products_equal_a_loop():
+    structure, _, _, _ = model()
+    blocks = structure.contributions[0].blocks
+    rng = np.random.default_rng(0)
+    y, x = (rng.standard_normal((blocks.n_dofs, 3)) + 1j * rng.standard_normal((blocks.n_dofs, 3)) for _ in range(2))
+    one = np.eye(blocks.n_elements)
+    exact = [np.sum(y.conj() * (blocks.assemble(row) @ x)).real for row in one]
+    assert element_products(blocks, y, x) == pytest.approx(np.array(exact), rel=1e-10)
+
+
+def test_products_refuse_what_they_cannot_do():
+    problem = noisy("equation")
+    with pytest.raises(sid.InputError, match="neither errors of channels nor form 'equation'"):
+        problem.linearize_free(problem.theta_start)

@@ -1,0 +1,164 @@
+"""`structid doctor`: what is installed, what a study needs, and the refusal of what cannot fit."""
+
+from __future__ import annotations
+
+import re
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from study_cases import CHAIN, exact_frf, write_chain
+from typer.testing import CliRunner
+
+from structid import cli
+from structid.cli_progress import RunProgress, clock
+from structid.errors import InputError
+from structid.records import FrfRecord
+from structid.study import needs as needs_module
+from structid.study.doctor import installation
+from structid.study.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
+from structid.study.run import load_study, run_study, study_problems
+
+RUN = CliRunner()
+
+
+def long_record(n_lines: int) -> FrfRecord:
+    frequency = np.linspace(0.5, 12, n_lines)
+    values = exact_frf(frequency, [0, 2], [2])
+    return FrfRecord(frequency, values, ("1X", "3X"), ("3X",), "accelerance")
+
+
+def test_doctor_names_versions_factorizers_threads_and_memory():
+    done = RUN.invoke(cli.app, ["doctor"])
+    assert done.exit_code == 0
+    for word in (f"numpy {np.__version__}", "SuperLU", "processors", "memory:", "GB free"):
+        assert word in done.stdout
+    assert installation().processors >= 1
+
+
+def test_doctor_says_what_is_not_installed_and_what_it_is_for(monkeypatch):
+    monkeypatch.setattr("structid.study.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    monkeypatch.setattr("structid.cli_doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    assert "not installed: no-such-package: nothing (extra `none`)" in RUN.invoke(cli.app, ["doctor"]).stdout
+
+
+def test_doctor_tells_the_sizes_of_a_study(tmp_path):
+    path = write_chain(tmp_path, CHAIN + 'uniqueness_starts = 3\nintervals = "bootstrap"\n')
+    done = RUN.invoke(cli.app, ["doctor", str(path), "--workers", "4"])
+    assert done.exit_code == 0, done.stderr
+    assert "3 degrees of freedom" in done.stdout
+    assert "8 parameters; 230 lines, 2 channels; 920 residuals" in done.stdout
+    assert f"one Jacobian {gigabytes(8 * 920 * 8)}" in done.stdout
+    assert "4 starts, intervals" in done.stdout
+    assert "on 4 workers" in done.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["chain.toml", "frf.npz"]
+
+
+def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path):
+    """4096 of 20000 lines are measured; other work on the machine is why the factor of ten is no smaller."""
+    study = load_study(write_chain(tmp_path, record=long_record(20_000)))
+    problems = study_problems(study)
+    predicted = measured_needs(study, problems)
+    theta = problems[0].theta_start
+    problems[0].linearize(theta)
+    taken = []
+    for _ in range(5):
+        begun = time.perf_counter()
+        problems[0].linearize(theta)
+        taken.append(time.perf_counter() - begun)
+    assert 0.1 < predicted.iteration_seconds / min(taken) < 10
+    assert predicted.search_seconds == needs_module.USUAL_ITERATIONS * predicted.iteration_seconds
+    assert predicted.seconds(4) < predicted.seconds(1) or predicted.starts == 1
+
+
+def test_the_memory_predicted_covers_the_peak_of_an_evaluation(tmp_path):
+    """tracemalloc sees all arrays of NumPy; the prediction from 4096 lines is within 30 % for 20000."""
+    import tracemalloc
+
+    study = load_study(write_chain(tmp_path, record=long_record(20_000)))
+    problem = study_problems(study)[0]
+    predicted = measured_needs(study, [problem]).bytes_needed
+    problem.linearize(problem.theta_start)
+    tracemalloc.start()
+    problem.linearize(problem.theta_start)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    size = sizes([problem])
+    assert size.jacobian_bytes == 8 * 2 * 2 * 20_000 * 8
+    assert predicted > peak
+    assert predicted < 1.3 * (peak + size.record_bytes + 2 * size.jacobian_bytes) + 50e6
+
+
+def test_a_study_that_cannot_fit_is_refused_with_the_numbers(tmp_path, monkeypatch):
+    study = load_study(write_chain(tmp_path))
+    problems = study_problems(study)
+    least = sizes(problems).least_bytes
+    require_room(study, problems, least)
+    with pytest.raises(InputError, match=r"needs at least .* and .* are free: 3 arrays of 920 rows x 8 parameters"):
+        require_room(study, problems, least - 1)
+    monkeypatch.setattr(needs_module, "available_bytes", lambda: 100_000)
+    with pytest.raises(InputError, match=r"needs at least 191 kB of memory and 100 kB are free"):
+        run_study(study)
+    for name in ("identify", "doctor"):
+        done = RUN.invoke(
+            cli.app, [name, str(study.path), "--out", str(tmp_path / "r")][: 4 if name == "identify" else 2]
+        )
+        assert done.exit_code == 2
+        assert "100 kB are free" in done.stderr
+    assert not (tmp_path / "r").exists()
+
+
+def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypatch):
+    path = write_chain(tmp_path)
+    monkeypatch.setattr("structid.cli_doctor.available_bytes", lambda: 250_000)
+    done = RUN.invoke(cli.app, ["doctor", str(path)])
+    assert done.exit_code == 2
+    assert re.search(r"needs about .* of memory and 250 kB are free; take fewer lines", done.stderr)
+    assert "one Jacobian" in done.stdout
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit of the process is read from /proc")
+def test_the_limit_of_the_process_counts():
+    code = "from structid.study.needs import available_bytes; print(available_bytes())"
+    limit = 3_000_000_000
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )
+    assert 0 < int(done.stdout) < limit
+    free = available_bytes()
+    assert free is None or free > 0
+
+
+def test_progress_tells_the_time_left(monkeypatch):
+    """Ten tasks of two seconds each, then iterations of one second with a limit of 100."""
+    now = [0.0]
+    monkeypatch.setattr("structid.cli_progress.time.monotonic", lambda: now[0])
+    said: list[str] = []
+
+    class Told(RunProgress):
+        def show(self, name, done, total, words):
+            said.append(words)
+
+    progress = Told(100)
+    for done in range(11):
+        progress.tasks("bootstrap replicates", done, 10)
+        now[0] += 2.0
+    assert said[4] == "bootstrap replicates: 4 of 10, 12 s left"
+    assert said[10] == "bootstrap replicates: 10 of 10"
+    for iteration in range(1, 4):
+        progress.search("final", iteration, 12.5)
+        now[0] += 1.0
+    assert said[-1] == "final search, sum of squares 12.5, iteration 3, 1 s each, at most 1:37 min left"
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(0.345, "0.34 s"), (59.0, "59 s"), (185, "3:05 min"), (7800, "2:10 h")])
+def test_durations_have_the_unit_that_suits(seconds, words):
+    assert clock(seconds) == words
