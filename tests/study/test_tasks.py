@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -138,7 +139,7 @@ def test_processes_that_always_end_are_an_error_with_a_remedy(monkeypatch):
 
     monkeypatch.setattr(Processes, "_started", lambda self: made.append(Broken()) or made[-1])
     pool = Processes(3)
-    with pytest.raises(WorkersLostError, match="ended 6 times without an answer, .* want of memory; use fewer than 3"):
+    with pytest.raises(WorkersLostError, match=r"ended 6 times without an answer, .* want of memory; use fewer than 3"):
         list(pool.completed(squared, None, {0: 0}, lambda _: Tools(None, None)))
     assert len(made) == 6
     pool.close()
@@ -227,11 +228,13 @@ def test_workers_and_scheduler_exclude_each_other(study):
         executor_for(study, 0, None)
 
 
-distributed = pytest.importorskip("distributed", reason="needs the extra `cluster` (dask[distributed])")
+@pytest.fixture(scope="module")
+def distributed():
+    return pytest.importorskip("distributed", reason="needs the extra `cluster` (dask[distributed])")
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def cluster(distributed):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as made:
         yield made
 
@@ -281,7 +284,7 @@ def test_workers_of_another_version_are_named(cluster, monkeypatch):
         Cluster(cluster.scheduler_address)
 
 
-def test_a_scheduler_that_does_not_answer_is_named_with_the_time(study):
+def test_a_scheduler_that_does_not_answer_is_named_with_the_time(distributed):
     begun = time.monotonic()
     with pytest.raises(
         InputError, match=r"scheduler tcp://127\.0\.0\.1:9: does not answer within 0\.5 s .*dask scheduler"
@@ -290,9 +293,15 @@ def test_a_scheduler_that_does_not_answer_is_named_with_the_time(study):
     assert time.monotonic() - begun < 10
 
 
-def test_a_scheduler_without_workers_is_named():
+def test_a_scheduler_without_workers_is_named(distributed):
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
         pytest.raises(InputError, match=r"has no worker after 0\.3 s; start some with `dask worker"),
     ):
         Cluster(empty.scheduler_address, answer_seconds=0.3)
+
+
+def test_a_missing_dask_is_named_with_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"Dask is not installed .*pip install structid\[cluster\]"):
+        Cluster("tcp://127.0.0.1:9")

@@ -34,8 +34,8 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     return covariance
 
 
-def score_covariance(problem: Problem, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """Covariance of J'r over repeats of the data, (n_params, n_params): J'J where the rows have independent errors.
+def score_covariance(problem: Problem, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+    """Covariance of J'r over repeats of the data, (n_params, n_params); None for J'J, as rows of independent errors have.
 
     A problem whose rows have not has a method ``data_changes(theta)``, (n_changes, n_data), whose products sum to
     their covariance, or ``score_covariance(theta, jacobian)``.
@@ -47,9 +47,12 @@ def score_covariance(problem: Problem, theta: FloatArray, jacobian: FloatArray) 
     """
     own = getattr(problem, "score_covariance", None)
     if own is not None:
-        return np.asarray(own(theta, jacobian))
+        found: FloatArray | None = own(theta, jacobian)
+        return found
     changes = _data_changes(problem, theta)
-    scores = jacobian if changes is None else changes @ jacobian
+    if changes is None:
+        return None
+    scores = changes @ jacobian
     return scores.T @ scores
 
 
@@ -65,10 +68,11 @@ def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> 
     """
     bread, rows = inverse_information(at.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
-    if not seen.any() or not (hasattr(problem, "score_covariance") or hasattr(problem, "data_changes")):
+    scores = score_covariance(problem, theta, at.jacobian[:rows])
+    if scores is None or not seen.any():
         return bread
     inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
-    meat = score_covariance(problem, theta, at.jacobian[:rows])[inner] + prior.T @ prior
+    meat = scores[inner] + prior.T @ prior
     covariance = np.full_like(bread, np.nan)
     covariance[inner] = bread[inner] @ meat @ bread[inner]
     return covariance

@@ -125,14 +125,16 @@ class JointProblem:
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         """Of J'r over repeats of the data: the sum of that of each problem (see `covariance.score_covariance`)."""
-        total, first = np.zeros((len(self.names),) * 2), 0
+        total, first, independent = np.zeros((len(self.names),) * 2), 0, True
         for problem, index in self._members():
-            rows = jacobian[first : first + problem.n_data, index]
-            total[np.ix_(index, index)] += score_covariance(problem, theta[index], rows)
+            rows = jacobian[first : first + problem.n_data][:, index]
+            own = score_covariance(problem, theta[index], rows)
+            independent &= own is None
+            total[np.ix_(index, index)] += rows.T @ rows if own is None else own
             first += problem.n_data
-        return total
+        return None if independent else total
 
     def stage_plans(self) -> tuple[tuple[tuple[str, Problem], ...], ...]:
         """Ways to the answer: the ways of each problem, joined stage by stage.

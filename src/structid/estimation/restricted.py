@@ -77,10 +77,10 @@ class Held(Wrapped):
         at = self.problem.linearize(self.whole(others))
         return Linearization(at.residual, np.delete(at.jacobian, self.index, axis=1), at.n_eliminated)
 
-    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray:
+    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         whole = np.insert(jacobian, self.index, 0.0, axis=1)
         found = score_covariance(self.problem, self.whole(others), whole)
-        return np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
+        return None if found is None else np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
 
     def physical(self, others: FloatArray) -> FloatArray:
         return np.delete(self.problem.physical(self.whole(others)), self.index)

@@ -52,5 +52,5 @@ class Wrapped:
     def slope(self, theta: FloatArray) -> FloatArray:
         return self.problem.slope(theta)
 
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         return score_covariance(self.problem, theta, jacobian)

@@ -62,7 +62,9 @@ class Checkpoint:
         If there is nothing to resume, it is damaged, or it belongs to other input files or versions.
     """
 
-    def __init__(self, folder: Path, owner: Mapping[str, Any], resume: bool = False, seconds: float = CHECKPOINT_SECONDS) -> None:
+    def __init__(
+        self, folder: Path, owner: Mapping[str, Any], resume: bool = False, seconds: float = CHECKPOINT_SECONDS
+    ) -> None:
         self.folder, self.owner, self.seconds = folder, dict(owner), seconds
         self.entries: dict[str, Any] = {}
         self._search: tuple[str, State] | None = None
