@@ -254,9 +254,10 @@ def test_threads_share_out_everything_once():
             lambda: no_rows(np.array([[0]]), 1).reduced(sparse.csr_array((3, 2)), np.ones((2, 1))),
             "`operator` must have",
         ),
-        (
+        pytest.param(
             lambda: no_rows(np.array([[-1, 0]]), 1).reduced(sparse.csr_array((3, 2)), np.ones((2, 1)), Work("numba")),
             "must come last",
+            marks=pytest.mark.skipif(not has_numba(), reason="no numba"),
         ),
     ],
 )
