@@ -26,11 +26,11 @@ from scipy import sparse
 
 from structid.estimation import no_rows
 from structid.estimation.block_least_squares import block_solution
-from structid.estimation.local_reduction import Work, row_maker
+from structid.estimation.local_reduction import Kernels, row_maker
 from structid.estimation.many_small import solutions_of_many
 from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
 
-ONE, TWO, NUMPY = Work("numba"), Work("numba", 2), Work("numpy")
+ONE, TWO, NUMPY = Kernels("numba"), Kernels("numba", 2), Kernels("numpy")
 Rows = tuple[np.ndarray, sparse.csr_array, int]
 
 
@@ -80,7 +80,7 @@ def ratios(
 TIMES = 20
 
 
-def streaming(rows: Callable[[], Rows], n_times: int, work: Work, clock: Callable[[], float] = time.thread_time):
+def streaming(rows: Callable[[], Rows], n_times: int, work: Kernels, clock: Callable[[], float] = time.thread_time):
     """The pass against numpy.sum of the same four arrays."""
 
     def measure(repeats: int, rng: np.random.Generator) -> list[float]:

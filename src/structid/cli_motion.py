@@ -8,7 +8,7 @@ from typing import Annotated, cast
 import typer
 
 from structid.cli_base import NOT_DETERMINED, fail, reported
-from structid.estimation.local_reduction import Engine, Work
+from structid.estimation.local_reduction import Engine, Kernels
 from structid.study.motion import (
     MOTION_SUMMARY,
     MOTION_TABLE,
@@ -45,7 +45,7 @@ def motion(
       structid motion bridge.toml --threads 2 --checkpoint bridge.npz
     """
     with reported():
-        options = MotionOptions(Work(cast(Engine, engine), threads), chunk, checkpoint)
+        options = MotionOptions(Kernels(cast(Engine, engine), threads), chunk, checkpoint)
         found = motion_of_study(study, options, _told)
         folder = out if out is not None else Path(f"{study.stem}_motion")
         with staged_folder(folder) as staged:

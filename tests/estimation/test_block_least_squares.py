@@ -11,12 +11,14 @@ from structid import InputError
 from structid.estimation import no_rows
 from structid.estimation.banded_sweep import band_layout
 from structid.estimation.block_least_squares import WIDEST_BAND, block_solution
-from structid.estimation.local_reduction import Work, has_numba, shared_out, stretches
+from structid.estimation.local_reduction import Kernels, has_numba, shared_out, stretches
 from structid.estimation.many_small import solutions_of_many
 
 ENGINES = [
-    Work("numpy"),
-    pytest.param(Work("numba") if has_numba() else None, marks=pytest.mark.skipif(not has_numba(), reason="no numba")),
+    Kernels("numpy"),
+    pytest.param(
+        Kernels("numba") if has_numba() else None, marks=pytest.mark.skipif(not has_numba(), reason="no numba")
+    ),
 ]
 SIZES = np.array([1.0, 1e3, 1e-4])
 
@@ -121,10 +123,10 @@ def test_numpy_and_compiled_kernels_agree_on_any_number_of_threads(seed):
     columns = chain(11, np.random.default_rng(seed), shuffled=True)
     operator, fields, *_ = problem(columns, 40, seed=seed)
     plain, single, double = (
-        reduced(columns, operator, fields, w) for w in (Work("numpy"), Work("numba"), Work("numba", 2))
+        reduced(columns, operator, fields, w) for w in (Kernels("numpy"), Kernels("numba"), Kernels("numba", 2))
     )
     assert np.array_equal(single.triangles, double.triangles)
-    answers = [block_solution(state, work=Work(kind)) for state in (plain, single) for kind in ("numpy", "numba")]
+    answers = [block_solution(state, work=Kernels(kind)) for state in (plain, single) for kind in ("numpy", "numba")]
     for found in answers[1:]:
         assert found.values == pytest.approx(answers[0].values, rel=1e-12)
         assert found.standard_deviations() == pytest.approx(answers[0].standard_deviations(), rel=1e-11)
@@ -217,7 +219,7 @@ def test_many_small_problems_are_each_their_own_answer(work):
     many[7] *= np.where(abs(operator[::7]).sum(axis=0) == 0, 1.0, 0.0)[:, None]
     found = solutions_of_many(operator, columns, 21, many, work)
     for own, values in zip(many, found, strict=True):
-        expected = block_solution(reduced(columns, operator, own, Work("numpy")), work=Work("numpy")).values
+        expected = block_solution(reduced(columns, operator, own, Kernels("numpy")), work=Kernels("numpy")).values
         assert values == pytest.approx(expected, rel=1e-9, nan_ok=True)
     assert np.isnan(found[7]).any()
     assert np.isfinite(np.delete(found, 7, 0)).all()
@@ -248,14 +250,16 @@ def test_threads_share_out_everything_once():
 @pytest.mark.parametrize(
     ("act", "words"),
     [
-        (lambda: Work("fortran"), "`engine` must be"),
-        (lambda: Work("numpy", 0), "`threads` must be 1 or more"),
+        (lambda: Kernels("fortran"), "`engine` must be"),
+        (lambda: Kernels("numpy", 0), "`threads` must be 1 or more"),
         (
             lambda: no_rows(np.array([[0]]), 1).reduced(sparse.csr_array((3, 2)), np.ones((2, 1))),
             "`operator` must have",
         ),
         pytest.param(
-            lambda: no_rows(np.array([[-1, 0]]), 1).reduced(sparse.csr_array((3, 2)), np.ones((2, 1)), Work("numba")),
+            lambda: no_rows(np.array([[-1, 0]]), 1).reduced(
+                sparse.csr_array((3, 2)), np.ones((2, 1)), Kernels("numba")
+            ),
             "must come last",
             marks=pytest.mark.skipif(not has_numba(), reason="no numba"),
         ),

@@ -10,14 +10,14 @@ from motion_cases import EVERYTHING, cantilever, frame, moved
 
 from structid import FileError, InputError, PointMass, RigidLink, Spring, Status, Structure, TimeRecord, Unknown
 from structid import parameters as declared
-from structid.estimation.local_reduction import Work, has_numba
+from structid.estimation.local_reduction import Kernels, has_numba
 from structid.observation import identify_motion, motion_fit
 from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion_stream import identify_motion_by_chunks, motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record
 
-ENGINES = [Work("numpy"), *([Work("numba"), Work("numba", 2)] if has_numba() else [])]
+ENGINES = [Kernels("numpy"), *([Kernels("numba"), Kernels("numba", 2)] if has_numba() else [])]
 FIELDS = ("acceleration", "velocity", "displacement", "force")
 
 
@@ -225,7 +225,7 @@ MEMORY = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, Unknown, parameters
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import Kernels
 from structid.observation import motion_fit
 from structid.observation.motion_stream import channel_map, motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
@@ -237,7 +237,7 @@ unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass",
 names = tuple(str(dof) for dof in structure.dofs)
 kinds = tuple(np.repeat(["acceleration", "velocity", "displacement", "force"], len(names)).tolist())
 record = open_record(path, ReadOptions(sampling_rate=1.0, channels=names * 4, quantities=kinds))
-fit, work = motion_fit(structure, unknown), Work(sys.argv[2])
+fit, work = motion_fit(structure, unknown), Kernels(sys.argv[2])
 motion_solution(reduced_by_chunks(fit, structure, record, work, longest=40, last=80), work)
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * 4096

@@ -7,7 +7,7 @@ from structid.estimation.identifiability import Direction, Identifiability, iden
 from structid.estimation.intervals import Intervals, intervals
 from structid.estimation.joint_problem import JointProblem, stage_plans, thinned
 from structid.estimation.least_squares import GaussNewton, LevenbergMarquardt, Minimum, minimize
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import Kernels
 from structid.estimation.many_small import solutions_of_many
 from structid.estimation.multistart import Answer
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
@@ -26,6 +26,7 @@ __all__ = [
     "Identifiability",
     "Intervals",
     "JointProblem",
+    "Kernels",
     "LevenbergMarquardt",
     "LinearFit",
     "Linearization",
@@ -36,7 +37,6 @@ __all__ = [
     "Samples",
     "Status",
     "StreamingQr",
-    "Work",
     "block_solution",
     "bootstrap",
     "bootstrap_repeats",

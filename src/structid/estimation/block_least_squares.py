@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.estimation.banded_sweep import BandLayout, band_layout, inverse_diagonal, solved, swept
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import Kernels
 from structid.estimation.streaming_qr import RANK_TOLERANCE, StreamingQr
 
 #: Widest band that is swept; wider problems go through sparse normal equations.
@@ -126,7 +126,7 @@ class _Normal:
         return found
 
 
-def block_solution(state: StreamingQr, size: FloatArray | None = None, work: Work | None = None) -> BlockFit:
+def block_solution(state: StreamingQr, size: FloatArray | None = None, work: Kernels | None = None) -> BlockFit:
     """The least-squares solution of all rows that `state` has seen.
 
     Parameters
@@ -134,9 +134,9 @@ def block_solution(state: StreamingQr, size: FloatArray | None = None, work: Wor
     state : StreamingQr
     size : (n_params,) float array, optional
         What the norm of each column would be if nothing cancelled in it; see `StreamingQr.solution`.
-    work : Work, optional
+    work : Kernels, optional
     """
-    chosen = work or Work()
+    chosen = work or Kernels()
     compiled = chosen.compiled(50 * len(state.columns))
     norm = _column_norms(state)
     seen = norm > (0.0 if size is None else RANK_TOLERANCE * size)

@@ -29,7 +29,7 @@ _FIRST_CACHE, _SECOND_CACHE = 3_200, 60_000  # numbers of the rows of a block, a
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
+class Kernels:
     """How rows are folded.
 
     Parameters
@@ -138,7 +138,7 @@ def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
     return RowMaker(operator, block_widths(columns), starts, operator.indices.astype(np.uint32), new, news)
 
 
-def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Work) -> FloatArray:
+def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
     """Triangles of [triangle; rows of all samples], (n_blocks, k + 1, k + 1).
 
     Parameters
@@ -146,7 +146,7 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
     triangles : (n_blocks, k + 1, k + 1) float array
     maker : RowMaker
     fields : (n_fields, n_times) float array
-    work : Work
+    work : Kernels
     """
     n_blocks, side = triangles.shape[:2]
     require_shape("fields", fields, (maker.operator.shape[1], None))

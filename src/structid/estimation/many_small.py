@@ -8,12 +8,12 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray, require_finite, require_shape
 from structid.estimation.banded_sweep import band_layout
 from structid.estimation.block_least_squares import block_solution
-from structid.estimation.local_reduction import RowMaker, Work, kernels, row_maker, shared_out, stretches
+from structid.estimation.local_reduction import Kernels, RowMaker, kernels, row_maker, shared_out, stretches
 from structid.estimation.streaming_qr import no_rows
 
 
 def solutions_of_many(
-    rows: RowMaker | sparse.csr_array, columns: IntArray, n_params: int, fields: FloatArray, work: Work | None = None
+    rows: RowMaker | sparse.csr_array, columns: IntArray, n_params: int, fields: FloatArray, work: Kernels | None = None
 ) -> FloatArray:
     """Least-squares values of every problem, (n_problems, n_params); NaN where one does not determine a parameter.
 
@@ -28,9 +28,9 @@ def solutions_of_many(
         Parameter of each column, -1, last in its row, where a block has fewer.
     n_params : int
     fields : (n_problems, n_fields, n_times) float array
-    work : Work, optional
+    work : Kernels, optional
     """
-    chosen = work or Work()
+    chosen = work or Kernels()
     maker, n_blocks = rows if isinstance(rows, RowMaker) else row_maker(rows, columns), len(columns)
     require_shape("fields", fields, (None, maker.operator.shape[1], None))
     if not np.isfinite(fields.sum()):  # much faster than a look at each, and true of nearly all
@@ -39,7 +39,7 @@ def solutions_of_many(
     start = no_rows(columns, n_params)
     if not chosen.compiled(len(fields) * n_blocks * fields.shape[2]):
         for k, own in enumerate(fields):
-            values[k] = block_solution(start.reduced(maker, own, Work("numpy")), work=Work("numpy")).values
+            values[k] = block_solution(start.reduced(maker, own, Kernels("numpy")), work=Kernels("numpy")).values
         return values
     layout, given = band_layout(columns, n_params), np.ascontiguousarray(fields, dtype=np.float64)
     places = np.where(columns >= 0, layout.place[columns], -1)
@@ -56,5 +56,5 @@ def solutions_of_many(
     found = values[:, layout.place]
     weak = ~np.isfinite(found).all(axis=1)
     for k in np.flatnonzero(weak).tolist():  # the careful way says which parameters are lost
-        found[k] = block_solution(start.reduced(maker, given[k], Work("numpy")), work=Work("numpy")).values
+        found[k] = block_solution(start.reduced(maker, given[k], Kernels("numpy")), work=Kernels("numpy")).values
     return found

@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 
 from structid.arrays import FloatArray, IntArray, locked, require_finite, require_shape
 from structid.errors import InputError
-from structid.estimation.local_reduction import RowMaker, Work, folded_fields, row_maker
+from structid.estimation.local_reduction import Kernels, RowMaker, folded_fields, row_maker
 
 #: A column, or a direction of unit columns, below this part of what it could be is lost in rounding.
 RANK_TOLERANCE = 1e-10
@@ -92,7 +92,9 @@ class StreamingQr:
         triangles = stacked_triangles(self.triangles, rows)
         return replace(self, triangles=locked(triangles), n_rows=self.n_rows + rows.shape[0] * rows.shape[1])
 
-    def reduced(self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Work | None = None) -> StreamingQr:
+    def reduced(
+        self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Kernels | None = None
+    ) -> StreamingQr:
         """The state after the rows that `rows` makes of `fields`, which are never held in memory all at once.
 
         Parameters
@@ -100,11 +102,11 @@ class StreamingQr:
         rows : RowMaker or (n_blocks (n_columns + 1), n_fields) sparse array
             Regressors of every block, its right-hand side last, from the fields of one sample.
         fields : (n_fields, n_times) float array
-        work : Work, optional
+        work : Kernels, optional
             Compiled or not, and on how many threads.
         """
         maker = rows if isinstance(rows, RowMaker) else row_maker(rows, self.columns)
-        triangles = folded_fields(self.triangles, maker, fields, work or Work())
+        triangles = folded_fields(self.triangles, maker, fields, work or Kernels())
         triangles.setflags(write=False)
         return replace(self, triangles=triangles, n_rows=self.n_rows + len(self.columns) * fields.shape[1])
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation import Estimate
-from structid.estimation.local_reduction import RowMaker, Work
+from structid.estimation.local_reduction import Kernels, RowMaker
 from structid.estimation.streaming_qr import LinearFit, StreamingQr, no_rows
 from structid.observation.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
 from structid.observation.motion_words import motion_estimate
@@ -51,7 +51,7 @@ class RecursiveMotionFit:
     n_samples: int
 
     def updated(
-        self, chunk: Motion, variance: MotionVariance | None = None, work: Work | None = None
+        self, chunk: Motion, variance: MotionVariance | None = None, work: Kernels | None = None
     ) -> RecursiveMotionFit:
         """The fit after one more chunk of motion, with the error variance of that motion where known."""
         fields = self.equations.fields(chunk)
@@ -118,7 +118,7 @@ class RecursiveMotionFit:
 
 
 def reduced_state(
-    equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Work | None = None
+    equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
 ) -> StreamingQr:
     """`state` after the rows that `rows`, by default those of the equations, makes of (n_fields, n_times)."""
     if len(equations.columns) == equations.n_dofs:

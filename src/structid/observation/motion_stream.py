@@ -20,7 +20,7 @@ from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.estimation import Status
 from structid.estimation.block_least_squares import BlockFit, block_solution
-from structid.estimation.local_reduction import RowMaker, Work, row_maker
+from structid.estimation.local_reduction import Kernels, RowMaker, row_maker
 from structid.observation.motion import MOTION_QUANTITIES
 from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion_fit import RecursiveMotionFit, motion_fit, reduced_state
@@ -95,7 +95,7 @@ def identify_motion_by_chunks(
     unknown: Parameters,
     record: ChunkedRecord,
     row_weights: ArrayLike | None = None,
-    work: Work | None = None,
+    work: Kernels | None = None,
     longest: int | None = None,
     checkpoint: Path | None = None,
     progress: Progress | None = None,
@@ -114,7 +114,7 @@ def identify_motion_by_chunks(
         Acceleration, velocity and displacement, as far as the equations hold them, of every free degree of freedom,
         and the forces; see `open_record`.
     row_weights : (n_dofs,) array, optional
-    work : Work, optional
+    work : Kernels, optional
         Compiled or not, and on how many threads.
     longest : int, optional
         Samples a chunk; by default about a 64th of the record or 32 MB, whichever is less, and at least 24.
@@ -141,7 +141,7 @@ def reduced_by_chunks(
     fit: RecursiveMotionFit,
     structure: Structure,
     record: ChunkedRecord,
-    work: Work | None = None,
+    work: Kernels | None = None,
     longest: int | None = None,
     checkpoint: Path | None = None,
     progress: Progress | None = None,
@@ -200,7 +200,7 @@ class _Keeper:
         self.taken, self.kept = self.ended - begun, fit.n_samples
 
 
-def motion_solution(fit: RecursiveMotionFit, work: Work | None = None) -> MotionSolution:
+def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
     """The parameters that a fit holds, without any dense matrix of their number.
 
     Raises
@@ -209,7 +209,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Work | None = None) -> Motion
         If there is nothing to fit; see `RecursiveMotionFit.solution`.
     """
     fit.require_content()
-    chosen = work or Work()
+    chosen = work or Kernels()
     found = block_solution(fit.state, fit.equations.sizes(fit.energy), chosen)
     size = fit.n_samples * len(fit.state.columns)
     engine = chosen.words(size) if len(fit.state.columns) == fit.equations.n_dofs else "NumPy"

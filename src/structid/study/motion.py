@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from structid.estimation import Status
-from structid.estimation.local_reduction import Work
+from structid.estimation.local_reduction import Kernels
 from structid.observation.motion_stream import MotionSolution, Progress, identify_motion_by_chunks
 from structid.records.on_disk import OnDiskRecord, open_record
 from structid.study.results import json_text
@@ -30,14 +30,14 @@ class MotionOptions:
 
     Parameters
     ----------
-    work : Work
+    work : Kernels
     chunk : int, optional
         Samples a chunk.
     checkpoint : Path, optional
         Where the state is kept after each chunk, and taken up from.
     """
 
-    work: Work = Work()  # noqa: RUF009  frozen
+    work: Kernels = Kernels()  # noqa: RUF009  frozen
     chunk: int | None = None
     checkpoint: Path | None = None
 
