@@ -172,3 +172,16 @@ def test_two_modes_a_tenth_of_a_beat_apart():
         gaps.append(np.diff(found.frequency[pair])[0] / 0.002)
     # the Cramer-Rao bound of the gap is 3.2 %
     assert np.sqrt(np.mean((np.array(gaps) - 1) ** 2)) < 0.05
+
+
+@pytest.mark.parametrize("n_channels", [1, 3])
+def test_stable_poles_of_the_noise_are_left_out_of_a_decay_and_named(n_channels):
+    time = np.arange(3000)[:, None] / 100.0
+    for seed in range(3):
+        noise = 0.01 * np.random.default_rng(seed).standard_normal((3000, n_channels))
+        values = np.exp(-0.1 * time) * np.cos(20.0 * time) + noise
+        names = tuple(f"{i + 1}X" for i in range(n_channels))
+        found = modal_identification(TimeRecord(100.0, values, names, ("velocity",) * n_channels))
+        assert found.modes.n_modes == len(found.clusters) == 1
+        std = np.sqrt(found.modes.covariance[0, 0])
+        assert abs(found.modes.frequency[0] - np.hypot(20.0, 0.1) / (2 * np.pi)) < 4 * std

@@ -8,7 +8,7 @@ from modal_cases import ambient_chain, beam_decay, chain_modes, decay, nearest
 
 from structid import InputError, TimeRecord
 from structid.compare import mac
-from structid.modal import HardCriteria, identify_modes
+from structid.modal import HardCriteria, identify_modes, modal_identification
 from structid.reproduce.simple_beam import SENSORS, beam_omega, beam_shapes
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building"
@@ -246,3 +246,26 @@ def test_ambient_records_short_against_their_memory_are_not_taken_for_certain(n)
         error = np.abs(found.frequency - truth[nearest(truth, found.frequency)])
         certain = error > 5 * np.sqrt(np.diag(found.covariance))[: found.n_modes]
         assert not certain.any() or any("if forces kept it up" in words for words in found.warnings)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_white_noise_shows_hardly_any_mode(seed):
+    """Of some 17 stable poles, two records leave none and one leaves three."""
+    values = np.random.default_rng(seed).standard_normal((4000, 2))
+    record = TimeRecord(100.0, values, ("1X", "2X"), ("acceleration",) * 2)
+    if seed < 2:
+        with pytest.raises(InputError, match="no mode that stands out of the noise"):
+            identify_modes(record)
+    else:
+        assert identify_modes(record).n_modes <= 3
+    assert identify_modes(record, frequencies=[20.0]).n_modes == 1
+
+
+def test_poles_less_certain_than_their_bandwidth_are_left_out_and_named():
+    """Seed 1 and 100 s: a stable pole at 2.45 Hz whose frequency a record as short as this does not tell."""
+    result = modal_identification(ambient_chain(1, duration=100.0))
+    found = result.modes
+    std = np.sqrt(np.diag(found.covariance))[: found.n_modes]
+    assert (std <= 2 * np.maximum(found.damping_ratio * found.frequency, 0.01)).all()
+    assert len(result.clusters) == found.n_modes < 4
+    assert any("less certain than their bandwidth are left out: " in words for words in found.warnings)

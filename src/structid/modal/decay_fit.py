@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import ComplexArray, FloatArray
@@ -113,6 +114,14 @@ def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
             own = scaled[[k, n + k]]
             found[k] += np.sum(own * linalg.solve(gram[np.ix_([k, n + k], [k, n + k])], own))
     return found / (2 * len(sigma) * len(parts))
+
+
+def stands_out(data: Outputs, poles: ComplexArray) -> NDArray[np.bool_]:
+    """Which modes of a free decay no noise makes, (n_modes,).
+
+    Poles that a method has chosen to follow the noise reach a `strength` of some 1 + 5 / sqrt(n) for n series.
+    """
+    return np.asarray(strength(data, poles) > 1 + 9 / np.sqrt(len(data.series) * data.n_channels))
 
 
 def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:

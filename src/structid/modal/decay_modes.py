@@ -8,11 +8,10 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, displacement_rows
-from structid.modal.decay_fit import decay_fit, decay_shapes, strength
+from structid.modal.decay_fit import decay_fit, decay_shapes, stands_out
 from structid.modal.modal_record import ModalRecord
 from structid.modal.pole_uncertainty import free_decay_fit, is_free_decay
 
-_STRONG = 10.0  # F statistic from which on a mode is refined
 _SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up
 _FAR = 0.05  # of its size: a pole that moves further has left its mode
 
@@ -36,7 +35,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     poles = modes.omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
     if not is_free_decay(data, free_decay_fit(data, poles)[1], poles):
         return modes
-    strong = np.flatnonzero(strength(data, poles) > _STRONG)
+    strong = np.flatnonzero(stands_out(data, poles))
     fit = decay_fit(data, poles[strong]) if len(strong) else None
     if fit is None or (np.abs(fit.poles - poles[strong]) > _FAR * np.abs(poles[strong])).any():
         return modes

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 
@@ -128,6 +129,33 @@ class ModalRecord:
     def omega(self) -> FloatArray:
         """Circular natural frequency in rad/s."""
         return 2 * np.pi * self.frequency
+
+    def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
+        """The modes at `indices`, counted from 0, in their order, with all that belongs to them."""
+        keep = np.sort(np.asarray(indices, dtype=int))
+        both = np.concatenate([keep, keep + self.n_modes])
+        own = self.changes
+        return replace(
+            self,
+            frequency=self.frequency[keep],
+            damping_ratio=self.damping_ratio[keep],
+            mode_shapes=self.mode_shapes[:, keep],
+            covariance=None if self.covariance is None else self.covariance[np.ix_(both, both)],
+            shape_std=None if self.shape_std is None else self.shape_std[:, keep],
+            changes=own
+            and ModalChanges(own.frequency[:, keep], own.damping_ratio[:, keep], own.mode_shapes[:, :, keep]),
+        )
+
+    def some_channels(self, indices: Sequence[int] | IntArray) -> ModalRecord:
+        """The same modes at some of the channels, in the order of `indices`."""
+        rows, own = np.asarray(indices, dtype=int), self.changes
+        return replace(
+            self,
+            mode_shapes=self.mode_shapes[rows],
+            channels=tuple(self.channels[i] for i in rows.tolist()),
+            shape_std=None if self.shape_std is None else self.shape_std[rows],
+            changes=own and ModalChanges(own.frequency, own.damping_ratio, own.mode_shapes[:, rows]),
+        )
 
 
 def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError, NoModesError
 from structid.modal.close_modes import with_close_mode_notes
 from structid.modal.correlations import Outputs, displacement_rows, outputs
+from structid.modal.decay_fit import stands_out
 from structid.modal.decay_modes import decay_modes
 from structid.modal.era import era, era_dc
 from structid.modal.itd import itd
@@ -20,6 +22,7 @@ from structid.modal.pole_uncertainty import (
     Deviations,
     deviations,
     free_decay_fit,
+    is_free_decay,
     is_mostly_explained,
     overlapping_batches,
     pole_deviations,
@@ -60,13 +63,59 @@ def subspace_modes(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
             "`block_rows` or the greatest order, or measure longer"
         )
+    if found and options.frequencies is None:
+        picked, found, left_out = _standing_out(data, sweep, picked, found)
+        notes += left_out
     if method in _FREE_DECAYS_ONLY:
         notes += _no_free_decay(data, np.array([sweep[k].poles[i] for k, i in picked]), method)
     modes = _modal_record(subspace, sweep, picked, notes)
     if method in _REFINED and options.refine:
         modes = decay_modes(data, modes)
+    if found and options.frequencies is None:
+        modes, found = _resolved(data, modes, found)
     modes = with_close_mode_notes(data, modes)
     return ModalIdentification(modes, method, sweep, found, options)
+
+
+def _resolved(data: Outputs, modes: ModalRecord, found: tuple[Cluster, ...]) -> tuple[ModalRecord, tuple[Cluster, ...]]:
+    """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
+
+    Stable poles of mere noise seldom are.
+    """
+    if modes.covariance is None:
+        return modes, found
+    std = np.sqrt(np.diag(modes.covariance)[: modes.n_modes])
+    keep = ~(std > 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration))
+    if keep.all():
+        return modes, found
+    listed = ", ".join(f"{f:.4g} \u00b1 {e:.2g}" for f, e in zip(modes.frequency[~keep], std[~keep], strict=True))
+    words = f"stable poles whose frequency is less certain than their bandwidth are left out: {listed} Hz"
+    if not keep.any():
+        raise NoModesError(
+            f"`records` show no mode that stands out of the noise; {words}. Measure longer, or give `frequencies`"
+        )
+    kept = np.flatnonzero(keep)
+    modes = modes.some_modes(kept)
+    return replace(modes, warnings=(*modes.warnings, words)), tuple(found[i] for i in kept)
+
+
+def _standing_out(
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...]
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """Modes of a free decay without stable poles of the noise, and words on those; all modes of other motion."""
+    s = np.array([sweep[k].poles[i] for k, i in picked])
+    if not is_free_decay(data, free_decay_fit(data, s)[1], s):
+        return picked, found, []
+    keep = stands_out(data, s)
+    if keep.all() or not keep.any():
+        return picked, found, []
+    listed = ", ".join(f"{f:.4g}" for f in np.sort(np.abs(s[~keep])) / (2 * np.pi))
+    kept = np.flatnonzero(keep)
+    return (
+        [picked[i] for i in kept],
+        tuple(found[i] for i in kept),
+        [f"stable poles that do not stand out of the noise of the decay are left out: {listed} Hz"],
+    )
 
 
 def _no_free_decay(data: Outputs, s: ComplexArray, method: str) -> list[str]:

@@ -76,35 +76,7 @@ def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:
         return record
     if len(set(numbers)) < len(numbers) or not set(numbers) <= set(range(1, record.n_modes + 1)):
         raise InputError(f"must be different numbers from 1 to {record.n_modes}, got {list(numbers)}")
-    keep = np.sort(np.asarray(numbers)) - 1
-    both = np.concatenate([keep, keep + record.n_modes])
-    return ModalRecord(
-        record.frequency[keep],
-        record.damping_ratio[keep],
-        record.mode_shapes[:, keep],
-        record.channels,
-        None if record.covariance is None else record.covariance[np.ix_(both, both)],
-        None if record.shape_std is None else record.shape_std[:, keep],
-        record.warnings,
-        record.source,
-        record.scaling,
-    )
-
-
-def chosen_channels(record: ModalRecord, indices: Sequence[int]) -> ModalRecord:
-    """The same modes at some of their sensors."""
-    rows = np.asarray(indices, dtype=int)
-    return ModalRecord(
-        record.frequency,
-        record.damping_ratio,
-        record.mode_shapes[rows],
-        tuple(record.channels[i] for i in indices),
-        record.covariance,
-        None if record.shape_std is None else record.shape_std[rows],
-        record.warnings,
-        record.source,
-        record.scaling,
-    )
+    return record.some_modes(np.asarray(numbers) - 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from structid.dof import Dof, parse_dofs
 from structid.modal import ModalRecord
 from structid.modal.modal_files import read_modes
 from structid.study.input_files import InputFiles
-from structid.study.modal_setup import ModalSettings, chosen_channels, chosen_modes
+from structid.study.modal_setup import ModalSettings, chosen_modes
 from structid.study.section import BOOLEAN, COUNT, NOT_NEGATIVE, POSITIVE, TEXT, TEXTS, Kind, Section, as_list, choice
 
 _KINDS = {
@@ -74,7 +74,7 @@ class ModesSource:
             if dof.unsigned not in place:
                 known = ", ".join(map(str, record.channels))
                 raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
-        return chosen_channels(record, [place[dof.unsigned] for dof in self.channels_used])
+        return record.some_channels([place[dof.unsigned] for dof in self.channels_used])
 
 
 def read_modes_source(section: Section, files: InputFiles) -> ModesSource:
