@@ -70,14 +70,16 @@ class Piece:
     part: float
 
 
-def outputs(records: TimeRecord | Sequence[TimeRecord]) -> Outputs:
-    """The motion channels of `records`; forces are left out.
+def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
+    """The motion channels of `records`; forces are left out. `Outputs` come back as they are.
 
     Raises
     ------
     InputError
         If there is no record, channels or sampling rates differ, nothing is left, or a channel does not move.
     """
+    if isinstance(records, Outputs):
+        return records
     given = (records,) if isinstance(records, TimeRecord) else tuple(records)
     if not given or not all(isinstance(record, TimeRecord) for record in given):
         raise InputError("`records` must be one or more TimeRecords; read them from a file, or construct them")
@@ -105,7 +107,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord]) -> Outputs:
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel, all of which must vary."""
     n_samples = sum(len(y) for y in series)
-    scale = np.sqrt(sum(np.sum(np.square(y), axis=0) for y in series) / n_samples)
+    scale = np.sqrt(sum(np.einsum("ij,ij->j", y, y) for y in series) / n_samples)
     spread = np.sqrt(sum(np.sum(np.square(y - y.mean(axis=0)), axis=0) for y in series) / n_samples)
     kinds = np.array(quantities)
     for i, (channel, quantity) in enumerate(zip(channels, quantities, strict=True)):
@@ -263,7 +265,7 @@ def correlations(
     >>> correlations(record, 3).ravel().tolist()
     [1.0, -1.0, 1.0]
     """
-    data = records if isinstance(records, Outputs) else outputs(records)
+    data = outputs(records)
     require_length(data, n_lags, 0)
     held = np.full(n_lags, n_lags - 1) if fixed_window else np.arange(n_lags)
     total = np.sum(

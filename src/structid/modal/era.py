@@ -11,13 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from structid.modal.correlations import outputs, pieces, require_length
+from structid.modal.correlations import Outputs, outputs, pieces, require_length
 from structid.modal.pencil import pencil
 from structid.modal.subspace import Subspace, delayed_triangle, shift_invariant
 from structid.records import TimeRecord
 
 
-def era(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def era(
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, block_rows: int, max_order: int, n_pieces: int = 1
+) -> Subspace:
     """ERA with as many columns as the records have instants; several records stand side by side as inputs do."""
     data = outputs(records)
     require_length(data, block_rows, max_order)
@@ -27,7 +29,7 @@ def era(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: 
 
 
 def era_dc(
-    records: TimeRecord | Sequence[TimeRecord],
+    records: TimeRecord | Sequence[TimeRecord] | Outputs,
     block_rows: int,
     max_order: int,
     lag: int | None = None,

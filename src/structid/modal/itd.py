@@ -13,12 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import linalg
 
-from structid.modal.correlations import outputs, pieces, require_length
+from structid.modal.correlations import Outputs, outputs, pieces, require_length
 from structid.modal.subspace import Subspace, delayed_triangle
 from structid.records import TimeRecord
 
 
-def itd(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def itd(
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, block_rows: int, max_order: int, n_pieces: int = 1
+) -> Subspace:
     """A = Y1 Y0^+ of delayed samples Y0 and the same one step later, Y1, on the leading singular vectors of Y0."""
     data = outputs(records)
     require_length(data, block_rows + 1, max_order)

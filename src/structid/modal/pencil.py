@@ -19,14 +19,14 @@ from functools import partial
 import numpy as np
 from scipy import linalg
 
-from structid.modal.correlations import outputs, pieces, require_length, window_hankels
+from structid.modal.correlations import Outputs, outputs, pieces, require_length, window_hankels
 from structid.modal.poles import Poles
 from structid.modal.subspace import Subspace, shift_invariant
 from structid.records import TimeRecord
 
 
 def pencil(
-    records: TimeRecord | Sequence[TimeRecord],
+    records: TimeRecord | Sequence[TimeRecord] | Outputs,
     block_rows: int,
     max_order: int,
     offset: int = 1,
@@ -57,7 +57,7 @@ def pencil(
 
 
 def second_difference_poles(
-    records: TimeRecord | Sequence[TimeRecord], n_modes: int | None = None, offset: int = 0
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, n_modes: int | None = None, offset: int = 0
 ) -> Poles:
     """Undamped modes by y(t+1) + y(t-1) = 2 cos(omega h) y(t): the pencil without delays, as Norris's quotient.
 

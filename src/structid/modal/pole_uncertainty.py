@@ -260,7 +260,8 @@ def free_decay_fit(data: Outputs, poles: ComplexArray) -> tuple[list[FloatArray]
         motion = np.exp(poles * (time[:, None] - start))
         basis = np.concatenate([motion.real, motion.imag], axis=1)
         basis = basis / np.linalg.norm(basis, axis=0)
-        fitted = basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+        q = np.linalg.qr(basis)[0]
+        fitted = q @ (q.T @ y)
         decay.append(fitted)
         rest.append((y - fitted) * np.sqrt(len(y) / max(len(y) - basis.shape[1], 1)))
     return decay, rest

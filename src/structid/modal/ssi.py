@@ -31,7 +31,9 @@ from structid.records import TimeRecord
 _REGULAR = 1e-4
 
 
-def ssi_cov(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def ssi_cov(
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, block_rows: int, max_order: int, n_pieces: int = 1
+) -> Subspace:
     """Covariance-driven: block Hankel matrix of R_1 .. R_(2i-1), each with divisor N - k; for stationary motion.
 
     A free decay is biased by it, since each lag has another window; use `pencil` there.
@@ -46,7 +48,7 @@ def ssi_cov(records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_ord
 
 
 def ssi_data(
-    records: TimeRecord | Sequence[TimeRecord], block_rows: int, max_order: int, n_pieces: int = 1
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, block_rows: int, max_order: int, n_pieces: int = 1
 ) -> Subspace:
     """Data-driven, unweighted: future samples projected on past ones.
 

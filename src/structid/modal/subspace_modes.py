@@ -54,7 +54,7 @@ def subspace_modes(
     data = outputs(records)
     rows = _block_rows(data, options.block_rows)
     wanted = _orders(data, rows, options.orders)
-    subspace = SUBSPACE_METHODS[method](records, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
+    subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
     wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
     sweep = poles_of_orders(subspace, wanted)
     picked, found, notes = picked_poles(sweep, data.scale, options)
