@@ -126,8 +126,6 @@ def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bo
 
 def with_close_mode_notes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     """`modes` with `close_mode_notes` on them, identified from the records `data`."""
-    ratio = np.clip(np.nan_to_num(modes.damping_ratio), -1.0, 1.0)
-    poles = modes.omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
-    is_free = bool(is_close(modes).any()) and is_free_decay(data, free_decay_fit(data, poles)[1], poles)
+    is_free = bool(is_close(modes).any()) and is_free_decay(data, free_decay_fit(data, modes.poles)[1], modes.poles)
     notes = close_mode_notes(modes, data.duration, len(data.series), is_free)
     return replace(modes, warnings=(*modes.warnings, *notes)) if notes else modes

@@ -31,8 +31,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     ModalRecord
         `modes` itself where the records are no free decays of them, or the search does not end near its start.
     """
-    ratio = modes.damping_ratio
-    poles = modes.omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
+    poles = modes.poles
     if not is_free_decay(data, free_decay_fit(data, poles)[1], poles):
         return modes
     strong = np.flatnonzero(stands_out(data, poles))
@@ -42,7 +41,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     s = fit.poles
     _, merge = displacement_rows(data, s)
     shapes, std = decay_shapes(fit, data.scale, merge)
-    frequency, ratio = modes.frequency.copy(), ratio.copy()
+    frequency, ratio = modes.frequency.copy(), modes.damping_ratio.copy()
     all_shapes = np.array(modes.mode_shapes)
     frequency[strong], ratio[strong], all_shapes[:, strong] = np.abs(s) / (2 * np.pi), -s.real / np.abs(s), shapes
     covariance, shape_std = modes.covariance, modes.shape_std

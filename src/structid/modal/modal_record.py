@@ -130,6 +130,12 @@ class ModalRecord:
         """Circular natural frequency in rad/s."""
         return 2 * np.pi * self.frequency
 
+    @property
+    def poles(self) -> ComplexArray:
+        """-zeta omega + i omega sqrt(1 - zeta^2), rad/s; damping that is not known counts as none."""
+        ratio = np.clip(np.nan_to_num(self.damping_ratio), -1.0, 1.0)
+        return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
+
     def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
         """The modes at `indices`, counted from 0, in their order, with all that belongs to them."""
         keep = np.sort(np.asarray(indices, dtype=int))
