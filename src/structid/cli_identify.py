@@ -15,13 +15,16 @@ import typer
 
 from structid.cli_base import INTERRUPTED, NOT_DETERMINED, fail, reported
 from structid.cli_progress import run_progress
-from structid.console import identification_summary, standard_output
+from structid.console import free_summary_shown, identification_summary, standard_output
 from structid.estimation import Status
+from structid.estimation.free_estimate import FreeEstimate
 from structid.study.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
+from structid.study.free_results import write_free_results
+from structid.study.free_search import FreeResult
 from structid.study.long_run import LongRun, executor_for
 from structid.study.result import StudyResult
 from structid.study.results import staged_folder, write_results
-from structid.study.run import load_study, run_study
+from structid.study.run import is_free, load_study, run_free_study, run_started, started
 from structid.study.tasks import WorkersLostError
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
@@ -67,7 +70,8 @@ def identify(
         try:
             with run_progress(read.options.method.max_iterations) as progress, _terminable():
                 run.progress = progress.tasks
-                result = run_study(read, progress.search, run)
+                ready = started(read)
+                result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
         except KeyboardInterrupt:
             call = _call(study, out=out, workers=workers, scheduler=scheduler)
             fail(_interrupted(run, kept, call if report else [*call, "--no-report"]), INTERRUPTED)
@@ -77,19 +81,29 @@ def identify(
         finally:
             run.close()
         with staged_folder(folder) as staged:
-            write_results(result, staged)
-            name = _write_report(result, staged) if report else "estimate.json"
+            name = _write(result, staged, report)
         kept.remove()
-        for part in identification_summary(result):
+        for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
             standard_output().print(part)
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:
-            fail(f"{estimate.status.words} ({estimate.message})", NOT_DETERMINED)
+            words = estimate.status_words if isinstance(estimate, FreeEstimate) else estimate.status.words
+            fail(f"{words} ({estimate.message})", NOT_DETERMINED)
 
 
-def _write_report(result: StudyResult, folder: Path) -> str:
-    """The name of the page in `folder`; drawing is imported here, so that nothing else waits for it."""
+def _write(result: StudyResult | FreeResult, folder: Path, report: bool) -> str:
+    """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
+    if isinstance(result, FreeResult):
+        write_free_results(result, folder)
+        if not report:
+            return "estimate.json"
+        from structid.report.free_page import write_free_report
+
+        return write_free_report(result, folder).name
+    write_results(result, folder)
+    if not report:
+        return "estimate.json"
     from structid.report import write_report
 
     return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name

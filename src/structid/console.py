@@ -15,11 +15,14 @@ from structid.estimation.intervals import span_digits
 from structid.records import FrfRecord, Record
 from structid.reproduce.item import Item
 from structid.study.check import CheckResult
+from structid.study.free_results import PARAMETERS, largest_changes
+from structid.study.free_search import FreeResult
 from structid.study.identified import Identification
 from structid.study.result import StudyResult
 
 _WIDTH_OF_FILES = 1000
 _MOST_GROUPS = 3
+_MOST_CHANGES = 10
 
 
 def standard_output() -> Console:
@@ -62,6 +65,27 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = _groups(identifiability)
     return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
+
+
+def free_summary_shown(result: FreeResult) -> list[RenderableType]:
+    """Warnings, status, the parameters that moved most, total mass, fit and modes of a search without a Jacobian."""
+    found = result.identification
+    estimate, fit = found.estimate, found.fit
+    facts = [
+        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
+        f"{len(estimate.names)} parameters, the data determine {number(estimate.determined, 3)} combinations of them;"
+        f" chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}; standard deviations from"
+        f" {estimate.covariance_basis.replace('_', ' ')}",
+        f"median relative error of the fit {number(_median(fit.relative_error.ravel().tolist()), 3)} over"
+        f" {len(fit.evaluation.frequency)} lines, {len(fit.evaluation.outputs)} outputs, {len(fit.evaluation.inputs)} inputs",
+    ]
+    table = _table("parameter that moved most", "unit", "initial", "value", "std")
+    for i in largest_changes(result, _MOST_CHANGES):
+        numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
+        table.add_row(estimate.names[i], estimate.units[i], *numbers)
+    mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
+    rest = f"all of them in {PARAMETERS}"
+    return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(rest), Text(mass)]
 
 
 def _fit_facts(found: Identification) -> list[str]:

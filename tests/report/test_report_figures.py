@@ -87,7 +87,7 @@ def test_masses_that_are_not_identified_are_hatched() -> None:
 
 
 def test_many_channels_are_capped_and_the_figure_says_so(many: Identification) -> None:
-    data = responses(many)
+    data = responses(many.fits[0])
     assert len(data.channels) == 40
     chosen = worst_channels(data, MAX_CHANNELS)
     errors = np.array([c.median_error for c in data.channels])
@@ -164,7 +164,7 @@ def test_ratios_stay_within_the_axis_and_wild_ones_do_not_stretch_it(many: Ident
 
 
 def test_whitened_residual_of_a_fit_to_the_noise_is_about_one(cantilever: Report) -> None:
-    data = responses(cantilever.identification)
+    data = responses(cantilever.identification.fits[0])
     whitened = data.whitened[data.used]
     n = 2 * whitened.size
     # mean square of n normal numbers, minus what 13 parameters take up: 5 standard deviations

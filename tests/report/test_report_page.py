@@ -93,7 +93,7 @@ def test_warnings_come_before_every_table_and_number(series: Report) -> None:
 
 def test_every_warning_of_many_is_on_the_page(many: Identification) -> None:
     assert len(many.warnings) > 10
-    text = page(many, responses(many), picture(many)).split("<script>")[0]
+    text = page(many, responses(many.fits[0]), picture(many)).split("<script>")[0]
     for warning in many.warnings:
         assert html.escape(warning) in text
 

@@ -43,7 +43,7 @@ def test_residual_tests_reach_summary_and_page_with_the_names_of_the_sensors(res
     assert [test["name"] for test in tests["series"]] == ["1X+", "1X+", "3X+", "3X+"]
     assert tests["whiteness_probability"] > 1e-3
     identification = result.identification
-    text = page(identification, responses(identification), picture(identification))
+    text = page(identification, responses(identification.fits[0]), picture(identification))
     assert "No test speaks against it." in text
     assert "from the profile likelihood" in text
     assert "95\u00a0% interval" in text

@@ -149,7 +149,7 @@ def test_modes_and_responses_are_fitted_together(tmp_path):
     names = [test.name for test in found.estimate.residual_tests.series]
     assert "ambient: shape at 1X+" in names
     assert NOISE == 0.01
-    text = page(found, responses(found), picture(found))
+    text = page(found, responses(found.fits[0]), picture(found))
     for words in ("frequency response functions and modes", 'id="modal-fit-1"', 'id="responses"', "Modes: ambient"):
         assert words in text
 

@@ -113,7 +113,7 @@ def test_results_and_report_show_every_record(result, tmp_path):
         assert np.abs(second["residual"][()] / second["measured"][()]).max() < 0.06
         assert not np.allclose(file["record_2/modes/frequency"][()], file["modes/frequency"][()], rtol=1e-3)
     found = result.identification
-    text = page(found, responses(found), picture(found), "Two")
+    text = page(found, responses(found.fits[0]), picture(found), "Two")
     assert "<h2>loaded</h2>" in text
     assert 'id="figure-responses-2"' in text
     assert "record_2_frf_magnitude" in further_records(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
+from structid.estimation.covariance import LEAST_FREEDOM, error_blocks
 from structid.estimation.estimate import Status
 from structid.estimation.free_linearization import FreeLinearization, FreeProblem
 from structid.estimation.levenberg_marquardt_free import (
@@ -19,10 +20,15 @@ from structid.estimation.levenberg_marquardt_free import (
     needs_free_search,
     preconditioner,
 )
-from structid.estimation.minimum import Progress
+from structid.estimation.minimum import Keeper, Progress
 from structid.estimation.problem import parameter_sizes
 
 _SOLVED = 1e-5
+_KNOWN = "the search converged, and data and priors together hold every parameter"
+_UNKNOWN = (
+    "data and priors together do not hold every parameter; strengthen the smoothness, group the unknowns, or measure more"
+    " places"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +41,17 @@ class FreeEstimate:
     initial, values : (n_params,) float arrays
         Physical values before and after.
     std : (n_params,) float array
-        From the noise of the data and the priors, physical units: of the draws, and solved for where asked; NaN where
-        neither data nor priors see a parameter, or the solution did not converge.
+        Physical units, of the draws, and solved for where asked; NaN where neither data nor priors see a parameter, or
+        the solution did not converge.
+    identified : (n_params,) bool array
+        Whether the standard deviation is known and at most the size of the value.
+    slope : (n_params,) float array
+        Derivative of each physical value with respect to its free variable at the estimate.
+    covariance_basis : str
+        ``"noise"``: standard deviations from the noise of the data and the priors; ``"model_error"``, where the fit
+        misses the noise: from the residual itself, stretches of lines as blocks (see `model_error_covariance`).
+    determined : float
+        How many combinations of parameters the data determine, tr(C J'J); NaN without draws.
     std_error : (n_params,) float array
         Relative standard error of `std`: 1 / sqrt(2 n_draws) where it comes from draws, 0 where it was solved for.
     draws : (n_draws, n_params) float array
@@ -62,6 +77,10 @@ class FreeEstimate:
     initial: FloatArray
     values: FloatArray
     std: FloatArray
+    identified: np.ndarray
+    slope: FloatArray
+    covariance_basis: str
+    determined: float
     std_error: FloatArray
     draws: FloatArray
     status: Status
@@ -73,6 +92,28 @@ class FreeEstimate:
     costs: FloatArray
     inner: FloatArray
 
+    @property
+    def physical_draws(self) -> FloatArray:
+        """The draws in physical units, to first order."""
+        return self.draws * self.slope
+
+    @property
+    def chi_square_per_dof(self) -> float:
+        """Per datum that the determined combinations leave; NaN without draws."""
+        freedom = self.n_data - self.determined
+        return self.chi_square / freedom if freedom > 0 else float("nan")
+
+    @property
+    def n_iterations(self) -> int:
+        return len(self.inner)
+
+    @property
+    def status_words(self) -> str:
+        """What happened, and what helps."""
+        if self.status is Status.NOT_CONVERGED:
+            return self.status.words
+        return _KNOWN if self.status is Status.CONVERGED else _UNKNOWN
+
 
 def free_estimate(
     problem: FreeProblem,
@@ -82,6 +123,8 @@ def free_estimate(
     seed: int = 0,
     misfit_probability: float = 1e-3,
     progress: Progress | None = None,
+    theta: FloatArray | None = None,
+    keeper: Keeper | None = None,
 ) -> FreeEstimate:
     """Parameters that minimize the sum of squares of a problem with very many of them, and their uncertainty.
 
@@ -97,9 +140,13 @@ def free_estimate(
     seed : int
         Of the draws.
     misfit_probability : float
-        Below this probability of its chi-square the message says that the fit holds model error.
+        Below this probability of its chi-square the fit holds model error, and standard deviations come from it.
     progress : callable, optional
         Called with the iteration and the sum of squares.
+    theta : (n_params,) float array, optional
+        Where the search begins; the problem's own start by default.
+    keeper : Keeper, optional
+        Keeps the search's state after each iteration, and has one to go on from.
 
     Raises
     ------
@@ -109,26 +156,32 @@ def free_estimate(
     if draws < 0 or draws == 1:
         raise InputError(f"`draws` must be 0 or at least 2, got {draws}; 32 gives standard deviations to 12 %")
     places = [_place(problem.names, name) for name in solved]
-    found = free_levenberg_marquardt(problem, method, None, progress)
+    found = free_levenberg_marquardt(problem, method, theta, progress, keeper)
     at, slope = found.linearization, problem.slope(found.theta)
-    values = problem.physical(found.theta)
-    sampled, missed = posterior_draws(at, draws, np.random.default_rng(seed))
+    values, generator = problem.physical(found.theta), np.random.default_rng(seed)
+    sampled, missed = posterior_draws(at, draws, generator)
     sampled = sampled[np.isfinite(sampled).all(axis=1)]
+    determined = float(np.mean([_squared(at.forward(draw)) for draw in sampled])) if len(sampled) else float("nan")
+    data = at.residual[: at.n_data]
+    chi_square = _squared(data)
+    freedom = max(at.n_data - np.nan_to_num(determined), 1.0)
+    misses = bool(special.gammaincc(freedom / 2, chi_square / 2) < misfit_probability)
+    if misses and len(sampled):
+        sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at))
+        sampled, missed = sampled[np.isfinite(sampled).all(axis=1)], missed + more
     std = np.sqrt((sampled**2).mean(axis=0)) if len(sampled) > 1 else np.full(len(slope), np.nan)
     error = np.full(len(slope), 1 / np.sqrt(2 * len(sampled)) if len(sampled) > 1 else np.nan)
-    for place in places:
+    for place in () if misses else places:
         std[place], error[place] = solved_std(at, place), 0.0
     std[at.squares <= 0] = np.nan
     std = std * np.abs(slope)
     seen = std <= parameter_sizes(problem, values)
-    data = at.residual[: at.n_data]
-    chi_square = float(data @ data)
     status = Status.CONVERGED if seen.all() else Status.NOT_IDENTIFIABLE
     if not found.converged:
         status = Status.NOT_CONVERGED
-    words = [found.message, at.words, _std_words(len(sampled), len(places), missed)]
-    if special.gammaincc(max(at.n_data, 1) / 2, chi_square / 2) < misfit_probability:
-        words.append("the fit misses the noise: standard deviations carry noise and priors, not the model's error")
+    words = [found.message, at.words, _std_words(len(sampled), 0 if misses else len(places), missed)]
+    if misses:
+        words.append("the fit misses the noise: standard deviations come from the residual, not from the noise")
     return FreeEstimate(
         names=problem.names,
         kinds=problem.kinds,
@@ -136,6 +189,10 @@ def free_estimate(
         initial=locked(problem.physical(np.asarray(problem.theta_start))),
         values=locked(values),
         std=locked(std),
+        identified=locked(seen, bool),
+        slope=locked(slope),
+        covariance_basis="model_error" if misses else "noise",
+        determined=determined,
         std_error=locked(error),
         draws=locked(sampled),
         status=status,
@@ -147,6 +204,10 @@ def free_estimate(
         costs=locked(found.costs),
         inner=locked(found.inner),
     )
+
+
+def _squared(values: FloatArray) -> float:
+    return float(values @ values)
 
 
 def _place(names: tuple[str, ...], name: str) -> int:
@@ -166,10 +227,23 @@ def _std_words(draws: int, n_solved: int, missed: int) -> str:
     return words + "; no covariance matrix: it would not fit"
 
 
-def posterior_draws(at: FreeLinearization, count: int, generator: np.random.Generator) -> tuple[FloatArray, int]:
-    """Draws from the Gaussian with precision J'J, (count, n_params), and how many of them did not converge (NaN).
+def posterior_draws(
+    at: FreeLinearization,
+    count: int,
+    generator: np.random.Generator,
+    errors: Callable[[np.random.Generator], FloatArray] | None = None,
+) -> tuple[FloatArray, int]:
+    """Draws of what errors of the data and the priors do to the answer, (count, n_params), and how many failed (NaN).
 
-    A draw solves J'J s = J'e with e of unit variance: its covariance is (J'J)^-1 J'J (J'J)^-1.
+    A draw solves J'J s = J'e. With e of unit variance, as by default, its covariance is (J'J)^-1, the posterior's.
+
+    Parameters
+    ----------
+    at : FreeLinearization
+    count : int
+    generator : numpy.random.Generator
+    errors : callable, optional
+        Errors of the data rows, (n_data,), such as `error_draws` gives.
 
     References
     ----------
@@ -181,11 +255,34 @@ def posterior_draws(at: FreeLinearization, count: int, generator: np.random.Gene
         return made, 0
     precondition, missed = preconditioner(at, np.zeros(at.n_params)), 0
     for row in made:
-        right = at.transposed(generator.standard_normal(len(at.residual)))
+        unit = generator.standard_normal(len(at.residual))
+        if errors is not None:
+            unit[: at.n_data] = errors(generator)
+        right = at.transposed(unit)
         row[:], _, left = conjugate_gradients(at.information, right, precondition, _SOLVED, 2000)
         if left > _SOLVED:
             row[:], missed = np.nan, missed + 1
     return made, missed
+
+
+def error_draws(problem: FreeProblem, at: FreeLinearization) -> Callable[[np.random.Generator], FloatArray]:
+    """Errors of the data as its residual shows them: each stretch of lines times a factor of its own, mean 0.
+
+    Their scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, raised for few blocks in the
+    same way.
+
+    References
+    ----------
+    Liang and Zeger (1986), Biometrika 73, Eq. (5); Wu (1986), Ann. Statist. 14, 1261, section 7, for the factors.
+    """
+    residual = at.residual[: at.n_data]
+    block = error_blocks(residual, problem.lines, problem.series)[0]
+    count = int(block.max(initial=0)) + 1
+    if count < 2:
+        return lambda generator: np.full(at.n_data, np.nan)
+    freedom = max(count - 1.0, LEAST_FREEDOM)
+    raised = np.sqrt(count / (count - 1)) * special.stdtrit(freedom, 0.975) / special.ndtri(0.975)
+    return lambda generator: residual * (raised * generator.standard_normal(count))[block]
 
 
 def solved_std(at: FreeLinearization, place: int) -> float:

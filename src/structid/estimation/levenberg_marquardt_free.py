@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray
 from structid.estimation.free_linearization import FreeLinearization, FreeProblem
-from structid.estimation.minimum import Progress, residual_at
+from structid.estimation.minimum import Keeper, Progress, State, residual_at
 from structid.estimation.problem import Problem, parameter_sizes
 
 #: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
@@ -176,18 +177,26 @@ def free_levenberg_marquardt(
     method: FreeLevenbergMarquardt | None = None,
     theta: FloatArray | None = None,
     progress: Progress | None = None,
+    keeper: Keeper | None = None,
 ) -> FreeMinimum:
-    """The minimum that `FreeLevenbergMarquardt` reaches from `theta`, the problem's own start by default."""
+    """The minimum that `FreeLevenbergMarquardt` reaches from `theta`, or from the state that `keeper` has.
+
+    The problem's own start where neither is given.
+    """
     method = method or FreeLevenbergMarquardt()
-    theta = np.array(problem.theta_start if theta is None else theta, dtype=np.float64)
+    begun = None if keeper is None else keeper.state
+    if begun is None:
+        theta = np.array(problem.theta_start if theta is None else theta, dtype=np.float64)
+        costs, inner, damping, growth = [], [], method.initial_damping, 2.0
+    else:
+        theta, costs, inner = np.array(begun["theta"]), [*begun["costs"]], [*begun["inner"]]
+        damping, growth = float(begun["damping"]), float(begun["growth"])
     at = problem.linearize_free(theta)
     cost = float(at.residual @ at.residual)
-    costs, inner = [cost], []
-    damping, growth = method.initial_damping, 2.0
+    costs = costs or [cost]
     message, converged = f"stopped after {method.max_iterations} iterations", False
-    for iteration in range(method.max_iterations):
+    for iteration in range(len(inner), method.max_iterations):
         step, count, promised = _step(at, damping, method)
-        inner.append(count)
         slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)
         size = parameter_sizes(problem, problem.physical(theta)) / slope
         if (np.abs(step) <= method.step_tolerance * size).all() or damping > _MOST_DAMPING:
@@ -209,9 +218,22 @@ def free_levenberg_marquardt(
         else:
             damping, growth = damping * growth, growth * 2
         costs.append(cost)
+        inner.append(count)
+        if keeper is not None:
+            keeper.keep(iteration + 1, cost, partial(_state, theta, damping, growth, tuple(costs), tuple(inner)))
         if progress is not None:
             progress(iteration + 1, cost)
-    return FreeMinimum(theta, at, np.array(costs), np.array(inner), converged, message)
+    return FreeMinimum(theta, at, np.array(costs), np.array(inner, dtype=int), converged, message)
+
+
+def _state(theta: FloatArray, damping: float, growth: float, costs: Sequence[float], inner: Sequence[int]) -> State:
+    return {
+        "theta": theta,
+        "damping": damping,
+        "growth": growth,
+        "costs": np.array(costs),
+        "inner": np.array(inner, dtype=int),
+    }
 
 
 def _step(at: FreeLinearization, damping: float, method: FreeLevenbergMarquardt) -> tuple[FloatArray, int, float]:

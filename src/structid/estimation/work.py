@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation.least_squares import Method, minimize
-from structid.estimation.minimum import Minimum, Progress
+from structid.estimation.minimum import Keeper, Minimum, Progress
 from structid.estimation.problem import Problem
 
 StageProgress = Callable[[str, int, float], None]
@@ -30,6 +30,9 @@ class Tools(NamedTuple):
     minimize: Minimizer
     progress: StageProgress | None
 
+
+#: Of tasks in another process, and of those that make no search.
+PLAIN_TOOLS = Tools(minimize, None)
 
 #: A function of a module (not a closure) of what all tasks share, the item, and the tools; gives numbers, texts,
 #: arrays, or lists and mappings of them.
@@ -52,6 +55,10 @@ class Work(Protocol):
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
         """As `structid.estimation.minimize`."""
+        ...
+
+    def keeper(self, problem: Problem) -> Keeper | None:
+        """Where a search of its own kind leaves its state after each iteration; None where nothing is kept."""
         ...
 
     def map(
@@ -95,6 +102,9 @@ class Alone:
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
         return minimize(problem, method, theta, progress)
+
+    def keeper(self, problem: Problem) -> Keeper | None:
+        return None
 
     def map(
         self,

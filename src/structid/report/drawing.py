@@ -14,6 +14,7 @@ from structid.report import symbols
 from structid.report.changes import Panel, panels
 from structid.report.labels import Label, Placed, place
 from structid.report.picture import Arrow, Mark, Picture
+from structid.report.projection import PLANE_AXES, SPACE_AXES
 from structid.report.text import counted
 from structid.structure import (
     Dashpot,
@@ -30,15 +31,6 @@ from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 from structid.study.identification import Identification
 
-_AZIMUTH, _ELEVATION = np.radians(-62.0), np.radians(22.0)
-_SPACE_AXES = np.array(
-    [
-        [-np.sin(_AZIMUTH), -np.sin(_ELEVATION) * np.cos(_AZIMUTH)],
-        [np.cos(_AZIMUTH), -np.sin(_ELEVATION) * np.sin(_AZIMUTH)],
-        [0.0, np.cos(_ELEVATION)],
-    ]
-)
-_PLANE_AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-0.5, -0.5]])
 _SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.friction}
 #: Width in inches that a wide drawing and one panel of several have in the PNG figure.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
@@ -113,7 +105,7 @@ def structure_picture(
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
-    axes = _SPACE_AXES if structure.dimension == 3 else _PLANE_AXES
+    axes = SPACE_AXES if structure.dimension == 3 else PLANE_AXES
     table = np.array(list(structure.nodes.values()))
     flat = table @ axes[: structure.dimension]
     notes: tuple[str, ...] = ()

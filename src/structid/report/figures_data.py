@@ -9,6 +9,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.study.identification import Identification
+from structid.study.identified import RecordFit
 
 #: Half width of a 95 % interval in standard deviations.
 NORMAL_95 = 1.959964
@@ -169,24 +170,24 @@ def channel_unit(kind: str, sensor: Dof, load: Dof) -> str:
     return f"{top}/{'(N m)' if load.is_rotation else 'N'}"
 
 
-def responses(identification: Identification) -> Responses:
-    """Measured, initial and fitted FRFs of `identification`, channel by channel."""
-    whole, used, judged = identification.measured, identification.problem.record, identification.evaluation
+def responses(fit: RecordFit) -> Responses:
+    """Measured, initial and fitted FRFs of `fit`, channel by channel."""
+    whole, used, judged = fit.measured, fit.problem.record, fit.evaluation
     n_lines = len(whole.frequency)
     rows, judged_rows = (np.searchsorted(whole.frequency, part.frequency) for part in (used, judged))
     mask = np.zeros(n_lines, dtype=bool)
     mask[rows] = True
     fitted, initial = (np.full(whole.values.shape, np.nan, dtype=np.complex128) for _ in range(2))
-    fitted[judged_rows], initial[judged_rows] = identification.evaluation_predicted, identification.evaluation_initial
-    fitted[rows], initial[rows] = identification.predicted, identification.predicted_initial
-    n_data = identification.problem.n_data
-    real, imaginary = identification.problem.residual(identification.theta)[:n_data].reshape(2, len(rows), -1)
+    fitted[judged_rows], initial[judged_rows] = fit.evaluation_predicted, fit.evaluation_initial
+    fitted[rows], initial[rows] = fit.predicted, fit.predicted_initial
+    n_data = fit.problem.n_data
+    real, imaginary = fit.problem.residual(fit.theta)[:n_data].reshape(2, len(rows), -1)
     whitened = np.full((n_lines, real.shape[1]), np.nan)
     whitened[rows] = np.sqrt((real**2 + imaginary**2) / 2)
     return Responses(
         frequency=whole.frequency,
         used=mask,
-        channels=_channels(identification),
+        channels=_channels(fit),
         measured=whole.values.reshape(n_lines, -1),
         fitted=fitted.reshape(n_lines, -1),
         initial=initial.reshape(n_lines, -1),
@@ -196,16 +197,9 @@ def responses(identification: Identification) -> Responses:
     )
 
 
-def initial_relative_error(identification: Identification) -> FloatArray:
-    """abs(initial model - measured) / abs(measured) on the lines where the fit is judged, every channel."""
-    measured = identification.evaluation.values
-    size = np.maximum(np.abs(measured), np.finfo(float).tiny)
-    return np.abs(identification.evaluation_initial - measured) / size
-
-
-def _channels(identification: Identification) -> tuple[Channel, ...]:
-    record, errors = identification.evaluation, identification.relative_error
-    before = np.median(initial_relative_error(identification), axis=0)
+def _channels(fit: RecordFit) -> tuple[Channel, ...]:
+    record, errors = fit.evaluation, fit.relative_error
+    before = np.median(fit.initial_relative_error, axis=0)
     median, high = np.median(errors, axis=0), np.quantile(errors, 0.9, axis=0)
     found = []
     for o, sensor in enumerate(record.outputs):
@@ -293,9 +287,9 @@ def band_used(identification: Identification, data: Responses | None) -> tuple[f
     return min(ends), max(ends)
 
 
-def mode_rows(identification: Identification) -> ModeRows:
+def mode_rows(found: Identification | RecordFit) -> ModeRows:
     """Modes before and after, as many as both models have."""
-    before, after = identification.modes_initial, identification.modes
+    before, after = found.modes_initial, found.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]
     size = (x**2).sum(axis=0) * (y**2).sum(axis=0)

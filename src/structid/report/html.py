@@ -57,7 +57,7 @@ def write_report(
     folder = Path(folder)
     figures = made_folder(folder / "figures")
     drawn = picture(identification)
-    data = responses(identification) if identification.fits else None
+    data = responses(identification.fits[0]) if identification.fits else None
     write_figures(identification, data, drawn, figures)
     path = folder / "report.html"
     text = page(identification, data, drawn, title, provenance)
@@ -136,7 +136,7 @@ def _other(identification: Identification, number: int) -> dict[str, Any]:
         "number": number + 1,
         "title": part.fits[0].name,
         "facts": tables.record_facts(part),
-        "channels": [channel.label for channel in responses(part).channels],
+        "channels": [channel.label for channel in responses(part.fits[0]).channels],
         "resonances": tables.resonance_table(part.resonances) if part.resonances else None,
     }
 

@@ -67,7 +67,7 @@ def _further_records(identification: Identification) -> dict[str, Figure]:
     """Responses and residuals of every record but the first."""
     figures = {}
     for number in range(1, len(identification.fits)):
-        data = responses(identification.seen_from(number))
+        data = responses(identification.fits[number])
         figures[f"responses-{number + 1}"] = responses_figure(data)
         figures[f"residual-channels-{number + 1}"] = residual_channels_figure(data)
     return figures

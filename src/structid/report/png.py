@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,11 @@ def write_figures(
     makers.update(further_records(identification))
     for number, fit in enumerate(identification.modal_fits, 1):
         makers[f"modal_fit_{number}"] = partial(modal_fit_png, modal_rows(fit))
+    return write_pngs(makers, folder)
+
+
+def write_pngs(makers: Mapping[str, Callable[[], Figure | None]], folder: Path) -> tuple[Path, ...]:
+    """Paths of the PNG files written to `folder`, by name; no file where there is no figure."""
     written = []
     with matplotlib.rc_context(STYLE):
         for name, make in makers.items():
@@ -89,7 +94,7 @@ def further_records(identification: Identification) -> dict[str, Callable[[], Fi
     """Responses and residuals of every record but the first."""
     makers: dict[str, Callable[[], Figure | None]] = {}
     for number in range(1, len(identification.fits)):
-        data = responses(identification.seen_from(number))
+        data = responses(identification.fits[number])
         for name, draw in (
             ("frf_magnitude", magnitude_figure),
             ("frf_phase", phase_figure),

@@ -13,7 +13,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.intervals import span_digits
-from structid.report.figures_data import ModeRows, initial_relative_error
+from structid.report.figures_data import ModeRows
 from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
@@ -279,7 +279,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
 
 def _frf_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     error = percent(float(np.median(identification.relative_error)), 3, signed=False)
-    before = percent(float(np.median(initial_relative_error(identification))), 3, signed=False)
+    before = percent(float(np.median(identification.fits[0].initial_relative_error)), 3, signed=False)
     return (("Median relative FRF error", error, f"initial model {before}; lines {_judged(identification)}"),)
 
 

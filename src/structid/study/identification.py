@@ -74,6 +74,9 @@ class IdentifyOptions:
         Of those starts.
     method : Method
         Search of the last stage.
+    matrix_free : bool, optional
+        Whether the parameters are searched for without a Jacobian, see `identify_free`; by default where one is too
+        large. `identify` and `identify_together` always have one.
     direction : str, optional
         Translation of the total mass; the first that has mass by default.
     n_modes : int
@@ -98,6 +101,7 @@ class IdentifyOptions:
     uniqueness_starts: int = 0
     seed: int = 0
     method: Method = field(default_factory=LevenbergMarquardt)
+    matrix_free: bool | None = None
     direction: str | None = None
     n_modes: int = 12
     evaluation_band: tuple[float, float] | None = None
@@ -255,7 +259,7 @@ def _fits(
     modal: list[ModalFit] = []
     for title, setup, problem in zip(titles(setups), setups, problems, strict=True):
         if isinstance(setup, Setup) and isinstance(problem, FrfProblem):
-            fits.append(_fit(title, setup, problem, found, chosen))
+            fits.append(record_fit(title, setup, problem, _own(problem, found), chosen))
         elif isinstance(problem, ModalProblem):
             theta, final, start = _own(problem, found)
             modal.append(modal_fit(title, problem, theta, (start, final), chosen.n_modes))
@@ -292,9 +296,27 @@ def titles(setups: Sequence[AnySetup]) -> list[str]:
     return [setup.name or f"record {number}" for number, setup in enumerate(setups, 1)]
 
 
-def _fit(title: str, setup: Setup, problem: FrfProblem, found: Estimate, options: IdentifyOptions) -> RecordFit:
-    """The whole answer seen from one record."""
-    theta, final, start = _own(problem, found)
+def record_fit(
+    title: str,
+    setup: Setup,
+    problem: FrfProblem,
+    own: tuple[FloatArray, FloatArray, FloatArray],
+    options: IdentifyOptions,
+) -> RecordFit:
+    """The whole answer seen from one record.
+
+    Parameters
+    ----------
+    title : str
+        What reports call the record.
+    setup : Setup
+    problem : FrfProblem
+        Its lines that were used.
+    own : (theta, final, start)
+        Free variables at the end, and physical values after and before, of the problem's own parameters.
+    options : IdentifyOptions
+    """
+    theta, final, start = own
     structure, unknown, n = problem.structure, setup.parameters, setup.parameters.n_params
     judged = setup.record.band(*options.evaluation_band) if options.evaluation_band else problem.record
     judged_prediction = problem.predicted_on(judged, final)

@@ -96,6 +96,16 @@ class RecordFit:
     time: TimeFit | None = None
 
     @property
+    def relative_error(self) -> FloatArray:
+        """abs(predicted - measured) / abs(measured), (n_evaluated, n_outputs, n_inputs)."""
+        return _relative(self.evaluation_predicted, self.evaluation.values)
+
+    @property
+    def initial_relative_error(self) -> FloatArray:
+        """The same of the initial model."""
+        return _relative(self.evaluation_initial, self.evaluation.values)
+
+    @property
     def polarities(self) -> dict[str, int]:
         """+1 or -1 of every polarity that the data decided."""
         channels = self.problem.channels
@@ -230,6 +240,9 @@ class Identification:
 
     @property
     def relative_error(self) -> FloatArray:
-        """abs(predicted - measured) / abs(measured), (n_evaluated, n_outputs, n_inputs)."""
-        measured = self.evaluation.values
-        return np.abs(self.evaluation_predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)
+        """Of the first record, see `RecordFit.relative_error`."""
+        return self.fits[0].relative_error
+
+
+def _relative(predicted: ComplexArray, measured: ComplexArray) -> FloatArray:
+    return np.abs(predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)

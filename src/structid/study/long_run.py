@@ -13,7 +13,7 @@ from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.least_squares import Method, Progress
-from structid.estimation.minimum import State
+from structid.estimation.minimum import Keeper, State
 from structid.estimation.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
 from structid.study.checkpoint import Checkpoint
 from structid.study.spread import spread
@@ -84,6 +84,7 @@ class LongRun:
         self.checkpoint, self.progress = checkpoint, progress
         self.reached = Reached()
         self._searches: Counter[str] = Counter()
+        self._keeper: _Keeper | None = None
         self._calls: Counter[str] = Counter()
 
     @property
@@ -99,6 +100,15 @@ class LongRun:
     ) -> Minimum:
         """As `structid.estimation.minimize`, from where the checkpoint is."""
         return self._search("", problem, method, theta, progress)
+
+    def keeper(self, problem: Problem) -> Keeper:
+        """Where a search that runs itself leaves its state, in this process; the one before it is then finished."""
+        kept = self.checkpoint
+        if self._keeper is not None and self._keeper.latest is not None and kept is not None:
+            kept.finished(self._keeper.name, dict(self._keeper.latest()))
+        self._searches[""] += 1
+        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, kept)
+        return self._keeper
 
     def _search(
         self,
@@ -165,7 +175,7 @@ class LongRun:
         self.executor.close()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Keeper:
     """The `Keeper` of one search."""
 
@@ -173,12 +183,17 @@ class _Keeper:
     problem: Problem
     reached: Reached
     checkpoint: Checkpoint | None
+    latest: Callable[[], State] | None = None
 
     @property
     def state(self) -> State | None:
-        return None if self.checkpoint is None else self.checkpoint.state_of(self.name)
+        if self.checkpoint is None:
+            return None
+        ended: State | None = self.checkpoint.entries.get(self.name)
+        return ended if ended is not None else self.checkpoint.state_of(self.name)
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        self.latest = state
         at = self.reached
         at.search, at.iteration, at.cost, at.problem = self.name, iteration, cost, self.problem
         at.theta = state()["theta"]

@@ -20,7 +20,7 @@ _KINDS = {
     "restarts": INTEGER,
     "uniqueness_starts": INTEGER,
     "seed": INTEGER,
-    "search": choice(*_SEARCHES),
+    "search": choice(*_SEARCHES, "matrix_free"),
     "max_iterations": COUNT,
     "total_mass_direction": choice("X", "Y", "Z"),
     "n_modes": COUNT,
@@ -33,7 +33,9 @@ def read_method(section: Section | None) -> IdentifyOptions:
     if section is None:
         return IdentifyOptions()
     given = section.values(_KINDS)
-    search = _SEARCHES[given.pop("search", "levenberg_marquardt")]
+    if "search" in given:
+        given["matrix_free"] = given["search"] == "matrix_free"
+    search = _SEARCHES.get(given.pop("search", ""), LevenbergMarquardt)
     limits = {"max_iterations": given.pop("max_iterations")} if "max_iterations" in given else {}
     if "total_mass_direction" in given:
         given["direction"] = given.pop("total_mass_direction")

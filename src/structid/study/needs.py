@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,8 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.observation import FrfProblem, ModalProblem
+from structid.observation.free_frf import STORED_BYTES
+from structid.study.free_search import searches_free
 from structid.study.search import RecordProblem
 from structid.study.study import Study
 
@@ -62,6 +64,14 @@ class Sizes:
     def square_bytes(self) -> int:
         """Of a matrix of the parameters: a triangular factor, the covariance."""
         return 8 * self.n_parameters**2
+
+    @property
+    def free_bytes(self) -> int:
+        """Of a search without a Jacobian: the stored one of the data with its preconditioner, or the fields."""
+        data = 16 * self.n_lines * self.n_channels
+        if data * self.n_parameters <= STORED_BYTES:
+            return 3 * data * self.n_parameters
+        return 16 * self.n_lines * (self.n_channels + 1) * self.n_dofs
 
     @property
     def least_bytes(self) -> int:
@@ -134,13 +144,15 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     InputError
         If even those do not fit in memory.
     """
-    require_room(study, problems)
     size, options = sizes(problems), study.options
+    is_free = searches_free(problems, options)
+    if not is_free:
+        require_room(study, problems)
     analysis = seconds = peak = 0.0
     before = resident_bytes() or 0
     for problem in problems:
         try:
-            once, each, scratch = _measured(problem)
+            once, each, scratch = _measured(problem, is_free)
         except MemoryError as error:
             raise InputError(
                 f"{study.path}: {_MEASURED_LINES} lines of {problem.structure.n_dofs} degrees of freedom do not fit in"
@@ -156,7 +168,8 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
         "sampling": _DRAWS,
     }[options.intervals]
     grown = max((resident_bytes() or 0) - before, 0)
-    own = grown + size.record_bytes + (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
+    dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
+    own = grown + size.record_bytes + (size.free_bytes if is_free else dense)
     total = sum(1 if isinstance(p, ModalProblem) else len(p.record.frequency) for p in problems)
     return Needs(
         sizes=size,
@@ -170,7 +183,7 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     )
 
 
-def _measured(problem: RecordProblem) -> tuple[float, float, float]:
+def _measured(problem: RecordProblem, is_free: bool) -> tuple[float, float, float]:
     """Seconds once, seconds a line, and bytes a line of an evaluation with Jacobian; all of it for a record of modes."""
     few, n_lines = problem, 1
     if isinstance(problem, FrfProblem):
@@ -178,20 +191,21 @@ def _measured(problem: RecordProblem) -> tuple[float, float, float]:
         every = np.unique(np.linspace(0, len(problem.record.frequency) - 1, most).astype(int))
         few, n_lines = replace(problem, record=problem.record.lines(every)), len(every)
     theta = np.asarray(few.theta_start)
-    first = _seconds(few, theta)
-    again = min(_seconds(few, theta) for _ in range(5 if first < _QUICK_SECONDS else 1))
+    linearize = few.linearize_free if is_free and isinstance(few, FrfProblem) else few.linearize
+    first = _seconds(linearize, theta)
+    again = min(_seconds(linearize, theta) for _ in range(5 if first < _QUICK_SECONDS else 1))
     tracemalloc.start()
     try:
-        few.linearize(theta)
+        linearize(theta)
         scratch = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     return max(first - again, 0.0), again / n_lines, scratch / n_lines
 
 
-def _seconds(problem: RecordProblem, theta: np.ndarray) -> float:
+def _seconds(linearize: Callable[[np.ndarray], object], theta: np.ndarray) -> float:
     begun = time.perf_counter()
-    problem.linearize(theta)
+    linearize(theta)
     return time.perf_counter() - begun
 
 
@@ -217,7 +231,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
             f" {_COPIES} arrays of {size.n_rows} rows x {size.n_parameters} parameters ({gigabytes(size.jacobian_bytes)}"
             f" each) and {_COPIES} of {size.n_parameters} x {size.n_parameters} ({gigabytes(size.square_bytes)}); take"
             " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), take a machine with more"
-            " memory, or search without a Jacobian (`structid.estimation.free_estimate`)"
+            " memory, or search without a Jacobian ([method] search = \"matrix_free\")"
         )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import FileError
-from structid.study.identified import Identification
+from structid.study.identified import Identification, RecordFit
 from structid.study.modal_results import modal_summary
 from structid.study.result import StudyResult, correlation
 from structid.study.results_hdf5 import hdf5_bytes
@@ -120,7 +120,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "n_iterations": estimate.n_iterations,
         "n_starts": estimate.n_starts,
         "n_agreeing_starts": estimate.n_agreeing,
-        "fit": _fit(found) if found.fits else None,
+        "fit": fit_summary(found.fits[0]) if found.fits else None,
         **_records(found),
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
@@ -161,8 +161,8 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
 def _records(found: Identification) -> dict[str, Any]:
     """The fit of each record where there are several, and the polarities that the data decided."""
     several = [
-        {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **_fit(found.seen_from(k))}
-        for k, fit in enumerate(found.fits)
+        {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
+        for fit in found.fits
     ]
     if len(several) > 1:
         return {"records": several}
@@ -170,9 +170,9 @@ def _records(found: Identification) -> dict[str, Any]:
     return {"polarities": polarities} if polarities else {}
 
 
-def _fit(found: Identification) -> dict[str, Any]:
-    """How well the identified model does on the lines of the first record's evaluation band."""
-    error, record, fitted = found.relative_error, found.evaluation, found.problem.record
+def fit_summary(fit: RecordFit) -> dict[str, Any]:
+    """How well the identified model does on the lines of a record's evaluation band."""
+    error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
     channels = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
         for o, output in enumerate(record.outputs)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from structid.dynamics import Modes
-from structid.study.identified import Identification
+from structid.structure import Structure
+from structid.study.identified import RecordFit
 from structid.study.modal_setup import ModalFit
 from structid.study.result import StudyResult, correlation
 
@@ -31,28 +32,28 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         _parameters(file.create_group("parameters"), result)
         found = result.identification
         if found.fits:
-            _record(file, found)
+            put_record(file, found.fits[0])
         else:
-            _modes(file.create_group("modes"), found.modes, found)
-            _modes(file.create_group("modes_initial"), found.modes_initial, found)
+            _modes(file.create_group("modes"), found.modes, found.structure)
+            _modes(file.create_group("modes_initial"), found.modes_initial, found.structure)
         for number, fit in enumerate(found.modal_fits, 1):
             _modal(file.create_group(f"modal_record_{number}"), fit)
         for number in range(1, len(found.fits)):
             group = file.create_group(f"record_{number + 1}", track_order=True)
             group.attrs["name"] = found.fits[number].name
-            _record(group, found.seen_from(number))
+            put_record(group, found.fits[number])
     return buffer.getvalue()
 
 
-def _record(group: Any, found: Identification) -> None:
-    """What belongs to one record."""
-    _frf(group.create_group("frf"), found)
-    _evaluation(group.create_group("evaluation"), found)
-    _modes(group.create_group("modes"), found.modes, found)
-    _modes(group.create_group("modes_initial"), found.modes_initial, found)
+def put_record(group: Any, fit: RecordFit) -> None:
+    """What belongs to one record: groups ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
+    _frf(group.create_group("frf"), fit)
+    _evaluation(group.create_group("evaluation"), fit)
+    _modes(group.create_group("modes"), fit.modes, fit.problem.structure)
+    _modes(group.create_group("modes_initial"), fit.modes_initial, fit.problem.structure)
 
 
-def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
+def put(group: Any, name: str, values: Any, unit: str = "") -> None:
     """One array, its unit beside it."""
     array = np.asarray(values)
     dataset = group.create_dataset(name, data=array, track_times=False)
@@ -60,75 +61,76 @@ def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
         dataset.attrs["unit"] = unit
 
 
-def _texts(group: Any, name: str, values: Any) -> None:
+def put_texts(group: Any, name: str, values: Any) -> None:
+    """Texts as bytes of one length."""
     group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
 
 
 def _parameters(group: Any, result: StudyResult) -> None:
     found = result.identification.estimate
-    _texts(group, "names", found.names)
-    _texts(group, "kinds", found.kinds)
-    _texts(group, "units", found.units)
+    put_texts(group, "names", found.names)
+    put_texts(group, "kinds", found.kinds)
+    put_texts(group, "units", found.units)
     note = "as in units, one a parameter"
-    _put(group, "initial", found.initial, note)
-    _put(group, "values", found.values, note)
-    _put(group, "std", found.std, note)
-    _put(group, "covariance_noise", found.covariance_noise, "products of units")
-    _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
+    put(group, "initial", found.initial, note)
+    put(group, "values", found.values, note)
+    put(group, "std", found.std, note)
+    put(group, "covariance_noise", found.covariance_noise, "products of units")
+    put(group, "covariance_model_error", found.covariance_model_error, "products of units")
     group.attrs["covariance_basis"] = found.covariance_basis
-    _put(group, "correlation", correlation(found.covariance), "1")
-    _put(group, "identified", found.identified)
-    _put(group, "singular_values", found.identifiability.singular_values, "1")
+    put(group, "correlation", correlation(found.covariance), "1")
+    put(group, "identified", found.identified)
+    put(group, "singular_values", found.identifiability.singular_values, "1")
     directions = [item.vector for item in found.identifiability.directions]
-    _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
-    _put(group, "history", found.history, note)
+    put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
+    put(group, "history", found.history, note)
 
 
-def _frf(group: Any, found: Identification) -> None:
-    record = found.problem.record
+def _frf(group: Any, fit: RecordFit) -> None:
+    record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
-    _texts(group, "outputs", record.outputs)
-    _texts(group, "inputs", record.inputs)
-    _put(group, "frequency", record.frequency, "Hz")
-    _put(group, "measured", record.values, record.unit)
-    _put(group, "predicted", found.predicted, record.unit)
-    _put(group, "predicted_initial", found.predicted_initial, record.unit)
-    _put(group, "residual", found.predicted - record.values, record.unit)
+    put_texts(group, "outputs", record.outputs)
+    put_texts(group, "inputs", record.inputs)
+    put(group, "frequency", record.frequency, "Hz")
+    put(group, "measured", record.values, record.unit)
+    put(group, "predicted", fit.predicted, record.unit)
+    put(group, "predicted_initial", fit.predicted_initial, record.unit)
+    put(group, "residual", fit.predicted - record.values, record.unit)
     if record.variance is not None:
-        _put(group, "variance", record.variance, f"({record.unit})^2")
+        put(group, "variance", record.variance, f"({record.unit})^2")
     if record.coherence is not None:
-        _put(group, "coherence", record.coherence, "1")
+        put(group, "coherence", record.coherence, "1")
 
 
-def _evaluation(group: Any, found: Identification) -> None:
+def _evaluation(group: Any, fit: RecordFit) -> None:
     """The lines on which the fit is judged, which may be more than were fitted."""
-    unit = found.evaluation.unit
-    _put(group, "frequency", found.evaluation.frequency, "Hz")
-    _put(group, "measured", found.evaluation.values, unit)
-    _put(group, "predicted", found.evaluation_predicted, unit)
-    _put(group, "predicted_initial", found.evaluation_initial, unit)
-    _put(group, "relative_error", found.relative_error, "1")
+    unit = fit.evaluation.unit
+    put(group, "frequency", fit.evaluation.frequency, "Hz")
+    put(group, "measured", fit.evaluation.values, unit)
+    put(group, "predicted", fit.evaluation_predicted, unit)
+    put(group, "predicted_initial", fit.evaluation_initial, unit)
+    put(group, "relative_error", fit.relative_error, "1")
 
 
 def _modal(group: Any, fit: ModalFit) -> None:
     """Measured modes beside those of the model."""
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
-    _texts(group, "channels", measured.channels)
-    _put(group, "frequency", measured.frequency, "Hz")
-    _put(group, "damping_ratio", measured.damping_ratio, "1")
-    _put(group, "mode_shapes", measured.mode_shapes)
+    put_texts(group, "channels", measured.channels)
+    put(group, "frequency", measured.frequency, "Hz")
+    put(group, "damping_ratio", measured.damping_ratio, "1")
+    put(group, "mode_shapes", measured.mode_shapes)
     if measured.covariance is not None:
-        _put(group, "covariance", measured.covariance, "products of Hz and 1")
+        put(group, "covariance", measured.covariance, "products of Hz and 1")
     for name, pairs in (("initial", fit.initial), ("fitted", fit.fitted)):
-        _put(group, f"frequency_{name}", pairs.frequency, "Hz")
-        _put(group, f"damping_ratio_{name}", pairs.damping_ratio, "1")
-        _put(group, f"mac_{name}", pairs.mac, "1")
+        put(group, f"frequency_{name}", pairs.frequency, "Hz")
+        put(group, f"damping_ratio_{name}", pairs.damping_ratio, "1")
+        put(group, f"mac_{name}", pairs.mac, "1")
 
 
-def _modes(group: Any, modes: Modes, found: Identification) -> None:
-    _texts(group, "dofs", found.structure.dofs)
-    _put(group, "frequency", modes.frequency, "Hz")
-    _put(group, "damping_ratio", modes.damping_ratio, "1")
-    _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")
+def _modes(group: Any, modes: Modes, structure: Structure) -> None:
+    put_texts(group, "dofs", structure.dofs)
+    put(group, "frequency", modes.frequency, "Hz")
+    put(group, "damping_ratio", modes.damping_ratio, "1")
+    put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import ComplexArray
-from structid.errors import SingularModelError, StructidError
+from structid.errors import InputError, SingularModelError, StructidError
 from structid.estimation.estimate import StageProgress
 from structid.estimation.work import ALONE, Work
 from structid.observation import FrfProblem, ModalProblem
 from structid.records import FrfRecord
 from structid.study.checks import require_sound_model, unit_warnings
+from structid.study.free_search import FreeResult, free_obstacle, identify_free, searches_free
 from structid.study.identification import (
-    Identification,
     Setup,
     identify_together,
     prepared_problem,
@@ -34,7 +34,18 @@ from structid.study.section import Section
 from structid.study.setup_section import SetupSource
 from structid.study.study import Study, load_study
 
-__all__ = ["SearchFailedError", "Start", "load_study", "run_study", "started", "study_parts", "study_problems"]
+__all__ = [
+    "SearchFailedError",
+    "Start",
+    "is_free",
+    "load_study",
+    "run_free_study",
+    "run_started",
+    "run_study",
+    "started",
+    "study_parts",
+    "study_problems",
+]
 
 
 class SearchFailedError(StructidError):
@@ -218,17 +229,61 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     SearchFailedError
         If the search came to where there is no model response.
     """
-    ready = started(study)
+    return run_started(started(study), progress, work)
+
+
+def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+    """The same for a study whose records are read; see `run_study`."""
+    study = ready.study
+    if study.options.matrix_free:
+        raise InputError(f"{study.path}: [method] search is 'matrix_free'; run it with `run_free_study`")
     require_room(study, ready.problems)
-    try:
+    with _placed_failure(study):
         found = identify_together(ready.setups, study.options, progress, work)
+    first = ready.unit_warnings
+    found = replace(found, warnings=(*first, *found.warnings)) if first else found
+    return StudyResult(study, found, provenance(study))
+
+
+def run_free_study(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> FreeResult:
+    """What a study of very many parameters identifies, without a Jacobian; see `identify_free`.
+
+    Raises
+    ------
+    InputError
+        If the study has what such a search cannot do.
+    SearchFailedError
+        If the search came to where there is no model response.
+    """
+    study, only = ready.study, ready.setups[0]
+    obstacle = free_obstacle(ready.problems, study.options)
+    if obstacle or not isinstance(only, Setup):
+        raise InputError(f"{study.path}: a search without a Jacobian {obstacle}")
+    with _placed_failure(study):
+        found = identify_free(only, study.options, progress, work)
+    found = replace(found, warnings=(*ready.unit_warnings, *found.warnings))
+    return FreeResult(study, found, provenance(study))
+
+
+def is_free(ready: Start) -> bool:
+    """Whether the parameters of a study are searched for without a Jacobian; see `searches_free`.
+
+    Raises
+    ------
+    InputError
+        If that is asked for and cannot be; with the place in the study file.
+    """
+    method = ready.study.section("method")
+    with method.located("search" if "search" in method.table else None):
+        return searches_free(ready.problems, ready.study.options)
+
+
+@contextmanager
+def _placed_failure(study: Study) -> Iterator[None]:
+    try:
+        yield
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
             " the band"
         ) from error
-    return StudyResult(study, _with_warnings(found, ready.unit_warnings), provenance(study))
-
-
-def _with_warnings(found: Identification, first: tuple[str, ...]) -> Identification:
-    return replace(found, warnings=(*first, *found.warnings)) if first else found

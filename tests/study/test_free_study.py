@@ -1,0 +1,178 @@
+"""A study with a parameter for every element: searched for without a Jacobian, from the command line to the page."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import json
+import signal
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from test_checkpoint import RUN, command, signalled_when
+
+import structid as sid
+from structid import cli
+from structid.errors import InputError
+from structid.estimation import levenberg_marquardt_free
+from structid.study import free_search
+from structid.study.checkpoint import checkpoint_folder
+from structid.study.free_search import searches_free
+from structid.study.run import is_free, load_study, run_free_study, run_study, started
+
+ROOT = Path(__file__).parents[2]
+
+
+def case():
+    spec = importlib.util.spec_from_file_location("plate_damage", ROOT / "benchmarks" / "plate_damage.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def made(folder, shape=(10, 5), lines=12, sensors=8):
+    folder.mkdir(parents=True, exist_ok=True)
+    given = argparse.Namespace(out=folder, shape=shape, lines=lines, sensors=sensors, noise=0.01, seed=0, rough=None)
+    return case().made(given)
+
+
+def changed(folder, *pairs):
+    path = folder / "study.toml"
+    text = path.read_text(encoding="utf-8")
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plate")
+    truth, middle = made(folder)
+    done = RUN.invoke(cli.app, ["identify", str(folder / "study.toml"), "--out", str(folder / "results")])
+    return folder, truth, middle, done
+
+
+def test_damage_is_found_from_the_command_line(plate):
+    folder, truth, middle, done = plate
+    assert done.exit_code == 0, done.output
+    assert "chosen by marginal likelihood" in done.output
+    with (folder / "results" / "parameters.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    ratio, std = (np.array([float(row[key]) / 70e9 for row in rows]) for key in ("value", "std"))
+    assert len(rows) == 50
+    lowest = int(ratio.argmin())
+    assert np.linalg.norm(middle[lowest] - case().SPOT) < 0.08
+    assert abs(ratio[lowest] - truth[lowest]) < 3 * std[lowest] < 0.2
+    assert np.sqrt((((ratio - truth) / std) ** 2).mean()) < 1.2
+    answer = json.loads((folder / "results" / "estimate.json").read_text(encoding="utf-8"))
+    assert answer["status"] == "converged"
+    assert answer["covariance_basis"] == "noise"
+    assert answer["chi_square_per_dof"] == pytest.approx(1.0, abs=5 * np.sqrt(2 / 150))
+    assert answer["largest_changes"][0]["name"] in {f"youngs_modulus[skin:{k + 1}]" for k in np.argsort(truth)[:8]}
+    assert 5 < answer["n_determined"] < 50
+    assert answer["regularization"][0]["rule"] == "marginal_likelihood"
+    assert answer["provenance"]["settings"]["matrix_free"] is True
+
+
+def test_page_figures_and_arrays_are_there(plate):
+    folder, *_ = plate
+    page = (folder / "results" / "report.html").read_text(encoding="utf-8").split("<script>")[0]
+    for words in ("youngs modulus of skin", "Parameters that moved most", "data:image/png;base64", "Combinations"):
+        assert words in page
+    assert (folder / "results" / "figures" / "map_1.png").stat().st_size > 20_000
+    with h5py.File(folder / "results" / "estimate.h5") as file:
+        draws, std = file["parameters/draws"][()], file["parameters/std"][()]
+        assert draws.shape == (32, 50)
+        assert np.sqrt((draws**2).mean(axis=0)) == pytest.approx(std)
+        assert file["frf/predicted"].shape == (12, 8, 1)
+
+
+def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path):
+    folder, *_ = plate
+    for name in ("plate.msh", "frf.npz", "study.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
+    free = run_free_study(started(load_study(changed(tmp_path, given)))).identification
+    dense = run_study(
+        load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"')))
+    ).identification
+    assert np.abs(free.estimate.values - dense.estimate.values).max() < 0.01 * dense.estimate.std.min()
+    off = free.estimate.std / dense.estimate.std_noise - 1
+    assert np.abs(off).max() < 4.5 / np.sqrt(64)
+    assert np.abs(off.mean()) < 0.06
+    assert free.held[0].rule == "given"
+    assert np.isnan(free.determined).all()
+    assert free.total_mass == pytest.approx(dense.total_mass)
+    assert free.total_mass_std == 0
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ([('kind = "smoothness"', 'kind = "sparsity"')], "smoothness as the only regularization"),
+        ([('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = "l_curve"\n\n[record]')], "l_curve"),
+        ([("n_modes = 6", 'n_modes = 6\nintervals = "profile"')], "intervals 'laplace'"),
+        (
+            [('path = "frf.npz"', 'path = "frf.npz"\n[[record.channel_error]]\nproperty = "gain"\noutputs = ["9001Z"]')],
+            "errors of channels",
+        ),
+    ],
+)  # fmt: skip
+def test_what_it_cannot_do_is_named(plate, tmp_path, pairs, words):
+    folder, *_ = plate
+    for name in ("plate.msh", "frf.npz", "study.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    path = changed(tmp_path, *pairs)
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "r")])
+    assert done.exit_code == 2
+    assert words in done.output
+    assert "study.toml" in done.output
+    assert not (tmp_path / "r").exists()
+
+
+def test_it_comes_by_itself_where_a_dense_search_would_not_fit(plate, tmp_path, monkeypatch):
+    folder, *_ = plate
+    for name in ("plate.msh", "frf.npz", "study.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    ready = started(load_study(changed(tmp_path, ('search = "matrix_free"\n', ""))))
+    assert not is_free(ready)
+    small = lambda problem: levenberg_marquardt_free.needs_free_search(problem, 1e5)  # noqa: E731
+    monkeypatch.setattr(free_search, "needs_free_search", small)
+    assert is_free(ready)
+    dense = started(load_study(changed(tmp_path, ("n_modes = 6", 'n_modes = 6\nsearch = "levenberg_marquardt"'))))
+    assert not searches_free(dense.problems, dense.study.options)
+
+
+def test_python_is_told_which_function_to_call(plate):
+    folder, *_ = plate
+    with pytest.raises(InputError, match="run_free_study"):
+        run_study(load_study(folder / "study.toml"))
+    study = load_study(folder / "study.toml")
+    assert sid.__version__
+    assert is_free(started(study))
+
+
+def test_killed_search_resumes_to_the_same_digits(plate, tmp_path):
+    folder, *_ = plate
+    answers = []
+    for name, killed in (("whole", False), ("killed", True)):
+        (tmp_path / name / "study").mkdir(parents=True)
+        for file in ("plate.msh", "frf.npz"):
+            (tmp_path / name / "study" / file).write_bytes((folder / file).read_bytes())
+        (tmp_path / name / "study" / "chain.toml").write_bytes((folder / "study.toml").read_bytes())
+        kept = checkpoint_folder(tmp_path / name / "chain_results")
+        if killed:
+            first = command(tmp_path / name, "--checkpoint", "0")
+            signalled_when(first, kept / "done-00002.npz", signal.SIGKILL)
+            assert first.returncode == -signal.SIGKILL
+        run = command(tmp_path / name, *(["--resume"] if killed else []))
+        _, errors = run.communicate(timeout=120)
+        assert (run.returncode, errors) == (0, "")
+        assert not kept.exists()
+        answers.append((tmp_path / name / "chain_results" / "parameters.csv").read_text(encoding="utf-8"))
+    assert answers[0] == answers[1]
