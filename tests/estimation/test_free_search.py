@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 from structid.errors import InputError
-from structid.estimation import LevenbergMarquardt, Linearization, Status, minimize
+from structid.estimation import LevenbergMarquardt, Linearization, Status, free_linearization, minimize
 from structid.estimation.free_estimate import free_estimate, posterior_draws, solved_std
 from structid.estimation.free_linearization import FreeLinearization
 from structid.estimation.levenberg_marquardt_free import (
@@ -85,7 +85,7 @@ def test_minimum_and_damage_equal_those_of_the_dense_search(stored):
     assert free.theta == pytest.approx(dense.theta, abs=1e-6)
     assert free.costs[-1] == pytest.approx(dense.costs[-1], rel=1e-9)
     assert abs(int(np.argmin(free.theta)) - int(np.argmin(truth))) <= 3
-    assert (free.inner <= (5 if stored else 60)).all()
+    assert (free.inner <= 5).all()
 
 
 @pytest.mark.parametrize("stored", [False, True])
@@ -185,3 +185,24 @@ def test_what_cannot_be_asked_for():
         free_estimate(problem, solved=("q",))
     with pytest.raises(InputError, match="`draws` must be 0 or at least 2, got 1"):
         free_estimate(problem, draws=1)
+
+
+@pytest.mark.parametrize("count", [4, 12])
+def test_sketch_of_few_directions_only_costs_iterations(count, monkeypatch):
+    problem, _ = field(False)
+    exact = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
+    monkeypatch.setattr(free_linearization, "_SKETCHED", count)
+    image, inner = problem.linearize_free(np.zeros(60)).sketch
+    assert image.shape == (60, count)
+    assert inner.shape == (count, count)
+    found = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
+    assert found.theta == pytest.approx(exact.theta, abs=1e-7)
+    assert exact.inner.max() < found.inner.max() < 60
+
+
+def test_whole_sketch_is_the_information_of_the_data():
+    problem, _ = field(False)
+    at = problem.linearize_free(np.zeros(60))
+    image, inner = at.sketch
+    whole = problem.windows.T @ problem.windows
+    assert image @ np.linalg.solve(inner, image.T) == pytest.approx(whole, rel=1e-6, abs=1e-8 * whole.max())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,9 @@ from scipy import sparse
 
 from structid.arrays import FloatArray
 from structid.estimation.problem import Problem
+
+#: Directions of a sketch at most; the part of diag(J'J) that stands for what the data add; and what keeps a matrix regular.
+_SKETCHED, _DATA_PART, _LEAST = 300, 1e-3, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +67,41 @@ class FreeLinearization:
         """J'J v, all rows."""
         return self.adjoint(self.forward(v)) + self.prior.T @ (self.prior @ v)
 
+    @cached_property
+    def sketch(self) -> tuple[FloatArray, FloatArray]:
+        """Y (n_params, k) and C (k, k) of the randomized approximation J'J = Y C^-1 Y' of the data rows.
+
+        Y = J'J W and C = W'J'J W with W spanning S^-1 J'G, G Gaussian, S the information of the priors with a part of
+        diag(J'J): it takes 3 k products, and holds the directions that the data see best beside the priors.
+
+        References
+        ----------
+        Frangella, Tropp and Udell (2023), SIAM J. Matrix Anal. Appl. 44, 718, Eq. (2.2).
+        """
+        count = min(self.n_data, self.n_params, _SKETCHED)
+        generator = np.random.default_rng(0)
+        solve = solved_by(self.prior, _DATA_PART * self.data_squares + _LEAST * self.squares)
+        seen = [solve(self.adjoint(generator.standard_normal(self.n_data))) for _ in range(count)]
+        basis = np.linalg.qr(np.array(seen).T)[0]
+        moved = np.array([self.forward(column) for column in basis.T]).T
+        image = np.array([self.adjoint(column) for column in moved.T]).T
+        return image, moved.T @ moved
+
     @property
     def squares(self) -> FloatArray:
         """Diagonal of J'J, all rows, (n_params,)."""
         return self.data_squares + np.asarray(self.prior.multiply(self.prior).sum(axis=0)).ravel()
+
+
+def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """x of (P'P + diagonal) x = b; P sparse, ones where the diagonal and P leave nothing."""
+    from scipy.sparse.linalg import splu
+
+    own = np.asarray(prior.multiply(prior).sum(axis=0)).ravel()
+    sound = np.where(diagonal > 0, diagonal, np.where(own > 0, _LEAST * own, 1.0))
+    matrix = sparse.csc_matrix(prior.T @ prior + sparse.diags_array(sound))
+    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return lambda right: np.asarray(factor.solve(right))
 
 
 class FreeProblem(Problem, Protocol):

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy import sparse
 
 from structid.arrays import FloatArray
-from structid.estimation.free_linearization import FreeLinearization, FreeProblem
+from structid.estimation.free_linearization import FreeLinearization, FreeProblem, solved_by
 from structid.estimation.minimum import Keeper, Progress, State, residual_at
 from structid.estimation.problem import Problem, parameter_sizes
 
@@ -22,6 +21,8 @@ _MOST_DAMPING = 1e40
 _DATA_PART = 1e-3
 #: The same where the Jacobian is stored: as little as rounding allows.
 _STORED_PART = 1e-5
+#: Keeps the small system of a preconditioner regular, as a part of its mean eigenvalue.
+_REGULAR = 1e-14
 #: Most rows of a stored Jacobian that enter the preconditioner, and how many are solved for at once.
 _MOST_ROWS, _RIGHT_SIDES = 6000, 256
 
@@ -105,36 +106,33 @@ def needs_free_search(problem: Problem, dense_bytes: float = DENSE_BYTES) -> tup
 
 
 def preconditioner(at: FreeLinearization, damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Solver of (P'P + damping + part of diag(J'J)) x = b, P the rows of the priors, and with J'J where J is stored.
+    """Solver of (S + U C^-1 U') x = b with S = P'P + damping + a small part of diag(J'J), P the rows of the priors.
 
-    Without J the priors rule: conjugate gradients then take some iterations for each combination of parameters that
-    the data determine. With J of not too many rows, (S + J'J)^-1 = S^-1 - S^-1 J' (1 + J S^-1 J')^-1 J S^-1 for the
-    sparse S; only the small part of the diagonal is then left for conjugate gradients to correct.
+    U C^-1 U' is J'J itself where J is stored and has not too many rows (U = J', C = 1), else its sketch:
+    S^-1 - S^-1 U (C + U'S^-1 U)^-1 U'S^-1. Only the small part of the diagonal, or what the sketch leaves out, is then
+    left for conjugate gradients to correct.
     """
     from scipy.linalg import cho_factor, cho_solve
-    from scipy.sparse.linalg import splu
 
-    stored = at.jacobian if at.jacobian is not None and len(at.jacobian) <= _MOST_ROWS else None
-    diagonal = damping + (_DATA_PART if stored is None else _STORED_PART) * at.data_squares
-    diagonal = np.where(diagonal > 0, diagonal, np.where(at.squares > 0, 1e-12 * at.squares, 1.0))
-    matrix = sparse.csc_matrix(at.prior.T @ at.prior + sparse.diags_array(diagonal))
-    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    if stored is None:
-        return lambda right: np.asarray(factor.solve(right))
-    across = np.empty((at.n_params, len(stored)), order="F")
-    for first in range(0, len(stored), _RIGHT_SIDES):
-        across[:, first : first + _RIGHT_SIDES] = factor.solve(
-            np.asfortranarray(stored[first : first + _RIGHT_SIDES].T)
-        )
-    rows = stored @ across
-    rows[np.diag_indices_from(rows)] += 1.0
-    inner = cho_factor(rows, lower=True, overwrite_a=True, check_finite=False)
+    is_whole = at.jacobian is not None and len(at.jacobian) <= _MOST_ROWS
+    part = _STORED_PART if is_whole else _DATA_PART
+    solve = solved_by(at.prior, damping + part * at.data_squares)
+    if is_whole and at.jacobian is not None:
+        wide, inner = at.jacobian.T, np.eye(len(at.jacobian))
+    else:
+        wide, inner = at.sketch
+    across = np.empty(wide.shape, order="F")
+    for first in range(0, wide.shape[1], _RIGHT_SIDES):
+        across[:, first : first + _RIGHT_SIDES] = solve(np.asfortranarray(wide[:, first : first + _RIGHT_SIDES]))
+    rows = wide.T @ across + inner
+    rows[np.diag_indices_from(rows)] += _REGULAR * np.trace(rows) / max(len(rows), 1)
+    factor = cho_factor(0.5 * (rows + rows.T), lower=True, overwrite_a=True, check_finite=False)
 
-    def solve(right: FloatArray) -> FloatArray:
-        first = np.asarray(factor.solve(right))
-        return first - across @ cho_solve(inner, stored @ first, check_finite=False)
+    def solved(right: FloatArray) -> FloatArray:
+        first = solve(right)
+        return np.asarray(first - across @ cho_solve(factor, wide.T @ first, check_finite=False))
 
-    return solve
+    return solved
 
 
 def conjugate_gradients(
