@@ -145,6 +145,9 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         inside = "yes" if mode.in_band else "no"
         lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
+    head = [*_heading(study.title, result.warnings), *map(Text, facts), channels, modes]
+    if result.identifiability is None:
+        return [*head, *map(Text, _free_prediction(result))]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {number(found.condition, 3)}; predicted at the"
@@ -153,8 +156,26 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     table = _table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
-    head = _heading(study.title, result.warnings)
-    return [*head, *map(Text, facts), channels, modes, Text(rank), table, *_groups(found)]
+    return [*head, Text(rank), table, *_groups(found)]
+
+
+def _free_prediction(result: CheckResult) -> list[str]:
+    """How well very many parameters would be known, in words."""
+    if result.free is None:
+        return []
+    known = sorted(value for value in result.free.relative_std.tolist() if math.isfinite(value))
+    lost = len(result.names) - len(known)
+    spread = (
+        f"; predicted standard deviations with the smoothness above: median {number(100 * _median(known), 2)} %, largest"
+        f" {number(100 * known[-1], 2)} %"
+        if known
+        else ""
+    )
+    unseen = f"; {lost} that neither data nor smoothness see" if lost else ""
+    return [
+        f"{len(result.names)} parameters, of which the data determine about {number(result.free.n_determined, 3)}"
+        f" combinations{spread}{unseen}"
+    ]
 
 
 def _measured(result: CheckResult) -> list[str]:

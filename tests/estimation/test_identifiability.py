@@ -9,6 +9,7 @@ from structid import Status, estimate
 from structid.errors import SingularModelError
 from structid.estimation import Linearization, identifiability
 from structid.estimation.collinearity import collinear_groups, percent_text, variance_proportions
+from structid.estimation.identifiability import direction_words
 from structid.estimation.refusal import Bound, bound_at, carried, refusal_words
 
 
@@ -232,3 +233,13 @@ def test_refusal_names_what_has_no_bound():
     bound = Bound(np.array([0.1, np.nan]), np.ones(2), "the estimate")
     words = refusal_words(Bound(np.full(2, 0.1), np.ones(2), "the start"), bound, np.ones(2, bool), ("p", "q"))
     assert words == "at the estimate the Cramér-Rao bound is infinite for q"
+
+
+def test_words_on_very_many_parameters_name_the_first_and_count_the_rest():
+    names = tuple(f"young[part:{k}]" for k in range(500))
+    generator = np.random.default_rng(0)
+    vector = generator.uniform(0.5, 1.0, 500) * np.where(np.arange(500) % 2, 1, -1)
+    words = direction_words(vector / np.linalg.norm(vector), np.ones(500), names)
+    assert "young[part:0]" in words
+    assert "and 488 more" in words
+    assert len(words) < 700

@@ -19,6 +19,7 @@ from structid import cli
 from structid.errors import InputError
 from structid.estimation import levenberg_marquardt_free
 from structid.study import free_search
+from structid.study.check import check_study
 from structid.study.checkpoint import checkpoint_folder
 from structid.study.free_search import searches_free
 from structid.study.run import is_free, load_study, run_free_study, run_study, started
@@ -176,3 +177,31 @@ def test_killed_search_resumes_to_the_same_digits(plate, tmp_path):
         assert not kept.exists()
         answers.append((tmp_path / name / "chain_results" / "parameters.csv").read_text(encoding="utf-8"))
     assert answers[0] == answers[1]
+
+
+def test_check_predicts_without_a_jacobian(plate):
+    folder, *_ = plate
+    done = RUN.invoke(cli.app, ["check", str(folder / "study.toml")])
+    assert done.exit_code == 0, done.output
+    assert "for one that `identify` will choose by the data" in done.output
+    assert "50 parameters, of which the data determine about" in done.output
+    assert "not at all" not in done.output
+
+
+def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
+    folder, *_ = plate
+    for name in ("plate.msh", "frf.npz", "study.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
+    free = check_study(load_study(changed(tmp_path, given)))
+    assert free.identifiability is None
+    dense = check_study(
+        load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"\nrestarts = 0')))
+    )
+    assert dense.free is None
+    off = free.std / dense.std - 1
+    assert np.abs(off).max() < 4.5 / np.sqrt(32)
+    assert np.abs(off.mean()) < 0.1
+    unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))
+    assert (unheld.std > 1.05 * dense.std).any()
+    assert any("predicted without the smoothness" in words for words in unheld.warnings)

@@ -159,9 +159,7 @@ def free_estimate(
     found = free_levenberg_marquardt(problem, method, theta, progress, keeper)
     at, slope = found.linearization, problem.slope(found.theta)
     values, generator = problem.physical(found.theta), np.random.default_rng(seed)
-    sampled, missed = posterior_draws(at, draws, generator)
-    sampled = sampled[np.isfinite(sampled).all(axis=1)]
-    determined = float(np.mean([_squared(at.forward(draw)) for draw in sampled])) if len(sampled) else float("nan")
+    sampled, determined, missed = counted_draws(at, draws, generator)
     data = at.residual[: at.n_data]
     chi_square = _squared(data)
     freedom = max(at.n_data - np.nan_to_num(determined), 1.0)
@@ -263,6 +261,17 @@ def posterior_draws(
         if left > _SOLVED:
             row[:], missed = np.nan, missed + 1
     return made, missed
+
+
+def counted_draws(at: FreeLinearization, count: int, generator: np.random.Generator) -> tuple[FloatArray, float, int]:
+    """Posterior draws that converged, how many combinations the data determine, and how many draws did not converge.
+
+    The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
+    """
+    made, missed = posterior_draws(at, count, generator)
+    sound = made[np.isfinite(made).all(axis=1)]
+    determined = float(np.mean([_squared(at.forward(draw)) for draw in sound])) if len(sound) else float("nan")
+    return sound, determined, missed
 
 
 def error_draws(problem: FreeProblem, at: FreeLinearization) -> Callable[[np.random.Generator], FloatArray]:

@@ -9,6 +9,9 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation.collinearity import CollinearGroup, collinear_groups
 
+#: Most parameters that the words on a direction name.
+_MOST_NAMED = 12
+
 
 @dataclass(frozen=True, eq=False)
 class Direction:
@@ -103,7 +106,7 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
     listed = [names[i] for i in members]
     if len(members) == 1:
         return f"{listed[0]} not at all"
-    joined = ", ".join(listed[:-1]) + " and " + listed[-1]
+    joined = _joined(listed)
     kinds = {name.split("[")[0] for name in listed}
     if len(kinds) == 1:
         together = _together(vector[members], values[members], kinds.pop())
@@ -114,8 +117,17 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
         return scaled
     if np.ptp(vector[members]) < 0.1 * np.abs(vector[members]).max():
         return f"{joined} only as ratios: their common scale is free"
-    parts = " ".join(f"{'+' if v > 0 else '-'}{abs(v):.2f} {n}" for v, n in zip(vector[members], listed, strict=True))
+    largest = members[np.sort(np.argsort(-size[members], kind="stable")[:_MOST_NAMED])]
+    parts = " ".join(f"{'+' if vector[i] > 0 else '-'}{abs(vector[i]):.2f} {names[i]}" for i in largest)
+    parts += "" if len(largest) == len(members) else f" and {len(members) - len(largest)} more"
     return f"{joined} only in combination: free along the relative change {parts}"
+
+
+def _joined(names: list[str]) -> str:
+    """All of few names, the first of many."""
+    if len(names) > _MOST_NAMED:
+        return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
@@ -126,7 +138,7 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
         return ""
     listed = [name for name, gain in zip(names, is_gain, strict=True) if not gain]
     gains = " and ".join(name for name, gain in zip(names, is_gain, strict=True) if gain)
-    joined = listed[0] if len(listed) == 1 else ", ".join(listed[:-1]) + " and " + listed[-1]
+    joined = _joined(listed)
     how = "" if len(listed) == 1 else " only as ratios: their absolute size goes with"
     return f"{joined}{how or ' only together with'} {gains}"
 

@@ -14,18 +14,21 @@ from structid.estimation.estimate import relative_jacobian
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 from structid.modal import ModalRecord
 from structid.observation import ModalProblem
-from structid.parameters import term_name
+from structid.parameters import Smoothness, Sparsity, penalty, term_name
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.structure.mesh_point import MeshPoint
+from structid.study.free_check import FreePrediction, free_prediction
 from structid.study.identification import titles
 from structid.study.identified import AnySetup
 from structid.study.model_modes import structure_modes
 from structid.study.ratios import common_scale, scale_words
-from structid.study.run import Start, started
+from structid.study.run import Start, is_free, started
 from structid.study.search import RecordProblem, by_name
 from structid.study.study import Study
 from structid.study.time_fit import target
+
+_MOST_DIRECTIONS = 12
 
 
 @dataclass(frozen=True)
@@ -83,15 +86,19 @@ class CheckResult:
     channels : tuple of ChannelCheck
     modes : tuple of ModeCheck
         Of the first set-up.
-    identifiability : Identifiability
-        Rank, condition and undetermined directions at the initial values, from the data alone.
+    identifiability : Identifiability or None
+        Rank, condition and undetermined directions at the initial values, from the data alone; None where the
+        parameters are too many for a Jacobian.
+    free : FreePrediction or None
+        What takes its place there.
     names, units : tuple of str
         Of the parameters of the structure, then those of the records' channels.
     start, sizes : (n_params,) float arrays
         Initial value of each, and what its standard deviation is held against.
     std : (n_params,) float array
         Predicted standard deviation of each parameter: the Cramer-Rao bound at the initial values, with the noise
-        (and model error) of the study and its priors; NaN where the data do not determine it.
+        (and model error) of the study, its priors and regularizations of given strength; NaN where the data do not
+        determine it.
     total_mass, total_mass_std : float
         Of the initial model, kg, and predicted.
     warnings : tuple of str
@@ -103,7 +110,8 @@ class CheckResult:
     modes_used: tuple[ModalRecord, ...]
     channels: tuple[ChannelCheck, ...]
     modes: tuple[ModeCheck, ...]
-    identifiability: Identifiability
+    identifiability: Identifiability | None
+    free: FreePrediction | None
     names: tuple[str, ...]
     units: tuple[str, ...]
     start: FloatArray
@@ -128,20 +136,12 @@ def check_study(study: Study) -> CheckResult:
         As `run_study` would.
     """
     ready = started(study)
-    problem = target(ready.problems, [s.time for s in ready.setups], study.options.exclude)
-    theta = np.asarray(problem.theta_start)
-    at = problem.linearize(theta)
-    covariance = cramer_rao_bound(problem, at)
-    start, std = by_name(problem.names, ready.problems, "start"), np.sqrt(np.diag(covariance))
-    relative = relative_jacobian(problem, theta, at)
-    found = identifiability(relative, problem.physical(theta), problem.names)
-    values = study.parameters.values(study.parameters.start)
-    gradient = study.structure.mass_gradient(study.options.direction, values) @ study.parameters.design
-    own = np.array([problem.names.index(name) for name in study.parameters.names], dtype=int)[gradient != 0]
-    used = gradient[gradient != 0]
+    free = free_prediction(ready) if is_free(ready) else None
+    predicted = _free_part(ready, free) if free is not None else _dense_part(ready)
+    problem, names = predicted.problem, predicted.problem.names
+    start = by_name(names, ready.problems, "start")
     checked = [_modes(setup, part, study.options.n_modes) for setup, part in _pairs(ready)]
-    has_modes = any(isinstance(part, ModalProblem) for part in ready.problems)
-    names = [f"{title}: " if len(checked) > 1 else "" for title in titles(ready.setups)]
+    titled = [f"{title}: " if len(checked) > 1 else "" for title in titles(ready.setups)]
     return CheckResult(
         study=study,
         record=ready.used,
@@ -149,32 +149,94 @@ def check_study(study: Study) -> CheckResult:
         modes_used=tuple(part.record for part in ready.problems if isinstance(part, ModalProblem)),
         channels=tuple(
             replace(channel, channel=name + channel.channel)
-            for name, (setup, part) in zip(names, _pairs(ready), strict=True)
+            for name, (setup, part) in zip(titled, _pairs(ready), strict=True)
             for channel in _channels(setup.structure, part.record)
         ),
         modes=checked[0],
-        identifiability=found,
-        names=problem.names,
+        identifiability=predicted.identifiability,
+        free=free,
+        names=names,
         units=problem.units,
         start=start,
         sizes=parameter_sizes(problem, start),
-        std=std,
-        total_mass=study.structure.mass_of(values, study.options.direction),
-        total_mass_std=float(np.sqrt(used @ covariance[np.ix_(own, own)] @ used)),
+        std=predicted.std,
+        total_mass=study.structure.mass_of(_start_values(study), study.options.direction),
+        total_mass_std=predicted.total_mass_std,
         warnings=(
             *ready.unit_warnings,
             *ready.warnings,
             *(
                 name + words
-                for name, modes, (_, part) in zip(names, checked, _pairs(ready), strict=True)
+                for name, modes, (_, part) in zip(titled, checked, _pairs(ready), strict=True)
                 if not isinstance(part, ModalProblem)
                 for words in _mode_warnings(modes)
             ),
-            *(_ratio_warnings(problem, relative, std <= parameter_sizes(problem, start)) if has_modes else []),
-            *_direction_warnings(found),
-            *_regularization_warnings(study),
+            *predicted.warnings,
         ),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """What a linearization at the initial values tells."""
+
+    problem: Problem
+    std: FloatArray
+    total_mass_std: float
+    warnings: tuple[str, ...]
+    identifiability: Identifiability | None = None
+
+
+def _dense_part(ready: Start) -> _Predicted:
+    study = ready.study
+    problem = target(ready.problems, [s.time for s in ready.setups], study.options.exclude)
+    theta = np.asarray(problem.theta_start)
+    at = problem.linearize(theta)
+    covariance = cramer_rao_bound(problem, _held(ready, problem, at))
+    std = np.sqrt(np.diag(covariance))
+    relative = relative_jacobian(problem, theta, at)
+    found = identifiability(relative, problem.physical(theta), problem.names)
+    gradient = _mass_gradient(study)
+    place = {name: k for k, name in enumerate(problem.names)}
+    own = np.array([place[name] for name in study.parameters.names], dtype=int)[gradient != 0]
+    used = gradient[gradient != 0]
+    warnings: list[str] = []
+    if any(isinstance(part, ModalProblem) for part in ready.problems):
+        warnings += _ratio_warnings(problem, relative, std <= parameter_sizes(problem, problem.physical(theta)))
+    warnings += [*_direction_warnings(found), *_regularization_warnings(study)]
+    mass_std = float(np.sqrt(used @ covariance[np.ix_(own, own)] @ used))
+    return _Predicted(problem, std, mass_std, tuple(warnings), found)
+
+
+def _free_part(ready: Start, free: FreePrediction) -> _Predicted:
+    problem = ready.problems[0]
+    start = problem.physical(np.asarray(problem.theta_start))
+    known = 0.0 if not _mass_gradient(ready.study).any() else float("nan")
+    return _Predicted(problem, free.relative_std * np.abs(start), known, free.words)
+
+
+def _start_values(study: Study) -> FloatArray:
+    return study.parameters.values(study.parameters.start)
+
+
+def _mass_gradient(study: Study) -> FloatArray:
+    gradient = study.structure.mass_gradient(study.options.direction, _start_values(study))
+    return np.asarray(gradient @ study.parameters.design)
+
+
+def _held(ready: Start, problem: Problem, at: Linearization) -> Linearization:
+    """`at` with the rows of the regularizations whose strength is given."""
+    first = ready.problems[0]
+    theta = np.asarray(problem.theta_start)
+    physical, slope = problem.physical(theta), problem.slope(theta)
+    n, parts = first.parameters.n_params, [at.jacobian]
+    for term in ready.study.options.regularization:
+        if isinstance(term, Smoothness) and not isinstance(term.strength, str):
+            rows = penalty(first.structure, first.parameters, term).scaled(term.strength).rows(physical[:n])[1]
+            wide = np.zeros((len(rows), len(theta)))
+            wide[:, :n] = rows * slope[:n]
+            parts.append(wide)
+    return replace(at, jacobian=np.concatenate(parts))
 
 
 def _pairs(ready: Start) -> list[tuple[AnySetup, RecordProblem]]:
@@ -236,7 +298,11 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _regularization_warnings(study: Study) -> list[str]:
-    terms = " and ".join(term_name(term) for term in study.options.regularization)
+    terms = " and ".join(
+        term_name(term)
+        for term in study.options.regularization
+        if isinstance(term, Sparsity) or isinstance(term.strength, str)
+    )
     return [f"predicted without the {terms} that `identify` will use"] if terms else []
 
 
@@ -249,4 +315,7 @@ def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarr
 
 
 def _direction_warnings(found: Identifiability) -> list[str]:
-    return [f"the data determine {direction.words}" for direction in found.directions]
+    """Those that are seen least, where there are many."""
+    told = [f"the data determine {direction.words}" for direction in found.directions[:_MOST_DIRECTIONS]]
+    more = len(found.directions) - len(told)
+    return [*told, f"and {more} more combinations that the data do not determine"] if more else told
