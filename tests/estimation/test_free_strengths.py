@@ -161,3 +161,20 @@ def test_one_block_gives_no_standard_deviation():
     draws, missed = posterior_draws(free, 3, np.random.default_rng(0), error_draws(OneLine(), free))
     assert missed == 3
     assert np.isnan(draws).all()
+
+
+def test_changes_beyond_chance_are_rare_where_nothing_changed():
+    """Fields at their initial values, 40 noises: the share of them with any mark is at most 5 % and a few."""
+    marked = []
+    for seed in range(40):
+        problem, _ = field(True, seed=seed)
+        noise = np.random.default_rng(1000 + seed).standard_normal(25)
+        still = replace(problem, data=problem.windows.sum(axis=1) + noise)
+        beyond, limit = free_estimate(still, draws=32, seed=seed).beyond_chance()
+        marked.append(beyond.any())
+        assert 3.5 < limit < 4.5
+    assert np.mean(marked) <= 0.1
+    problem, truth = field(True)
+    beyond, _ = free_estimate(problem, draws=32).beyond_chance()
+    assert beyond[np.argmin(truth)]
+    assert not beyond[np.abs(truth - 1) < 1e-4].any()

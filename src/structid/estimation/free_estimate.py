@@ -108,6 +108,23 @@ class FreeEstimate:
         return len(self.inner)
 
     @property
+    def distance(self) -> FloatArray:
+        """Change from the initial value in standard deviations, (n_params,); NaN where there is none."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found: FloatArray = np.where(self.std > 0, (self.values - self.initial) / self.std, np.nan)
+        return found
+
+    def beyond_chance(self, level: float = 0.05) -> tuple[np.ndarray, float]:
+        """Which parameters changed by more than chance alone allows anywhere among all of them, and the limit.
+
+        With all parameters at their initial values the probability that any is marked is at most `level` (Bonferroni);
+        the limit, in standard deviations, is that of Student's t with the number of draws as degrees of freedom. None
+        without draws.
+        """
+        limit = float(special.stdtrit(max(len(self.draws), 1), 1 - level / (2 * max(len(self.names), 1))))
+        return np.abs(np.nan_to_num(self.distance)) > limit, limit
+
+    @property
     def status_words(self) -> str:
         """What happened, and what helps."""
         if self.status is Status.NOT_CONVERGED:

@@ -117,6 +117,8 @@ def preconditioner(at: FreeLinearization, damping: FloatArray) -> Callable[[Floa
     is_whole = at.jacobian is not None and len(at.jacobian) <= _MOST_ROWS
     part = _STORED_PART if is_whole else _DATA_PART
     solve = solved_by(at.prior, damping + part * at.data_squares)
+    wide: FloatArray
+    inner: FloatArray
     if is_whole and at.jacobian is not None:
         wide, inner = at.jacobian.T, np.eye(len(at.jacobian))
     else:

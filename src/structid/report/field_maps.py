@@ -34,12 +34,21 @@ class FieldMap:
         Relative change from the initial value; NaN where no parameter acts.
     std : (n_elements,) float array
         Of that change; NaN where it is not known.
+    limit_std : float
+        Changes of more standard deviations are beyond chance anywhere among all parameters.
     """
 
     name: str
     elements: str
     change: FloatArray
     std: FloatArray
+    limit_std: float
+
+    @property
+    def is_beyond(self) -> np.ndarray:
+        """Elements whose change is beyond chance."""
+        known = np.where(np.isfinite(self.std), self.std, np.inf)
+        return np.asarray(np.abs(np.nan_to_num(self.change)) > self.limit_std * known)
 
     @property
     def limit(self) -> float:
@@ -55,6 +64,7 @@ def field_maps(found: FreeIdentification) -> tuple[FieldMap, ...]:
     structure = found.fit.problem.structure
     before, after = unknown.values(estimate.initial), unknown.values(estimate.values)
     design, draws = unknown.design.tocsr(), estimate.physical_draws
+    limit = estimate.beyond_chance()[1]
     maps = []
     for item in structure.properties:
         part = design[item.values.start : item.values.stop]
@@ -65,7 +75,7 @@ def field_maps(found: FreeIdentification) -> tuple[FieldMap, ...]:
         spread = part @ draws.T
         std = np.sqrt((spread**2).mean(axis=1)) if len(draws) > 1 else np.full(len(size), np.nan)
         name = f"{item.term.property.replace('_', ' ')} of {item.element}"
-        maps.append(FieldMap(name, item.element, after[item.values] / size - 1, std / np.abs(size)))
+        maps.append(FieldMap(name, item.element, after[item.values] / size - 1, std / np.abs(size), limit))
     return tuple(maps)
 
 
@@ -83,6 +93,7 @@ def field_figure(found: FreeIdentification, shown: FieldMap) -> Figure:
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     scale = Normalize(-shown.limit, shown.limit)
     _panel(figure, axes[0], drawn, shown, shown.change, scale, palette.DIVERGING, "relative change")
+    _outlined(axes[0], drawn, shown)
     std = shown.std[np.isfinite(shown.std)]
     top = float(np.quantile(std, 0.99)) if std.size else 1.0
     known = Normalize(0.0, top if top > 0 else 1.0)
@@ -127,6 +138,21 @@ def _panel(
     bar = figure.colorbar(mapped, ax=axes, shrink=0.85, aspect=25, extend=beyond)
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.3g} %")
     bar.set_label(label)
+
+
+def _outlined(axes: Axes, drawn: Outlines, shown: FieldMap) -> None:
+    """A line round each region whose change is beyond chance."""
+    beyond = shown.is_beyond
+    sides: dict[tuple[tuple[float, ...], ...], list[bool]] = {}
+    for path, (name, i) in zip(drawn.paths, drawn.owners, strict=True):
+        inside = name == shown.elements and bool(beyond[i])
+        ends = [tuple(np.round(corner, 12).tolist()) for corner in path]
+        for first, second in zip(ends, [*ends[1:], ends[0]], strict=True):
+            sides.setdefault((min(first, second), max(first, second)), []).append(inside)
+    border = [side for side, inside in sides.items() if any(inside) and not (len(inside) > 1 and all(inside))]
+    if border:
+        axes.add_collection(LineCollection(border, colors=palette.INK, linewidths=1.3, zorder=4))
+        axes.plot([], [], color=palette.INK, lw=1.3, label="round changes beyond chance")
 
 
 def _points(

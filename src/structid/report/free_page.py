@@ -106,6 +106,8 @@ def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
     before = percent(float(np.median(fit.initial_relative_error)), 3, signed=False)
     has_mass = np.isfinite(found.total_mass) and found.total_mass > 0
     mass = f"{with_std(found.total_mass, found.total_mass_std)} kg" if has_mass else NOTHING
+    beyond, limit = estimate.beyond_chance()
+    lower, higher = (int((beyond & (sense * estimate.distance > 0)).sum()) for sense in (-1, 1))
     basis = "from the residual" if estimate.covariance_basis == "model_error" else "from the noise"
     return (
         (
@@ -114,6 +116,11 @@ def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
             f"{int(estimate.identified.sum())} of them identified, priors included",
         ),
         ("Combinations that the data determine", number(estimate.determined, 3), "what is left is held by priors"),
+        (
+            "Changed beyond chance",
+            f"{lower} lower, {higher} higher",
+            f"more than {number(limit, 3)} standard deviations: 5 % risk of any by chance",
+        ),
         ("Chi-square per degree of freedom", number(estimate.chi_square_per_dof, 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
@@ -129,7 +136,7 @@ def _row(result: FreeResult, i: int) -> tuple[str, ...]:
         with_unit(number(initial), found.units[i]),
         with_unit(with_std(value, std), found.units[i]),
         percent(value / initial - 1) if initial else NOTHING,
-        number((value - initial) / std, 3) if std > 0 else NOTHING,
+        number(float(found.distance[i]), 3),
     )
 
 

@@ -34,6 +34,7 @@ def free_summary(result: FreeResult) -> dict[str, Any]:
     """The content of estimate.json, before what is not finite becomes null."""
     found = result.identification
     estimate = found.estimate
+    beyond, limit = estimate.beyond_chance()
     return {
         "title": result.study.title,
         "status": estimate.status.value,
@@ -53,6 +54,8 @@ def free_summary(result: FreeResult) -> dict[str, Any]:
              "text": item.words, "settled": item.converged}
             for item, count in zip(found.held, found.determined, strict=True)
         ],
+        "n_beyond_chance": int(beyond.sum()),
+        "chance_limit_std": limit,
         "largest_changes": [_row(result, i) for i in largest_changes(result, _MOST_CHANGES)],
         "parameters_file": PARAMETERS,
         "modes": [
@@ -67,10 +70,8 @@ def free_summary(result: FreeResult) -> dict[str, Any]:
 
 def largest_changes(result: FreeResult, count: int) -> list[int]:
     """Positions of the parameters that moved from their start by most standard deviations, most first."""
-    estimate = result.identification.estimate
-    with np.errstate(invalid="ignore", divide="ignore"):
-        size = np.abs(estimate.values - estimate.initial) / estimate.std
-    order: list[int] = np.argsort(-np.nan_to_num(size, nan=-1.0, posinf=0.0), kind="stable")[:count].tolist()
+    size = np.abs(result.identification.estimate.distance)
+    order: list[int] = np.argsort(-np.nan_to_num(size, nan=-1.0), kind="stable")[:count].tolist()
     return order
 
 
@@ -85,6 +86,7 @@ def _row(result: FreeResult, i: int) -> dict[str, Any]:
         "std_relative_error": found.std_error[i],
         "initial": found.initial[i],
         "identified": bool(found.identified[i]),
+        "change_in_std": found.distance[i],
     }
 
 
