@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console, RenderableType
@@ -17,7 +17,7 @@ from structid.reproduce.item import Item
 from structid.study.check import CheckResult
 from structid.study.free_results import PARAMETERS, largest_changes
 from structid.study.free_search import FreeResult
-from structid.study.identified import Identification
+from structid.study.identified import Identification, RecordFit
 from structid.study.result import StudyResult
 
 _WIDTH_OF_FILES = 1000
@@ -57,7 +57,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {'laplace' if found.intervals is None else found.intervals.kind}",
-        *_fit_facts(found),
+        *_fit_facts(found.fits),
     ]
     if found.intervals is not None:
         facts += found.intervals.notes
@@ -70,14 +70,13 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
 def free_summary_shown(result: FreeResult) -> list[RenderableType]:
     """Warnings, status, the parameters that moved most, total mass, fit and modes of a search without a Jacobian."""
     found = result.identification
-    estimate, fit = found.estimate, found.fit
+    estimate = found.estimate
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
         f"{len(estimate.names)} parameters, the data determine {number(estimate.determined, 3)} combinations of them;"
         f" chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}; standard deviations from"
         f" {estimate.covariance_basis.replace('_', ' ')}",
-        f"median relative error of the fit {number(_median(fit.relative_error.ravel().tolist()), 3)} over"
-        f" {len(fit.evaluation.frequency)} lines, {len(fit.evaluation.outputs)} outputs, {len(fit.evaluation.inputs)} inputs",
+        *_fit_facts(found.fits),
     ]
     table = _table("parameter that moved most", "unit", "initial", "value", "std")
     for i in largest_changes(result, _MOST_CHANGES):
@@ -88,19 +87,17 @@ def free_summary_shown(result: FreeResult) -> list[RenderableType]:
     return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, Text(rest), Text(mass)]
 
 
-def _fit_facts(found: Identification) -> list[str]:
+def _fit_facts(fits: Sequence[RecordFit]) -> list[str]:
     """How well responses are fitted."""
-    if len(found.fits) == 1:
+    errors = [number(_median(fit.relative_error.ravel().tolist()), 3) for fit in fits]
+    if len(fits) == 1:
+        judged, used = fits[0].evaluation, fits[0].problem.record
         return [
-            f"median relative error of the fit {number(_median(found.relative_error.ravel().tolist()), 3)} over"
-            f" {len(found.evaluation.frequency)} lines ({len(found.problem.record.frequency)} of them fitted),"
-            f" {len(found.evaluation.outputs)} outputs, {len(found.evaluation.inputs)} inputs"
+            f"median relative error of the fit {errors[0]} over {len(judged.frequency)} lines ({len(used.frequency)} of them"
+            f" fitted), {len(judged.outputs)} outputs, {len(judged.inputs)} inputs"
         ]
-    errors = ", ".join(
-        f"{fit.name} {number(_median(found.seen_from(k).relative_error.ravel().tolist()), 3)}"
-        for k, fit in enumerate(found.fits)
-    )
-    return [f"median relative error of the fit: {errors}"] if errors else []
+    listed = ", ".join(f"{fit.name} {error}" for fit, error in zip(fits, errors, strict=True))
+    return [f"median relative error of the fit: {listed}"] if listed else []
 
 
 def _pairs(found: Identification) -> list[RenderableType]:

@@ -7,6 +7,7 @@ import csv
 import importlib.util
 import json
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -205,3 +206,24 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
     unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))
     assert (unheld.std > 1.05 * dense.std).any()
     assert any("predicted without the smoothness" in words for words in unheld.warnings)
+
+
+def test_two_records_give_the_answer_of_one_with_all_sensors(plate, tmp_path):
+    folder, *_ = plate
+    for name in ("plate.msh", "frf.npz", "study.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
+    whole = run_free_study(started(load_study(changed(tmp_path, given)))).identification
+    record = whole.fit.measured
+    for name, part in (("a", slice(0, 3)), ("b", slice(3, None))):
+        own = replace(
+            record, values=record.values[:, part], variance=record.variance[:, part], outputs=record.outputs[part]
+        )
+        sid.write_record(tmp_path / f"{name}.npz", own)
+    path = changed(tmp_path, ('[record]\npath = "frf.npz"', '[[record]]\npath = "a.npz"\n\n[[record]]\npath = "b.npz"'))
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "r")])
+    assert done.exit_code == 0, done.output
+    with (tmp_path / "r" / "parameters.csv").open(encoding="utf-8") as stream:
+        values = np.array([float(row["value"]) for row in csv.DictReader(stream)])
+    np.testing.assert_allclose(values, whole.estimate.values, rtol=1e-3)
+    assert "record 2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8").split("<script>")[0]

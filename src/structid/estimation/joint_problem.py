@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation.covariance import score_covariance
+from structid.estimation.free_linearization import FreeLinearization
+from structid.estimation.joint_free import joined_linearization, kept_prior_rows
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 
 _SAME = 1e-9
@@ -125,6 +128,16 @@ class JointProblem:
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
+    def linearize_free(self, theta: FloatArray) -> FreeLinearization:
+        """As `linearize`, without a Jacobian; for problems that all have such a form."""
+        parts = []
+        for number, (problem, index) in enumerate(self._members(), 1):
+            own = getattr(problem, "linearize_free", None)
+            if own is None:
+                raise InputError(f"`problems` must all linearize without a Jacobian, problem {number} does not")
+            parts.append(own(theta[index]))
+        return joined_linearization(parts, self.columns, self._kept_priors, len(self.names))
+
     def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         """Of J'r over repeats of the data: the sum of that of each problem (see `covariance.score_covariance`)."""
         total, first, independent = np.zeros((len(self.names),) * 2), 0, True
@@ -168,32 +181,9 @@ class JointProblem:
     @cached_property
     def _kept_priors(self) -> tuple[IntArray, ...]:
         """Of each problem the rows of those priors that no earlier problem states."""
-        stated: list[tuple[FloatArray, float]] = []
-        kept = []
-        for number, (problem, index) in enumerate(self._members(), 1):
-            at = problem.linearize(self.theta_start[index])
-            rows = np.arange(problem.n_data, len(at.residual))
-            wide = self._widened(at.jacobian[rows], index)
-            pairs = list(zip(wide, at.residual[rows].tolist(), strict=True))
-            new = [not self._is_stated(stated, row, value, number) for row, value in pairs]
-            stated.extend(pair for pair, is_new in zip(pairs, new, strict=True) if is_new)
-            kept.append(rows[np.array(new, dtype=bool)])
-        return tuple(kept)
-
-    def _is_stated(self, stated: list[tuple[FloatArray, float]], row: FloatArray, value: float, number: int) -> bool:
-        """Whether an earlier problem has this prior: its residual and derivative at the start tell."""
-        members = np.flatnonzero(row)
-        for other, residual in stated:
-            if np.allclose(other, row, rtol=_SAME, atol=0) and np.isclose(residual, value, rtol=_SAME, atol=_SAME):
-                return True
-            if len(members) == 1 and np.array_equal(np.flatnonzero(other), members):
-                if self.first_prior_counts:
-                    return True
-                raise InputError(
-                    f"prior of {self.names[members[0]]} must be the same in all problems, got another in problem"
-                    f" {number}; state it once, or alike"
-                )
-        return False
+        priors = [_prior_rows(problem, self.theta_start[index]) for problem, index in self._members()]
+        kept = kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
+        return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
     def _members(self) -> list[tuple[Problem, IntArray]]:
         return list(zip(self.problems, self.columns, strict=True))
@@ -222,6 +212,16 @@ class JointProblem:
             for word, i in zip(part, index, strict=True):
                 words[i] = word
         return tuple(words)
+
+
+def _prior_rows(problem: Problem, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+    """Residual and derivative of the priors, without that of the data where the problem can tell them apart."""
+    own = getattr(problem, "sparse_prior", None)
+    if own is not None:
+        found: tuple[FloatArray, sparse.csr_array] = own(theta)
+        return found
+    at = problem.linearize(theta)
+    return at.residual[problem.n_data :], sparse.csr_array(at.jacobian[problem.n_data :])
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:

@@ -98,10 +98,12 @@ def field_figure(found: FreeIdentification, shown: FieldMap) -> Figure:
     top = float(np.quantile(std, 0.99)) if std.size else 1.0
     known = Normalize(0.0, top if top > 0 else 1.0)
     _panel(figure, axes[1], drawn, shown, shown.std, known, palette.SEQUENTIAL, "standard deviation of the change")
-    record = found.fit.problem.record
+    loads, sensors = (
+        tuple(dof for fit in found.fits for dof in getattr(fit.problem.record, role)) for role in ("inputs", "outputs")
+    )
     for panel_axes in axes:
-        _points(panel_axes, structure, drawn, record.inputs, "s", palette.LOAD, 10.0, "load")
-        _points(panel_axes, structure, drawn, record.outputs, "o", palette.SENSOR, 5.5, "sensor")
+        _points(panel_axes, structure, drawn, loads, "s", palette.LOAD, 10.0, "load")
+        _points(panel_axes, structure, drawn, sensors, "o", palette.SENSOR, 5.5, "sensor")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
     return figure

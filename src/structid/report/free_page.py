@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from structid._version import __version__
@@ -42,12 +44,15 @@ def write_free_report(result: FreeResult, folder: Path) -> Path:
     figures = made_folder(Path(folder) / "figures")
     found = result.identification
     maps = field_maps(found)
-    data = responses(found.fit)
     named = {f"map_{k}": one for k, one in enumerate(maps, 1)}
-    makers = {name: partial(field_figure, found, one) for name, one in named.items()}
-    write_pngs(
-        {**makers, "frf_magnitude": partial(magnitude_figure, data), "frf_phase": partial(phase_figure, data)}, figures
-    )
+    makers: dict[str, Callable[[], Figure | None]] = {
+        name: partial(field_figure, found, one) for name, one in named.items()
+    }
+    for place, fit in enumerate(found.fits, 1):
+        data, prefix = responses(fit), f"record_{place}_" if place > 1 else ""
+        makers[f"{prefix}frf_magnitude"] = partial(magnitude_figure, data)
+        makers[f"{prefix}frf_phase"] = partial(phase_figure, data)
+    write_pngs(makers, figures)
     drawn = [
         (one.name, _caption(one), base64.b64encode((figures / f"{name}.png").read_bytes()).decode("ascii"))
         for name, one in named.items()
@@ -61,8 +66,10 @@ def write_free_report(result: FreeResult, folder: Path) -> Path:
 
 def _page(result: FreeResult, maps: list[tuple[str, str, str]]) -> str:
     found = result.identification
-    estimate, data = found.estimate, responses(found.fit)
-    figures = {"responses": responses_figure(data)}
+    estimate = found.estimate
+    data = {f"responses-{place}": responses(fit) for place, fit in enumerate(found.fits, 1)}
+    figures = {name: responses_figure(one) for name, one in data.items()}
+    bands = [one.band for one in data.values()]
     return page_template("free.html.j2").render(
         title=result.study.title,
         version=__version__,
@@ -75,9 +82,12 @@ def _page(result: FreeResult, maps: list[tuple[str, str, str]]) -> str:
         header=_HEADER,
         rows=[_row(result, i) for i in largest_changes(result, _MOST_ROWS)],
         std_words=_std_words(result),
-        channels=[channel.label for channel in data.channels],
+        records=[
+            (name, fit.name if len(data) > 1 else "", [channel.label for channel in one.channels])
+            for fit, (name, one) in zip(found.fits, data.items(), strict=True)
+        ],
         figures=figures,
-        modes=mode_table(mode_rows(found.fit), data.band),
+        modes=mode_table(mode_rows(found.fit), (min(b[0] for b in bands), max(b[1] for b in bands))),
         provenance=provenance_facts(asdict(result.provenance)),
         plotly=get_plotlyjs(),
         described=embedded({name: figure.described() for name, figure in figures.items()}),
@@ -101,9 +111,11 @@ def _caption(shown: FieldMap) -> str:
 
 def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
     found = result.identification
-    estimate, fit = found.estimate, found.fit
-    error = percent(float(np.median(fit.relative_error)), 3, signed=False)
-    before = percent(float(np.median(fit.initial_relative_error)), 3, signed=False)
+    estimate = found.estimate
+    error, before = (
+        percent(float(np.median(np.concatenate([part.ravel() for part in parts]))), 3, signed=False)
+        for parts in ([f.relative_error for f in found.fits], [f.initial_relative_error for f in found.fits])
+    )
     has_mass = np.isfinite(found.total_mass) and found.total_mass > 0
     mass = f"{with_std(found.total_mass, found.total_mass_std)} kg" if has_mass else NOTHING
     beyond, limit = estimate.beyond_chance()

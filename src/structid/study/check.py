@@ -24,7 +24,7 @@ from structid.study.identified import AnySetup
 from structid.study.model_modes import structure_modes
 from structid.study.ratios import common_scale, scale_words
 from structid.study.run import Start, is_free, started
-from structid.study.search import RecordProblem, by_name
+from structid.study.search import RecordProblem, by_name, together
 from structid.study.study import Study
 from structid.study.time_fit import target
 
@@ -209,7 +209,7 @@ def _dense_part(ready: Start) -> _Predicted:
 
 
 def _free_part(ready: Start, free: FreePrediction) -> _Predicted:
-    problem = ready.problems[0]
+    problem = together(ready.problems)
     start = problem.physical(np.asarray(problem.theta_start))
     known = 0.0 if not _mass_gradient(ready.study).any() else float("nan")
     return _Predicted(problem, free.relative_std * np.abs(start), known, free.words)

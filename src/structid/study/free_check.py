@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import FloatArray, locked
+from structid.estimation import JointProblem
 from structid.estimation.free_estimate import counted_draws
 from structid.observation import FrfProblem
 from structid.parameters import Smoothness, penalty, term_name
@@ -44,14 +45,13 @@ class FreePrediction:
 
 def free_prediction(ready: Start) -> FreePrediction:
     """The prediction for a study that `is_free`."""
-    problem = ready.problems[0]
-    if not isinstance(problem, FrfProblem):
-        raise TypeError("a study without a Jacobian has one record of responses")
+    problems = tuple(problem for problem in ready.problems if isinstance(problem, FrfProblem))
+    problem = problems[0]
     terms = [term for term in ready.study.options.regularization if isinstance(term, Smoothness)]
     strengths = [USUAL_STRENGTH if isinstance(term.strength, str) else float(term.strength) for term in terms]
     unknown = problem.parameters
     rows = [penalty(problem.structure, unknown, term).scaled(s) for term, s in zip(terms, strengths, strict=True)]
-    whole = replace(problem, parameters=unknown.coupled(*rows))
+    whole = JointProblem((replace(problem, parameters=unknown.coupled(*rows)), *problems[1:]))
     theta = np.asarray(whole.theta_start)
     at = whole.linearize_free(theta)
     draws, determined, _ = counted_draws(at, _DRAWS, np.random.default_rng(ready.study.options.seed))

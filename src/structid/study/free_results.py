@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from structid.study.free_search import FreeResult
-from structid.study.results import fit_summary, json_text
-from structid.study.results_hdf5 import put, put_record, put_texts
+from structid.study.results import fit_summary, json_text, record_summaries
+from structid.study.results_hdf5 import put, put_further_records, put_record, put_texts
 
 PARAMETERS = "parameters.csv"
 #: How many of the largest changes estimate.json names.
@@ -48,6 +48,7 @@ def free_summary(result: FreeResult) -> dict[str, Any]:
         "covariance_basis": estimate.covariance_basis,
         "n_iterations": estimate.n_iterations,
         "fit": fit_summary(found.fit),
+        **record_summaries(found.fits),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "regularization": [
             {"name": item.name, "rule": item.rule, "strength": item.strengths[0], "n_determined": count,
@@ -123,4 +124,5 @@ def _hdf5(result: FreeResult) -> bytes:
         put(group, "identified", found.identified)
         group.attrs["covariance_basis"] = found.covariance_basis
         put_record(file, result.identification.fit)
+        put_further_records(file, result.identification.fits)
     return buffer.getvalue()

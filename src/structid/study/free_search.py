@@ -11,6 +11,7 @@ from scipy import sparse
 
 from structid.arrays import locked
 from structid.errors import InputError
+from structid.estimation import JointProblem
 from structid.estimation.free_estimate import FreeEstimate, free_estimate
 from structid.estimation.free_strengths import Differences, SettledStrengths, balanced_strengths, settled_strengths
 from structid.estimation.levenberg_marquardt_free import (
@@ -23,12 +24,13 @@ from structid.estimation.work import ALONE, StageProgress, Work
 from structid.observation import FrfProblem
 from structid.parameters import Coupling, Smoothness, penalty, term_name
 from structid.structure import Friction
-from structid.study.identification import IdentifyOptions, prepared_problem, record_fit
+from structid.study.identification import IdentifyOptions, prepared_problem, record_fit, titles
 from structid.study.identified import RecordFit, Setup
 from structid.study.regularizing import Held
 from structid.study.result import Provenance
-from structid.study.search import RecordProblem
+from structid.study.search import RecordProblem, alike, together
 from structid.study.study import Study
+from structid.study.warning_words import record_fit_warnings
 
 _STAGED = FreeLevenbergMarquardt(max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)
 
@@ -40,8 +42,8 @@ class FreeIdentification:
     Attributes
     ----------
     estimate : FreeEstimate
-    fit : RecordFit
-        The record beside the model.
+    fits : tuple of RecordFit
+        Each record beside the model.
     held : tuple of Held
         Smoothness and its strength.
     determined : tuple of float
@@ -53,12 +55,17 @@ class FreeIdentification:
     """
 
     estimate: FreeEstimate
-    fit: RecordFit
+    fits: tuple[RecordFit, ...]
     held: tuple[Held, ...]
     determined: tuple[float, ...]
     total_mass: float
     total_mass_std: float
     warnings: tuple[str, ...]
+
+    @property
+    def fit(self) -> RecordFit:
+        """The first record."""
+        return self.fits[0]
 
 
 def searches_free(problems: Sequence[RecordProblem], options: IdentifyOptions) -> bool:
@@ -76,18 +83,18 @@ def searches_free(problems: Sequence[RecordProblem], options: IdentifyOptions) -
         if obstacle:
             raise InputError(f"search 'matrix_free' {obstacle}; leave it out, or choose 'levenberg_marquardt'")
         return True
-    return not obstacle and needs_free_search(problems[0])[0]
+    return not obstacle and needs_free_search(together(problems))[0]
 
 
 def free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
     """What a search without a Jacobian cannot do of this study; "" where nothing stands in its way."""
-    only = problems[0]
-    if len(problems) > 1 or not isinstance(only, FrfProblem):
-        return f"takes one record of responses, got {len(problems)} records"
-    if only.channels is not None:
-        return "takes no errors of channels"
-    if any(isinstance(element, Friction) for element in only.structure.elements):
-        return "takes no dry friction"
+    for problem in problems:
+        if not isinstance(problem, FrfProblem):
+            return "takes records of responses, got one of modes"
+        if problem.channels is not None:
+            return "takes no errors of channels"
+        if any(isinstance(element, Friction) for element in problem.structure.elements):
+            return "takes no dry friction"
     if options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"
     for term in options.regularization:
@@ -99,13 +106,14 @@ def free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -
 
 
 def identify_free(
-    setup: Setup, options: IdentifyOptions, progress: StageProgress | None = None, work: Work = ALONE
+    setups: Sequence[Setup], options: IdentifyOptions, progress: StageProgress | None = None, work: Work = ALONE
 ) -> FreeIdentification:
-    """The parameters of one record of responses, without a Jacobian.
+    """The parameters of records of responses, without a Jacobian.
 
     Parameters
     ----------
-    setup : Setup
+    setups : sequence of Setup
+        Parameters of the same name are one unknown; the smoothness is that of the first structure.
     options : IdentifyOptions
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
@@ -117,16 +125,12 @@ def identify_free(
     FreeIdentification
         Also where the search failed: see ``estimate.status``.
     """
-    problem, warnings = prepared_problem(
-        setup.structure, setup.parameters, setup.record, options, setup.channel_unknowns
-    )
+    prepared = [prepared_problem(s.structure, s.parameters, s.record, options, s.channel_unknowns) for s in setups]
+    problems = _of_responses(alike([problem for problem, _ in prepared]))
+    first = problems[0]
     terms = [term for term in options.regularization if isinstance(term, Smoothness)]
-    unit = tuple(penalty(setup.structure, setup.parameters, term) for term in terms)
-
-    def made(strengths: Sequence[float]) -> FrfProblem:
-        coupled = [coupling.scaled(strength) for coupling, strength in zip(unit, strengths, strict=True)]
-        return replace(problem, parameters=setup.parameters.coupled(*coupled))
-
+    unit = tuple(penalty(first.structure, first.parameters, term) for term in terms)
+    made = partial(_coupled, problems, unit)
     settled = _settled(made, unit, terms, options, progress, work)
     whole = made(settled.strengths)
     found = free_estimate(
@@ -137,18 +141,32 @@ def identify_free(
         theta=settled.theta,
         keeper=work.keeper(whole),
     )
-    fit = record_fit(setup.name or "record 1", setup, whole, (found.theta, found.values, found.initial), options)
     held = tuple(
         _held(term, coupling, strength, settled.converged)
         for term, coupling, strength in zip(terms, unit, settled.strengths, strict=True)
     )
-    mass, std = _total_mass(setup, found, options.direction)
-    warnings = (*warnings, *_warnings(found, held))
-    return FreeIdentification(found, fit, held, settled.determined, mass, std, warnings)
+    mass, std = _total_mass(setups[0], found, options.direction)
+    fits = tuple(
+        record_fit(title, setup, problem, (found.theta[index], found.values[index], found.initial[index]), options)
+        for title, setup, problem, index in zip(titles(setups), setups, problems, whole.columns, strict=True)
+    )
+    prefixed = record_fit_warnings(fits, [own for _, own in prepared])
+    return FreeIdentification(found, fits, held, settled.determined, mass, std, (*prefixed, *_warnings(found, held)))
+
+
+def _of_responses(problems: Sequence[RecordProblem]) -> tuple[FrfProblem, ...]:
+    return tuple(problem for problem in problems if isinstance(problem, FrfProblem))
+
+
+def _coupled(problems: Sequence[FrfProblem], unit: Sequence[Coupling], strengths: Sequence[float]) -> JointProblem:
+    """All records, the smoothness with the parameters of the first."""
+    first = problems[0]
+    rows = [coupling.scaled(strength) for coupling, strength in zip(unit, strengths, strict=True)]
+    return JointProblem((replace(first, parameters=first.parameters.coupled(*rows)), *problems[1:]))
 
 
 def _settled(
-    made: Callable[[Sequence[float]], FrfProblem],
+    made: Callable[[Sequence[float]], JointProblem],
     unit: Sequence[Coupling],
     terms: Sequence[Smoothness],
     options: IdentifyOptions,
@@ -157,14 +175,15 @@ def _settled(
 ) -> SettledStrengths:
     """The strengths, and where the last search begins: after easier forms of the residual, and the fits on the way."""
     given = tuple(None if isinstance(term.strength, str) else float(term.strength) for term in terms)
-    differences = [_differences(coupling) for coupling in unit]
     unheld = made([1.0] * len(given))
+    differences = [_differences(coupling, len(unheld.names)) for coupling in unit]
     theta = np.asarray(unheld.theta_start)
     strengths = balanced_strengths(unheld, theta, differences, given)
     if options.pole_free_start:
         for name, stage in made(strengths).stage_plans()[0]:
             told = _named(progress, name)
-            theta = free_levenberg_marquardt(stage, _STAGED, theta, told, work.keeper(stage)).theta
+            if isinstance(stage, JointProblem):
+                theta = free_levenberg_marquardt(stage, _STAGED, theta, told, work.keeper(stage)).theta
     if None not in given:
         return SettledStrengths(strengths, (np.nan,) * len(given), theta, True, 0)
     told, keeper = _named(progress, "strength of smoothness"), work.keeper(unheld)
@@ -175,9 +194,17 @@ def _named(progress: StageProgress | None, stage: str) -> Progress | None:
     return None if progress is None else partial(progress, stage)
 
 
-def _differences(coupling: Coupling) -> Differences:
+def _differences(coupling: Coupling, n_params: int) -> Differences:
+    """The rows of `coupling` among all parameters, of which its own are the first."""
+    own = coupling.matrix.shape[1]
+
+    def wide(rows: sparse.csr_array) -> sparse.csr_array:
+        return sparse.csr_array((rows.data, rows.indices, rows.indptr), (rows.shape[0], n_params))
+
     return Differences(
-        sparse.csr_array(coupling.matrix), coupling.residual, lambda physical: coupling.sparse_rows(physical)[1]
+        wide(sparse.csr_array(coupling.matrix)),
+        lambda physical: coupling.residual(physical[:own]),
+        lambda physical: wide(coupling.sparse_rows(physical[:own])[1]),
     )
 
 
@@ -188,14 +215,15 @@ def _held(term: Smoothness, coupling: Coupling, strength: float, converged: bool
 
 def _total_mass(setup: Setup, found: FreeEstimate, direction: str | None) -> tuple[float, float]:
     """Total mass and its standard deviation by the draws, kg."""
-    values = setup.parameters.values(found.values)
+    n = setup.parameters.n_params
+    values = setup.parameters.values(found.values[:n])
     gradient = setup.structure.mass_gradient(direction, values) @ setup.parameters.design
     mass = setup.structure.mass_of(values, direction)
     if not gradient.any():
         return mass, 0.0
     if len(found.draws) < 2:
         return mass, float("nan")
-    return mass, float(np.sqrt(np.mean((found.physical_draws @ gradient) ** 2)))
+    return mass, float(np.sqrt(np.mean((found.physical_draws[:, :n] @ gradient) ** 2)))
 
 
 def _warnings(found: FreeEstimate, held: Sequence[Held]) -> tuple[str, ...]:

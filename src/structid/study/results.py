@@ -6,7 +6,7 @@ import json
 import math
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import FileError
-from structid.study.identified import Identification, RecordFit
+from structid.study.identified import RecordFit
 from structid.study.modal_results import modal_summary
 from structid.study.result import StudyResult, correlation
 from structid.study.results_hdf5 import hdf5_bytes
@@ -121,7 +121,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "n_starts": estimate.n_starts,
         "n_agreeing_starts": estimate.n_agreeing,
         "fit": fit_summary(found.fits[0]) if found.fits else None,
-        **_records(found),
+        **record_summaries(found.fits),
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "parameters": _parameters(result),
@@ -158,15 +158,15 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
     }
 
 
-def _records(found: Identification) -> dict[str, Any]:
+def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:
     """The fit of each record where there are several, and the polarities that the data decided."""
-    several = [
-        {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
-        for fit in found.fits
-    ]
-    if len(several) > 1:
-        return {"records": several}
-    polarities = found.fits[0].polarities if found.fits else {}
+    if len(fits) > 1:
+        rows = [
+            {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
+            for fit in fits
+        ]
+        return {"records": rows}
+    polarities = fits[0].polarities if fits else {}
     return {"polarities": polarities} if polarities else {}
 
 

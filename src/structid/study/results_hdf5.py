@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,11 +39,16 @@ def hdf5_bytes(result: StudyResult) -> bytes:
             _modes(file.create_group("modes_initial"), found.modes_initial, found.structure)
         for number, fit in enumerate(found.modal_fits, 1):
             _modal(file.create_group(f"modal_record_{number}"), fit)
-        for number in range(1, len(found.fits)):
-            group = file.create_group(f"record_{number + 1}", track_order=True)
-            group.attrs["name"] = found.fits[number].name
-            put_record(group, found.fits[number])
+        put_further_records(file, found.fits)
     return buffer.getvalue()
+
+
+def put_further_records(file: Any, fits: Sequence[RecordFit]) -> None:
+    """Groups ``record_2`` and so on."""
+    for number, fit in enumerate(fits[1:], 2):
+        group = file.create_group(f"record_{number}", track_order=True)
+        group.attrs["name"] = fit.name
+        put_record(group, fit)
 
 
 def put_record(group: Any, fit: RecordFit) -> None:

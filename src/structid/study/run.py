@@ -255,12 +255,12 @@ def run_free_study(ready: Start, progress: StageProgress | None = None, work: Wo
     SearchFailedError
         If the search came to where there is no model response.
     """
-    study, only = ready.study, ready.setups[0]
-    obstacle = free_obstacle(ready.problems, study.options)
-    if obstacle or not isinstance(only, Setup):
+    study = ready.study
+    obstacle = _histories(ready) or free_obstacle(ready.problems, study.options)
+    if obstacle:
         raise InputError(f"{study.path}: a search without a Jacobian {obstacle}")
     with _placed_failure(study):
-        found = identify_free(only, study.options, progress, work)
+        found = identify_free([s for s in ready.setups if isinstance(s, Setup)], study.options, progress, work)
     found = replace(found, warnings=(*ready.unit_warnings, *found.warnings))
     return FreeResult(study, found, provenance(study))
 
@@ -275,7 +275,17 @@ def is_free(ready: Start) -> bool:
     """
     method = ready.study.section("method")
     with method.located("search" if "search" in method.table else None):
+        if _histories(ready):
+            if ready.study.options.matrix_free:
+                raise InputError(f"search 'matrix_free' {_histories(ready)}; leave it out, or fit FRFs")
+            return False
         return searches_free(ready.problems, ready.study.options)
+
+
+def _histories(ready: Start) -> str:
+    """That time histories are to be fitted themselves, which needs a Jacobian; "" where none are."""
+    fitted = any(isinstance(setup, Setup) and setup.time is not None for setup in ready.setups)
+    return "takes FRFs, not time histories that are fitted themselves" if fitted else ""
 
 
 @contextmanager

@@ -1,0 +1,102 @@
+"""Several linearizations without Jacobians as one, against the joint problem with its Jacobian."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+from test_free_search import field
+
+from structid.errors import InputError
+from structid.estimation import JointProblem
+from structid.estimation.free_estimate import free_estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A field under other names, with a prior of its first parameter."""
+
+    inner: object
+    labels: tuple
+    width: float = 0.1
+
+    names = property(lambda self: self.labels)
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+    def linearize(self, theta):
+        at = self.inner.linearize(theta)
+        row = np.zeros((1, len(theta)))
+        row[0, 0] = 1 / self.width
+        residual = np.append(at.residual, theta[0] / self.width)
+        return replace(at, residual=residual, jacobian=np.concatenate([at.jacobian, row]))
+
+    def residual(self, theta):
+        return self.linearize(theta).residual
+
+    def linearize_free(self, theta):
+        at, dense = self.inner.linearize_free(theta), self.linearize(theta)
+        return replace(at, residual=dense.residual, prior=sparse.csr_array(dense.jacobian[at.n_data :]))
+
+
+def pair(stored=False, width=0.1):
+    """Two records of one field; the second knows its parameters in another order, and one of its own."""
+    first, _ = field(stored, seed=1)
+    second, _ = field(stored, seed=2)
+    labels = tuple(f"p{i}" for i in range(60))
+    other = (*labels[:1], *reversed(labels[2:]), "own")
+    return JointProblem((Named(first, labels), Named(second, other, width)))
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_products_are_those_of_the_joint_jacobian(stored):
+    joint = pair(stored)
+    rng = np.random.default_rng(0)
+    theta = 0.1 * rng.standard_normal(61)
+    dense, at = joint.linearize(theta), joint.linearize_free(theta)
+    n = joint.n_data
+    np.testing.assert_allclose(at.residual, dense.residual, rtol=1e-12)
+    v, u = rng.standard_normal(61), rng.standard_normal(len(dense.residual))
+    np.testing.assert_allclose(at.product(v), dense.jacobian @ v, atol=1e-9)
+    np.testing.assert_allclose(at.transposed(u), dense.jacobian.T @ u, atol=1e-9)
+    np.testing.assert_allclose(at.data_squares, (dense.jacobian[:n] ** 2).sum(axis=0))
+    assert (at.jacobian is not None) == stored
+    if stored:
+        np.testing.assert_allclose(at.jacobian, dense.jacobian[:n])
+
+
+def test_prior_that_both_state_counts_once():
+    joint = pair()
+    at = joint.linearize_free(joint.theta_start)
+    single = (abs(at.prior) > 0).sum(axis=1) == 1
+    assert int(single.sum()) == 1
+    assert at.prior.shape[0] == 59 + 1 + 59  # two chains of differences in different orders, one prior
+
+
+def test_different_priors_of_one_parameter_are_refused():
+    joint = pair(width=0.3)
+    with pytest.raises(InputError, match="prior of p0 must be the same"):
+        joint.linearize_free(joint.theta_start)
+
+
+def test_standard_deviations_of_two_records_are_those_of_the_dense_covariance():
+    joint = JointProblem((field(True, seed=1)[0], field(True, seed=2)[0]))
+    found = free_estimate(joint, draws=400)
+    jacobian = joint.linearize(found.theta).jacobian
+    exact = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * found.values
+    assert np.abs(found.std / exact - 1).max() < 4.5 / np.sqrt(800)
+    assert found.n_data == 50
+
+
+def test_problem_without_such_a_form_is_named():
+    plain = replace(field(True)[0])
+
+    class Dense:
+        def __getattr__(self, name):
+            if name == "linearize_free":
+                raise AttributeError(name)
+            return getattr(plain, name)
+
+    with pytest.raises(InputError, match="problem 1 does not"):
+        JointProblem((Dense(),)).linearize_free(np.zeros(60))
