@@ -227,3 +227,13 @@ def test_two_records_give_the_answer_of_one_with_all_sensors(plate, tmp_path):
         values = np.array([float(row["value"]) for row in csv.DictReader(stream)])
     np.testing.assert_allclose(values, whole.estimate.values, rtol=1e-3)
     assert "record 2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8").split("<script>")[0]
+
+
+def test_compare_says_that_there_is_no_covariance(plate):
+    folder, *_ = plate
+    for state in (folder / "results", folder / "study.toml"):
+        done = RUN.invoke(cli.app, ["compare", str(state), str(state), "--out", str(folder / "c")])
+        assert done.exit_code == 2
+        assert "matrix_free" in done.output
+        assert "no covariance matrix" in done.output
+        assert "cannot be used" not in done.output

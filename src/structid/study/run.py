@@ -236,7 +236,10 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
     """The same for a study whose records are read; see `run_study`."""
     study = ready.study
     if study.options.matrix_free:
-        raise InputError(f"{study.path}: [method] search is 'matrix_free'; run it with `run_free_study`")
+        raise InputError(
+            f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix; use `structid identify` (in"
+            " Python `run_free_study`), or group the unknowns and leave it out"
+        )
     require_room(study, ready.problems)
     with _placed_failure(study):
         found = identify_together(ready.setups, study.options, progress, work)
