@@ -52,7 +52,7 @@ class Dof:
     @property
     def unsigned(self) -> Dof:
         """The same place and direction, counted positive along the axis."""
-        return Dof(self.node, self.direction)
+        return self if self.sign > 0 else Dof(self.node, self.direction)
 
     def __str__(self) -> str:
         return f"{self.node}{self.direction}{'+' if self.sign > 0 else '-'}"

@@ -8,7 +8,16 @@ _SPLITS = {"triangle": [[0, 1, 2], [0, 2, 3]], "quad": [[0, 1, 2, 3]]}
 #: Six tetrahedra around the diagonal 0-6 of a cube, and two wedges.
 _TETRAHEDRA = [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
 _SPLITS |= {"hexahedron": [list(range(8))], "tetra": _TETRAHEDRA, "wedge": [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]]}
-_LINEAR = {"triangle6": "triangle", "quad8": "quad", "tetra10": "tetra", "hexahedron20": "hexahedron"}
+_SPLITS["pyramid"] = [
+    [0, 1, 2, 3, 8],
+    [7, 6, 5, 4, 8],
+    [0, 4, 5, 1, 8],
+    [3, 2, 6, 7, 8],
+    [0, 3, 7, 4, 8],
+    [1, 5, 6, 2, 8],
+]
+_LINEAR = {"triangle6": "triangle", "quad8": "quad", "quad9": "quad", "tetra10": "tetra", "wedge15": "wedge"}
+_LINEAR |= {"hexahedron20": "hexahedron", "hexahedron27": "hexahedron"}
 
 
 def box(kind, shape, size, jitter=0.0, seed=0):
@@ -24,28 +33,24 @@ def box(kind, shape, size, jitter=0.0, seed=0):
     square = [(low, low), (high, low), (high, high), (low, high)]
     corners = square if len(shape) == 2 else [(*s, z) for z in (low, high) for s in square]
     blocks = np.stack([number[c] for c in corners], axis=-1).reshape(-1, len(corners))
+    if kind == "pyramid":  # six around the middle of each box
+        middles = len(points) + np.arange(len(blocks))
+        points, blocks = np.concatenate([points, points[blocks].mean(axis=1)]), np.column_stack([blocks, middles])
     table = np.concatenate([blocks[:, split] for split in _SPLITS[_LINEAR.get(kind, kind)]])
     return with_middles(points, table, kind) if kind in _LINEAR else (points, table)
 
 
 def with_middles(points, table, kind):
-    """The same cells with nodes in the middle of their sides."""
-    shape = cell_shape(kind)
-    corners = shape.corners[: table.shape[1]]
+    """The same cells with nodes in the middle of their sides, faces and volumes, as `kind` has them."""
+    shape, linear = cell_shape(kind), cell_shape(_LINEAR[kind])
     rows, known, points = [table], {}, list(points)
-    for middle in shape.corners[table.shape[1] :]:
-        distance = np.linalg.norm((corners[:, None] + corners[None]) / 2 - middle, axis=2)
-        a, b = next((a, b) for a, b in np.argwhere(distance < 1e-12) if a < b and _is_edge(corners, a, b))
+    for share in linear.values(shape.corners[table.shape[1] :]):
+        own = np.flatnonzero(share > 1e-9)
         column = []
-        for pair in np.sort(table[:, [a, b]], axis=1).tolist():
-            if tuple(pair) not in known:
-                known[tuple(pair)] = len(points)
-                points.append((points[pair[0]] + points[pair[1]]) / 2)
-            column.append(known[tuple(pair)])
+        for nodes in np.sort(table[:, own], axis=1).tolist():
+            if tuple(nodes) not in known:
+                known[tuple(nodes)] = len(points)
+                points.append(np.mean([points[n] for n in nodes], axis=0))
+            column.append(known[tuple(nodes)])
         rows.append(np.array(column)[:, None])
     return np.array(points), np.concatenate(rows, axis=1)
-
-
-def _is_edge(corners, a, b):
-    """In a cube or square the corners of an edge differ in one coordinate; any two of a simplex make an edge."""
-    return len(corners) in (3, len(corners[0]) + 1) or (corners[a] != corners[b]).sum() == 1

@@ -5,6 +5,7 @@ import builtins
 import numpy as np
 import pytest
 
+from structid import Shell, Structure
 from structid.errors import FileError, InputError
 from structid.structure.meshes import (
     CellBlock,
@@ -183,17 +184,29 @@ def test_meshes_of_meshio_come_back(tmp_path, suffix):
         (
             "a.msh",
             lambda t: t.replace("4.1 0 8", "4.1 1 8"),
-            "is binary, where node numbers cannot be read; save it as ASCII",
+            "cannot be read as gmsh (the number one is missing behind $MeshFormat)",
         ),
         ("a.msh", lambda t: t.replace("2 10 20 30 40", "2 10 20 30 45"), "name nodes that are not there"),
-        ("c.bdf", lambda t: t.replace("BEGIN BULK", ""), "export bulk data from BEGIN BULK to ENDDATA"),
+        (
+            "c.bdf",
+            lambda t: t.replace("BEGIN BULK", ""),
+            "there is no BEGIN BULK; a bulk data file goes from BEGIN BULK to ENDDATA",
+        ),
+        ("c.bdf", lambda t: t.replace("ENDDATA", ""), "or was cut short: there is no ENDDATA"),
         (
             "c.bdf",
             lambda t: t.replace("GRID,10,,", "GRID,10,7,"),
-            "nodes in coordinate systems of their own are not read",
+            "coordinate system 7 is not in the file; export its CORD card",
         ),
-        ("c.bdf", lambda t: t.replace("      40\n", "      99\n", 1), "cannot be read as nastran (99)"),
-        ("d.inp", lambda t: t.replace("*STEP", "*INCLUDE, INPUT=rest.inp"), "*INCLUDE is not read"),
+        ("c.bdf", lambda t: t.replace("      40\n", "      4Q\n", 1), "field 7 must be a whole number, got '4Q'"),
+        (
+            "c.bdf",
+            lambda t: t.replace("CTRIA3         2       2      20", "CTRIA3         2       2        "),
+            "lacks some",
+        ),
+        ("c.bdf", lambda t: t.replace("$ a plate", "INCLUDE 'rest.bdf'"), "line 3: the included file cannot be read"),
+        ("d.inp", lambda t: t.replace("*STEP", "*INCLUDE, INPUT=rest.inp"), "the included file cannot be read"),
+        ("d.inp", lambda t: t.replace("*STEP", "*NGEN"), "*NGEN is not read"),
         ("d.inp", lambda t: t.replace("30\n*ELSET", "\n*ELSET", 1), "element 3 has 2 nodes instead of 3"),
         (
             "d.inp",
@@ -237,9 +250,9 @@ def test_without_meshio_the_message_says_how_to_install_it(tmp_path, monkeypatch
 
     monkeypatch.setattr("importlib.import_module", missing)
     with pytest.raises(
-        FileError, match=r"gmsh files need the package meshio; install it by `pip install structid\[mesh\]`"
+        FileError, match=r"vtu files need the package meshio; install it by `pip install structid\[mesh\]`"
     ):
-        read_mesh(written(tmp_path, "a.msh", GMSH_41))
+        read_mesh(written(tmp_path, "a.vtu", "<VTKFile>"))
 
 
 def mesh_of(points, *blocks, groups=None):
@@ -298,3 +311,16 @@ def test_the_nearest_node_comes_with_its_distance_and_the_size_of_the_cells():
     assert mesh.nearest([1.1, 0.9, 0.0], among=[1, 2])[0] == 2
     assert mesh.nodes_at({"x": (0.0, 0.0)}).tolist() == [1, 4]
     assert mesh.nodes_at({"x": (0.5, 2.0), "y": (1.0, 1.0)}).tolist() == [3]
+
+
+def test_every_format_gives_the_same_shell(tmp_path):
+    found = []
+    for name, text in (("a.msh", GMSH_41), ("b.msh", GMSH_22), ("c.bdf", NASTRAN), ("d.inp", ABAQUS)):
+        mesh = read_mesh(written(tmp_path, name, text), "mm")
+        shell = Shell("skin", mesh.cells(), 70e9, 2700.0, 1e-5, 0.3)
+        found.append(Structure(mesh.nodes, [shell]))
+    assert found[0].n_dofs == 36
+    for law in ("elastic", "inertia"):
+        first = found[0].matrix(law).toarray()
+        for other in found[1:]:
+            assert np.abs(other.matrix(law).toarray() - first).max() <= 1e-14 * np.abs(first).max()

@@ -12,6 +12,7 @@ from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
 from structid.report import symbols
 from structid.report.changes import Panel, panels
+from structid.report.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
 from structid.report.labels import Label, Placed, place
 from structid.report.picture import Arrow, Mark, Picture
 from structid.report.projection import PLANE_AXES, SPACE_AXES
@@ -19,9 +20,6 @@ from structid.report.text import counted
 from structid.structure import (
     Dashpot,
     Friction,
-    Membrane,
-    Plane,
-    Plate,
     PointMass,
     RotaryInertia,
     Spring,
@@ -36,8 +34,6 @@ _SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 _CHARACTER_INCHES = (0.068, 0.115)
 _MANY_NODES = 40
-#: Size of a cell as drawn, so that a gap shows between neighbours.
-_SHRUNK = 0.94
 #: Cosine beyond which two directions count as the same.
 _IN_THE_WAY = 0.9
 
@@ -75,13 +71,15 @@ def structure_picture(
     """`structure` with sensors and loads, and with what `shown` says of its elements."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
+    hidden = hidden_nodes(structure, frame.points, marks)
     sensors = tuple(_arrow(frame, dof, is_load=False) for dof in outputs)
     loads = tuple(_arrow(frame, dof, is_load=True) for dof in inputs)
     foot = min(1.6 * frame.height, max(0.9 * frame.spacing, 0.012 * frame.size))
-    held = dict.fromkeys(dof.node for dof in structure.fixed)
+    held = dict.fromkeys(dof.node for dof in structure.fixed if dof.node not in hidden)
     supports = tuple(symbols.triangle(frame.points[node], foot) for node in held)
     links = symbols.joined(_links(frame))
-    points = np.array(list(frame.points.values()))
+    shown_nodes = [node for node in frame.points if node not in hidden]
+    points = np.array([frame.points[node] for node in shown_nodes]).reshape(-1, 2)
     shapes = [points, grounds, links, *supports, *(m.path for m in marks)]
     shapes += [part for arrow in (*sensors, *loads) for part in (arrow.shaft, *arrow.heads)]
     corners = np.concatenate(shapes)
@@ -91,7 +89,7 @@ def structure_picture(
     character = (_CHARACTER_INCHES[0] * per_inch, _CHARACTER_INCHES[1] * per_inch)
     inside = [m.centre + share * (m.path - m.centre) for m in marks if m.filled for share in (0.35, 0.7)]
     obstacles = symbols.sampled(symbols.joined([*shapes[1:], *inside]), 0.4 * character[1])
-    labels, lost = place(_wanted(frame, marks, sensors, loads), character, 0.08 * per_inch, obstacles)
+    labels, lost = place(_wanted(frame, shown_nodes, marks, sensors, loads), character, 0.08 * per_inch, obstacles)
     if lost:
         left = (
             f"{counted(lost, 'label')} that would cover another {'is' if lost == 1 else 'are'} left out of the drawing"
@@ -99,7 +97,7 @@ def structure_picture(
         notes = (*notes, f"{left}; point at an element to read its name.")
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
     return Picture(
-        marks, grounds, links, supports, points, _node_texts(structure), sensors, loads, axes, labels,
+        marks, grounds, links, supports, points, _node_texts(structure, shown_nodes), sensors, loads, axes, labels,
         _bounds(corners, labels, axes, per_inch), shown, notes,
     )  # fmt: skip
 
@@ -138,8 +136,9 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     areas: list[Mark] = []
     owners: list[int] = []
     rest: list[tuple[ElementSet, int, str]] = []
+    cells = cell_faces(frame.structure, frame.points)
     for element in frame.structure.elements:
-        for index, row in enumerate(element.nodes):
+        for index, row in enumerate(element.nodes if not is_cells(element) else ()):
             label = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
             if isinstance(element, Spring | Dashpot | Friction) or _is_line(element):
                 rest.append((element, index, label))
@@ -157,7 +156,7 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
             path = np.array([frame.points[int(n)] for n in element.nodes[index]])
             centre = path.mean(axis=0)
         lines.append(Mark(element.name, index, label, path, False, centre))
-    return (*lines, *areas), symbols.joined(walls)
+    return (*cells, *lines, *areas), symbols.joined(walls)
 
 
 def _is_line(element: ElementSet) -> bool:
@@ -276,12 +275,9 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 
 
 def _area(frame: _Frame, element: ElementSet, index: int, label: str, taken: Counter[object], heaviest: float) -> Mark:
-    """A disc for a mass, rings for rotary inertias, its own outline for a plane cell, a square for what is left."""
+    """A disc for a mass, rings for rotary inertias, a square for what is left."""
     nodes = [int(n) for n in element.nodes[index] if n >= 0]
     centre = np.mean([frame.points[n] for n in nodes], axis=0)
-    if isinstance(element, Membrane | Plane | Plate):
-        corners = np.array([frame.points[n] for n in nodes[: 3 if len(nodes) in (3, 6) else 4]])
-        return Mark(element.name, index, label, centre + _SHRUNK * (corners - centre), True, centre)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
         path = symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35))
@@ -330,7 +326,9 @@ def _links(frame: _Frame) -> list[FloatArray]:
     return found
 
 
-def _wanted(frame: _Frame, marks: Sequence[Mark], sensors: Sequence[Arrow], loads: Sequence[Arrow]) -> list[Label]:
+def _wanted(
+    frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], sensors: Sequence[Arrow], loads: Sequence[Arrow]
+) -> list[Label]:
     """Labels by importance: loads, sensors, nodes, element names."""
     found = []
     for arrows, role in ((loads, "load"), (sensors, "sensor")):
@@ -338,13 +336,13 @@ def _wanted(frame: _Frame, marks: Sequence[Mark], sensors: Sequence[Arrow], load
             away = symbols.unit(arrow.tip - frame.points[arrow.dof.node], (0.0, 1.0))
             found.append(Label(str(arrow.dof), arrow.tip, away, role))
     busy = {arrow.dof.node for arrow in (*sensors, *loads)}
-    few = len(frame.points) <= _MANY_NODES
+    few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     for node, point in frame.points.items():
-        if few or node in busy:
+        if node in few or node in busy:
             found.append(
                 Label(str(node), point + np.array([0.0, -frame.height]), symbols.unit(np.array([-1.0, -1.0])), "node")
             )
-    for mark in {mark.element: mark for mark in marks}.values():
+    for mark in labelled_marks(marks):
         away = symbols.unit(np.array([1.0, 0.6]) if mark.filled else np.array([0.4, 1.0]))
         anchor = mark.centre + (frame.radius if mark.filled else frame.height) * away
         found.append(Label(mark.element, anchor, away, "element"))
@@ -371,13 +369,13 @@ def _bounds(
     return float(low[0] - margin), float(high[0] + margin), float(low[1] - margin), float(high[1] + margin)
 
 
-def _node_texts(structure: Structure) -> tuple[str, ...]:
+def _node_texts(structure: Structure, shown: Sequence[int]) -> tuple[str, ...]:
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         held.setdefault(dof.node, []).append(dof.direction)
     texts = []
-    for node, position in structure.nodes.items():
-        place_text = ", ".join(f"{x:g}" for x in position)
+    for node in shown:
+        place_text = ", ".join(f"{x:g}" for x in structure.nodes[node])
         fixed = f", fixed: {' '.join(held[node])}" if node in held else ""
         texts.append(f"node {node} ({place_text}) m{fixed}")
     return tuple(texts)

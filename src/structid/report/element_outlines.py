@@ -77,7 +77,7 @@ def _shapes(element: ElementSet) -> list[tuple[int, IntArray]]:
     """Number of the element and nodes of each outline."""
     rows = [row[row >= 0] for row in np.asarray(element.nodes)]
     if isinstance(element, Solid):
-        return _outer_faces(rows)
+        return outer_faces(rows)
     return [
         (index, row[: _AREA_CORNERS.get(len(row), len(row))])
         for index, row in enumerate(rows)
@@ -85,7 +85,7 @@ def _shapes(element: ElementSet) -> list[tuple[int, IntArray]]:
     ]
 
 
-def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
+def outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
     """The faces that only one cell has."""
     faces = [(index, row[list(face)]) for index, row in enumerate(rows) for face in _FACES[_SOLID_CORNERS[len(row)]]]
     count = Counter(tuple(sorted(nodes.tolist())) for _, nodes in faces)

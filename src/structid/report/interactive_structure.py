@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from structid.report.picture import Arrow, Mark, Picture
 
 _EDGE = "#333333"
 _DASH = "7px,4px"
+#: Changes of colour from the far faces of a mesh to the near ones, up to which each gets a trace of its own.
+_MOST_RUNS = 300
 _ROLES = {"load": palette.LOAD, "sensor": palette.SENSOR, "node": palette.MUTED, "element": palette.INK}
 
 
@@ -82,12 +85,19 @@ def _points(points: np.ndarray, texts: Sequence[str], size: float, colour: str) 
 
 
 def _mark_traces(marks: Iterable[Mark], panel: Panel | None) -> list[dict[str, Any]]:
-    """All elements of one look as one trace: lines below, areas above."""
-    groups: dict[tuple[bool, Look], list[np.ndarray]] = {}
-    for mark in marks:
-        groups.setdefault((mark.filled, look(panel, mark.element, mark.index)), []).append(mark.path)
+    """All elements of one look as one trace: faces of a mesh below, far ones first, then lines, then other areas."""
+    looks = [(mark, look(panel, mark.element, mark.index)) for mark in marks]
+    changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
+    in_depth = changes <= _MOST_RUNS  # else one trace for each look, so that the page stays small
+    groups: dict[tuple[int, int, Look], list[np.ndarray]] = {}
+    run, last = 0, None
+    for mark, shown in looks:
+        run, last = run + int(in_depth and bool(mark.nodes) and shown != last), shown
+        layer = 0 if mark.nodes else 2 if mark.filled else 1
+        groups.setdefault((layer, run if mark.nodes else 0, shown), []).append(mark.path)
     traces = []
-    for (filled, shown), paths in sorted(groups.items(), key=lambda item: item[0][0]):
+    for (layer, _, shown), paths in sorted(groups.items(), key=lambda item: item[0][:2]):
+        filled = layer != 1
         path = symbols.joined(paths)
         if filled:
             traces.append(_area(path, shown.colour, shown.is_doubtful, _EDGE))

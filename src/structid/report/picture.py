@@ -12,7 +12,7 @@ from structid.report.labels import Placed
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One element: its outline, whether it is an area, and where it is."""
+    """One element, or one face of it: its outline, whether it is an area, where it is, and the nodes of a face."""
 
     element: str
     index: int
@@ -20,6 +20,7 @@ class Mark:
     path: FloatArray
     filled: bool
     centre: FloatArray
+    nodes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

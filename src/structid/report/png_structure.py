@@ -87,7 +87,9 @@ def _mark(axes: Axes, mark: Mark, panel: Panel | None) -> None:
     shown = look(panel, mark.element, mark.index)
     if mark.filled:
         hatch = "////" if shown.is_doubtful else None
-        axes.fill(*mark.path.T, facecolor=shown.colour, edgecolor=_EDGE, lw=0.9, hatch=hatch, zorder=4)
+        axes.fill(
+            *mark.path.T, facecolor=shown.colour, edgecolor=_EDGE, lw=0.9, hatch=hatch, zorder=2.5 if mark.nodes else 4
+        )
         return
     width = 3.0 if shown.is_unknown else 1.4
     style = _DASHES if shown.is_doubtful else "-"
@@ -115,7 +117,7 @@ def _key(has_changes: bool) -> list[Line2D | Patch]:
     changes: list[Line2D | Patch] = [
         Line2D([], [], color=palette.colours(palette.DIVERGING)[17], lw=3.5, label="parameter, coloured by change"),
         Line2D([], [], color=palette.colours(palette.DIVERGING)[17], lw=3.5, ls=_DASHES, label="line not identified"),
-        Patch(facecolor="white", edgecolor=_EDGE, lw=0.9, hatch="////", label="mass not identified"),
+        Patch(facecolor="white", edgecolor=_EDGE, lw=0.9, hatch="////", label="mass or cell not identified"),
     ]
     known = "not a parameter of this kind" if has_changes else "element"
     return [

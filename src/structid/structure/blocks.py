@@ -12,10 +12,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.errors import InputError
+
+
+def index_kind(largest: int) -> type[np.int32] | type[np.int64]:
+    """The narrowest kind of index that holds numbers up to `largest`."""
+    return np.int32 if largest <= np.iinfo(np.int32).max else np.int64
 
 
 class ElementMatrices(Protocol):
@@ -87,6 +93,18 @@ class Blocks:
         element = np.broadcast_to(np.arange(self.n_elements)[:, None, None], shape)
         keep = (row >= 0) & (column >= 0) & (self.local != 0)
         return row[keep], column[keep], element[keep], self.local[keep]
+
+    def stored(self, chosen: slice | IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
+        """Of some elements: row and column of the entries of `entries`, and a mask of them like `local`.
+
+        Indices are as narrow as they can be, for models whose entries are many.
+        """
+        dofs: IntArray = self.dofs[chosen].astype(index_kind(self.n_dofs))
+        kept, free = self.local[chosen] != 0, dofs >= 0
+        if not free.all():
+            kept &= free[:, :, None] & free[:, None, :]
+        row, column = (np.broadcast_to(table, kept.shape)[kept] for table in (dofs[:, :, None], dofs[:, None, :]))
+        return row, column, kept
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
         """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array."""

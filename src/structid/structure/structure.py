@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from structid.errors import InputError
 from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.structure.contribution import Contribution, Property, ThicknessFactor
 from structid.structure.elements import ElementSet, MatrixGroup, PointMass, RotaryInertia, Term
-from structid.structure.elements.element import dof_code, dof_of_code
+from structid.structure.elements.element import dof_code, dof_of_code, layers_of, node_codes
 from structid.structure.supports import Tie, tie_equations, transformation
 
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
@@ -113,19 +113,21 @@ class Structure:
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom with the values that weigh them."""
         found: list[Contribution] = []
-        blocks: dict[int, ElementMatrices] = {}
-        powers: dict[int, ThicknessFactor | None] = {}
+        elastic: dict[str, list[Contribution]] = {}
+        blocks: dict[tuple[int, int], ElementMatrices] = {}  # terms with the same matrices share them
         for item in self.properties:
             if item.term.codes is not None:
                 law = f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
-                blocks[item.values.start] = self._free_blocks(item.term)
-                powers[item.values.start] = thickness = self._thickness(item)
-                found.append(Contribution(law, blocks[item.values.start], item.values, thickness=thickness))
+                for layer in layers_of(item.term):
+                    key = (id(layer.codes), id(layer.local if layer.matrices is None else layer.matrices))
+                    if key not in blocks:
+                        blocks[key] = self._free_blocks(layer)
+                    thickness = self._thickness(item.element, layer.thickness_power)
+                    found.append(Contribution(law, blocks[key], item.values, thickness=thickness))
+                    if law == "elastic":
+                        elastic.setdefault(item.element, []).append(found[-1])
             elif item.term.kind == "loss_factor":
-                for other in self.properties:
-                    if other.element == item.element and other.term.kind == "stiffness":
-                        at = other.values.start
-                        found.append(Contribution("structural", blocks[at], other.values, item.values, powers[at]))
+                found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
         return tuple(found)
 
     def matrix(self, law: str, values: FloatArray | None = None) -> sparse.csc_array:
@@ -198,10 +200,10 @@ class Structure:
         for candidate in (direction,) if direction else DIRECTIONS[:3]:
             axis = DIRECTIONS.index(candidate)
             for item in self.properties:
-                if item.term.kind == "mass" and item.term.codes is not None:
-                    unit, thickness = _rigid_mass(item.term, axis), self._thickness(item)
+                for layer in layers_of(item.term) if item.term.kind == "mass" and item.term.codes is not None else ():
+                    unit, thickness = _rigid_mass(layer, axis), self._thickness(item.element, layer.thickness_power)
                     factor = 1.0 if thickness is None else thickness.of(values)
-                    gradient[item.values] = unit * factor
+                    gradient[item.values] += unit * factor
                     total += float(unit * factor @ values[item.values])
                     if thickness is not None:
                         gradient[thickness.value] += unit * values[item.values] * thickness.slope(values)
@@ -209,12 +211,12 @@ class Structure:
                 break
         return total, gradient
 
-    def _thickness(self, item: Property) -> ThicknessFactor | None:
-        """How the thickness of its elements enters a property's matrices."""
-        if item.term.thickness_power == 0:
+    def _thickness(self, element: str, power: int) -> ThicknessFactor | None:
+        """How the thickness of `element` enters matrices that go with its `power`."""
+        if power == 0:
             return None
-        found = next(p for p in self.properties if p.element == item.element and p.term.kind == "thickness")
-        return ThicknessFactor(found.values, found.term.values, item.term.thickness_power)
+        found = next(p for p in self.properties if p.element == element and p.term.kind == "thickness")
+        return ThicknessFactor(found.values, found.term.values, power)
 
     def _default_active(self) -> tuple[str, ...]:
         across = {d for element in self.elements for d in getattr(element, "transverse", ())}
@@ -248,9 +250,15 @@ class Structure:
         """Codes that `elements` and the ties use."""
         codes: set[int] = set()
         for element in elements:
+            own = getattr(element, "directions", None) or getattr(element, "transverse", None)
+            if own:  # cells of a mesh, whose matrices are dear
+                nodes = np.unique(element.nodes)
+                codes.update(node_codes(nodes[nodes >= 0][:, None], own).ravel().tolist())
+                continue
             for term in element.terms(self.nodes, frozenset()):
-                if term.codes is not None:
-                    codes.update(int(c) for c in np.unique(term.codes) if c >= 0)
+                for layer in layers_of(term):
+                    if layer.codes is not None:
+                        codes.update(int(c) for c in np.unique(layer.codes) if c >= 0)
         for code, others in self._equations.items():
             codes.update((code, *others))
         return frozenset(codes)
@@ -263,7 +271,8 @@ class Structure:
     @cached_property
     def _codes(self) -> list[int]:
         """All codes that elements and ties use, in order."""
-        codes = {c for p in self.properties if p.term.codes is not None for c in np.unique(p.term.codes).tolist()}
+        used = [layer.codes for p in self.properties for layer in layers_of(p.term) if layer.codes is not None]
+        codes = {c for table in used for c in np.unique(table).tolist()}
         for code, others in self._equations.items():
             codes.update((code, *others))
         return sorted(c for c in codes if c >= 0)

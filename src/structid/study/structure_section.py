@@ -60,6 +60,7 @@ _KINDS = {
     "poisson": NUMBER,
     "state": TEXT,
     "formulation": TEXT,
+    "linear_strains": NUMBER,
 }
 _ONE_END = {"first": TEXT, "second": TEXT}
 _DOF_KEYS = ("first", "second", "measured_by")
@@ -124,7 +125,7 @@ def _built(
 def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
     """What one set-up makes of the structure; its own nodes are added to `nodes`."""
     elements, ties, fixed = parts
-    tables = ("nodes", *ELEMENT_TYPES, "rigid_link", "constraint")
+    tables = ("nodes", *ELEMENT_TYPES, "rigid_link", "constraint", "support")
     given = changes.values({"fixed": TEXTS, "without": TEXTS}, others=tables)
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
     absent = as_list(given.get("without", []))
@@ -147,8 +148,9 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
     entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in changes.sections(kind)]
     elements += [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
     ties += [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in changes.sections(key)]
-    if "fixed" in given:
-        fixed = [dof for text in as_list(given["fixed"]) for dof in _fixed(changes, text, nodes)]
+    if "fixed" in given or "support" in changes.table:
+        fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(changes, text, nodes)]
+        fixed += read_supports(changes, mesh, nodes)
     return elements, ties, fixed
 
 

@@ -10,6 +10,7 @@ from structid.structure.elements.matrix_group import MatrixGroup
 from structid.structure.elements.membrane import Membrane
 from structid.structure.elements.plane import Plane
 from structid.structure.elements.plate import Plate
+from structid.structure.elements.shell import Shell
 from structid.structure.elements.solid import Solid
 from structid.structure.elements.space_beam import SpaceBeam
 
@@ -24,6 +25,7 @@ ELEMENT_TYPES = {
     "plate": Plate,
     "point_mass": PointMass,
     "rotary_inertia": RotaryInertia,
+    "shell": Shell,
     "solid": Solid,
     "space_beam": SpaceBeam,
     "spring": Spring,
@@ -43,6 +45,7 @@ __all__ = [
     "Plate",
     "PointMass",
     "RotaryInertia",
+    "Shell",
     "Solid",
     "SpaceBeam",
     "Spring",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from structid.arrays import FloatArray, IntArray, locked
 from structid.dof import DIRECTIONS
 from structid.errors import InputError
-from structid.structure.elements.element import Positions, Term, property_values, set_fields
+from structid.structure.elements.element import Layer, Positions, Term, property_values, set_fields
 
 #: Matrices of cells of one type from labels, positions and the cell type.
 CellMatrices = Callable[[IntArray, FloatArray, str], FloatArray]
@@ -32,7 +32,7 @@ def store_cells(
     if odd.any():
         e = int(np.argmax(odd))
         known = ", ".join(f"{count} ({kind})" for count, kind in cells.items())
-        raise InputError(f"element {e + 1} of {name!r} has {counts[e]} nodes; it can have {known}")
+        raise InputError(f"element {e + 1} of {name!r} has {counts[e]} nodes; it can have {known}; mesh with these")
     if not -1 < poisson < 0.5:
         raise InputError(f"`poisson` of {name!r} must lie between -1 and 0.5, got {poisson:g}")
     checked = {key: property_values(name, key, value, len(table)) for key, value in properties.items()}
@@ -68,7 +68,7 @@ def _require_flat(name: str, nodes: IntArray, found: FloatArray) -> None:
         labels = ", ".join(map(str, nodes[e][used[e]]))
         raise InputError(
             f"element {e + 1} of {name!r} is not parallel to the x-y plane: nodes {labels} have z from {low[e]:g} to"
-            f" {high[e]:g}; turn the model so that it lies in x-y"
+            f" {high[e]:g}; turn the model so that it lies in x-y, or make it a shell"
         )
 
 
@@ -93,7 +93,14 @@ def cell_codes(nodes: IntArray, directions: tuple[str, ...]) -> IntArray:
 
 
 def elastic_terms(
-    element: Any, codes: IntArray, mass: FloatArray, stiffness: FloatArray, powers: tuple[int, int], damping_unit: str
+    element: Any,
+    codes: IntArray,
+    mass: FloatArray,
+    stiffness: FloatArray,
+    powers: tuple[int, int],
+    damping_unit: str,
+    mass_besides: tuple[Layer, ...] = (),
+    stiffness_besides: tuple[Layer, ...] = (),
 ) -> tuple[Term, ...]:
     """Properties of an elastic element set with the matrices that they weigh.
 
@@ -108,13 +115,16 @@ def elastic_terms(
         Powers of the thickness that mass and stiffness go with.
     damping_unit : str
         Unit of `mass_damping`.
+    mass_besides, stiffness_besides : tuples of Layer
+        What goes with other powers of the thickness.
     """
     heavy, stiff = powers
+    light, weak = mass_besides, stiffness_besides
     terms = [
-        Term("density", "mass", "kg/m^3", element.density, codes, mass, thickness_power=heavy),
-        Term("youngs_modulus", "stiffness", "Pa", element.youngs_modulus, codes, stiffness, thickness_power=stiff),
+        Term("density", "mass", "kg/m^3", element.density, codes, mass, None, heavy, light),
+        Term("youngs_modulus", "stiffness", "Pa", element.youngs_modulus, codes, stiffness, None, stiff, weak),
         Term("loss_factor", "loss_factor", "1", element.loss_factor),
-        Term("mass_damping", "viscous_damping", damping_unit, element.mass_damping, codes, mass, thickness_power=heavy),
+        Term("mass_damping", "viscous_damping", damping_unit, element.mass_damping, codes, mass, None, heavy, light),
         Term(
             "stiffness_damping",
             "viscous_damping",
@@ -122,7 +132,9 @@ def elastic_terms(
             element.stiffness_damping,
             codes,
             stiffness,
-            thickness_power=stiff,
+            None,
+            stiff,
+            weak,
         ),
     ]
     if any(powers):

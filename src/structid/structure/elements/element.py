@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -18,6 +18,23 @@ Kind = Literal["mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_f
 Positions = Mapping[int, FloatArray]
 
 TRANSLATIONS = DIRECTIONS[:3]
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Matrices that a property weighs besides its first ones, with another power of the thickness.
+
+    Parameters
+    ----------
+    codes : (n_elements, n_local) int array
+    local : (n_elements, n_local, n_local) float array
+        At unit value and nominal thickness.
+    thickness_power : int
+    """
+
+    codes: IntArray
+    local: FloatArray
+    thickness_power: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +62,8 @@ class Term:
     thickness_power : int
         Power of the element's thickness that the matrices go with; they hold the nominal thickness. A set with such a
         term has one of kind ``thickness``, in m, without matrices.
+    besides : tuple of Layer
+        Further matrices that the same values weigh: of a shell, bending besides stretching.
     """
 
     property: str
@@ -55,6 +74,7 @@ class Term:
     local: FloatArray | None = None
     matrices: tuple[sparse.csc_array, ...] | None = None
     thickness_power: int = 0
+    besides: tuple[Layer, ...] = ()
 
 
 class ElementSet(Protocol):
@@ -78,6 +98,14 @@ class ElementSet(Protocol):
             Codes of the degrees of freedom that elements other than inertias use.
         """
         ...
+
+
+def layers_of(term: Term) -> tuple[Term, ...]:
+    """One term for each power of the thickness, without `besides`."""
+    others = (
+        replace(term, codes=x.codes, local=x.local, thickness_power=x.thickness_power, besides=()) for x in term.besides
+    )
+    return (replace(term, besides=()), *others) if term.besides else (term,)
 
 
 def dof_code(node: int, direction: str) -> int:

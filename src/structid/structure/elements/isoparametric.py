@@ -16,10 +16,13 @@ _SQUARE = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
 _TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 _CUBE = [(x, y, z) for z in (-1, 1) for x, y in _SQUARE]
 _WEDGE = [(x, y, z) for z in (-1, 1) for x, y in _TRIANGLE]
+_PYRAMID = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (0, 0, 0)]
 _TRIANGLE_SIDES = [(0, 1), (1, 2), (2, 0)]
 _SQUARE_SIDES = [(0, 1), (1, 2), (2, 3), (3, 0)]
 _TETRAHEDRON_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 _CUBE_EDGES = [*_SQUARE_SIDES, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+_CUBE_FACES = [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
+_WEDGE_EDGES = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
 #: Least ratio of the smallest to the mean Jacobian determinant in a cell.
 _FLAT = 1e-9
 
@@ -35,7 +38,7 @@ class CellShape:
     corners : (n_nodes, n_dimensions) float array
         Reference positions of the nodes.
     exponents : (n_nodes, n_dimensions) int array
-        Monomials that span the interpolation.
+        Monomials that span the interpolation; a negative one belongs to the rational x y / z of a pyramid, 0 at its tip.
     points : (n_points, n_dimensions) float array
         Quadrature of the stiffness.
     weights : (n_points,) float array
@@ -66,13 +69,14 @@ class CellShape:
 
 
 def _monomials(at: FloatArray, exponents: IntArray) -> FloatArray:
-    powers: FloatArray = np.prod(at[:, None, :] ** exponents[None], axis=2)
+    base = np.where((at[:, None, :] == 0) & (exponents[None] < 0), 1.0, at[:, None, :])
+    powers: FloatArray = np.prod(base ** exponents[None], axis=2)
     return powers
 
 
 def _monomial_slopes(at: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
     lowered = exponents.copy()
-    lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
+    lowered[:, axis] -= lowered[:, axis] != 0
     return exponents[:, axis] * _monomials(at, lowered)
 
 
@@ -98,9 +102,16 @@ def _tetrahedron(order: int) -> tuple[FloatArray, FloatArray]:
     return np.stack([r * (1 - s) * (1 - t), s * (1 - t), t], axis=1), weights / 8 * (1 - s) * (1 - t) ** 2
 
 
-def _wedge(order: int) -> tuple[FloatArray, FloatArray]:
+def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
+    """Quadrature of the reference pyramid: a square that shrinks towards the tip."""
+    points, weights = _box(order, order, 3)
+    s, t, height = points[:, 0], points[:, 1], (points[:, 2] + 1) / 2
+    return np.stack([s * height, t * height, -height], axis=1), weights / 2 * height**2
+
+
+def _wedge(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
     flat, weights = _triangle(order)
-    along, others = np.polynomial.legendre.leggauss(2)
+    along, others = np.polynomial.legendre.leggauss(along_axis)
     points = np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in along])
     return points, np.concatenate([weights * w for w in others])
 
@@ -141,6 +152,10 @@ def cell_shape(name: str) -> CellShape:
     """The `CellShape` of a cell type; see `CELLS`."""
     bilinear, trilinear = list(np.ndindex(2, 2)), list(np.ndindex(2, 2, 2))
     prism = [(*a, b) for a in _up_to(1, 2) for b in (0, 1)]
+    prism15 = [*((*a, b) for a in _up_to(2, 2) for b in (0, 1)), *((*a, 2) for a in _up_to(1, 2))]
+    square9 = [*_middles(_SQUARE, _SQUARE_SIDES), (0, 0)]
+    cube27 = [*_middles(_CUBE, _CUBE_EDGES), *_CUBE_FACES, (0, 0, 0)]
+    rational = [*_up_to(1, 3), (1, 1, -1)]
     made = {
         "triangle": lambda: _shape(name, _TRIANGLE, _up_to(1, 2), _triangle(1), _triangle(2)),
         "triangle6": lambda: _shape(
@@ -157,13 +172,26 @@ def cell_shape(name: str) -> CellShape:
         "hexahedron20": lambda: _shape(
             name, _middles(_CUBE, _CUBE_EDGES), _serendipity(3), _box(3, 3, 3), _box(3, 3, 3)
         ),
+        "quad9": lambda: _shape(name, square9, list(np.ndindex(3, 3)), _box(3, 3), _box(3, 3)),
+        "wedge15": lambda: _shape(name, _middles(_WEDGE, _WEDGE_EDGES), prism15, _wedge(3, 3), _wedge(4, 3)),
+        "pyramid": lambda: _shape(name, _PYRAMID, rational, _pyramid(2), _pyramid(3)),
+        "hexahedron27": lambda: _shape(name, cube27, list(np.ndindex(3, 3, 3)), _box(3, 3, 3), _box(3, 3, 3)),
     }
     return made[name]()
 
 
 #: Cell types by number of nodes, of plane and of solid elements.
-PLANE_CELLS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"}
-SOLID_CELLS = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
+PLANE_CELLS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+SOLID_CELLS = {
+    4: "tetra",
+    5: "pyramid",
+    6: "wedge",
+    8: "hexahedron",
+    10: "tetra10",
+    15: "wedge15",
+    20: "hexahedron20",
+    27: "hexahedron27",
+}
 
 
 def gradients(

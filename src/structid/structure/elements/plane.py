@@ -26,7 +26,7 @@ class Plane:
     name : str
         Name of the set.
     nodes : (n_elements, n_nodes) int array
-        Node labels: 3 or 6 (triangles), 4 or 8 (quadrilaterals) an element, in either sense, mid-side nodes after the
+        Node labels: 3 or 6 (triangles), 4, 8 or 9 (quadrilaterals) an element, in either sense, mid-side nodes after the
         corners; rows of a set with several cell types end in -1. Positions are 2-D, or 3-D with equal z in an element.
     youngs_modulus : float or (n_elements,)
         Pa.

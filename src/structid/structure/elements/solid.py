@@ -1,4 +1,4 @@
-"""Elastic solids: tetrahedra, wedges and hexahedra."""
+"""Elastic solids: tetrahedra, pyramids, wedges and hexahedra."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Solid:
     name : str
         Name of the set.
     nodes : (n_elements, n_nodes) int array
-        Node labels, numbered as in VTK: 4 or 10 (tetrahedra), 6 (wedges), 8 or 20 (hexahedra) an element; rows of a set
-        with several cell types end in -1. Positions are 3-D.
+        Node labels, numbered as in VTK: 4 or 10 (tetrahedra), 5 (pyramids), 6 or 15 (wedges), 8, 20 or 27 (hexahedra) an
+        element; rows of a set with several cell types end in -1. Positions are 3-D.
     youngs_modulus : float or (n_elements,)
         Pa.
     density : float or (n_elements,)

@@ -1,4 +1,4 @@
-"""Files of SciPy and NumPy: NPZ of `scipy.sparse.save_npz`, MatrixMarket, NPY, MAT and Harwell-Boeing.
+"""Files of SciPy and NumPy: NPZ of `scipy.sparse.save_npz`, MatrixMarket, NPY and MAT.
 
 What is kept: values; all digits. There is no numbering in these formats.
 """
@@ -17,7 +17,7 @@ from scipy import sparse
 from structid.errors import FileError
 from structid.structure.importers.imported import ImportedMatrix
 
-SUFFIXES: tuple[str, ...] = (".npz", ".npy", ".mtx", ".mat", ".hb", ".rb", ".rua", ".rsa")
+SUFFIXES: tuple[str, ...] = (".npz", ".npy", ".mtx", ".mat")
 
 _REMEDY = "write it with scipy.sparse.save_npz, scipy.io.mmwrite (.mtx) or numpy.save (.npy)"
 
@@ -86,16 +86,12 @@ def _is_matrix(value: Any) -> bool:
     return kind is not None and kind.kind in "fiuc" and len(value.shape) == 2 and max(value.shape) > 1
 
 
-def _harwell_boeing(path: Path) -> dict[str, Any]:
-    from scipy.io import hb_read
-
-    return {path.stem.upper(): hb_read(str(path))}
-
-
 _READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    ".npz": _npz, ".npy": _npy, ".mtx": _matrix_market, ".mat": _mat,
-    ".hb": _harwell_boeing, ".rb": _harwell_boeing, ".rua": _harwell_boeing, ".rsa": _harwell_boeing,
-}  # fmt: skip
+    ".npz": _npz,
+    ".npy": _npy,
+    ".mtx": _matrix_market,
+    ".mat": _mat,
+}
 
 
 def write(path: Path, item: ImportedMatrix) -> None:

@@ -91,15 +91,27 @@ def _part(given: IntArray | int, part: slice) -> IntArray | int:
     return given if isinstance(given, int) else given[part]
 
 
-def bulk_lines(path: Path, names: tuple[str, ...]) -> BulkLines:
-    """The lines of the cards called `names` in the file at `path`, comments and all other cards left out."""
-    content = path.read_bytes().upper()
+def bulk_lines(
+    path: Path, names: tuple[str, ...], content: bytes | None = None, whole_lines: bool = False
+) -> BulkLines:
+    """The lines of the cards called `names` in the file at `path`, comments and all other cards left out.
+
+    Parameters
+    ----------
+    path : Path
+    names : tuple of str
+    content : bytes, optional
+        Text to take instead of that of the file.
+    whole_lines : bool
+        Whether a line in free field always becomes two of four fields each, so that fields keep their place in a card.
+    """
+    content = (path.read_bytes() if content is None else content).upper()
     if b"\t" in content:
         content = b"\n".join(line.expandtabs(8) for line in content.split(b"\n"))
     buffer, start, end, number = _split(content)
     free = _with_comma(buffer, start, end)
     if free.any():
-        content, number = _rewritten(content, free, number)
+        content, number = _rewritten(content, free, number, whole_lines)
         buffer, start, end, _ = _split(content)
     return _selected(path, buffer, start, end, number, names)
 
@@ -124,27 +136,28 @@ def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.boo
     return np.asarray(np.searchsorted(commas, end) > np.searchsorted(commas, start))
 
 
-def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray) -> tuple[bytes, IntArray]:
+def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool) -> tuple[bytes, IntArray]:
     """The text with free-field lines in wide fields, one or two lines each, and the number of each line."""
     lines, numbers = [], []
     for line, is_free, at in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
-        for text in _widened(line) if is_free else (line,):
+        for text in _widened(line, whole_lines) if is_free else (line,):
             lines.append(text)
             numbers.append(at)
     return b"\n".join(lines), np.array(numbers)
 
 
-def _widened(line: bytes) -> list[bytes]:
+def _widened(line: bytes, whole: bool) -> list[bytes]:
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
     name, values = fields[0].rstrip(b"*"), fields[1:9]
     if fields[0].endswith(b"*"):
         values = values[:4]
     is_start = name[:1].isalpha()
+    whole = whole and not fields[0].endswith(b"*")
     made = []
-    for i in range(0, max(len(values), 1), 4):
+    for i in range(0, 8 if whole else max(len(values), 1), 4):
         head = name if is_start and i == 0 else b"*"
         group = values[i : i + 4]
-        if i == 0 or any(group):
+        if i == 0 or whole or any(group):
             made.append(head[:7].ljust(7) + b"#" + b"".join(value[:_WIDE].ljust(_WIDE) for value in group))
     return made
 

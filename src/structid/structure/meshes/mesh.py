@@ -22,13 +22,26 @@ CELL_DIMENSIONS = {
     "triangle6": 2,
     "quad": 2,
     "quad8": 2,
+    "quad9": 2,
     "tetra": 3,
     "tetra10": 3,
+    "pyramid": 3,
     "wedge": 3,
+    "wedge15": 3,
     "hexahedron": 3,
     "hexahedron20": 3,
+    "hexahedron27": 3,
 }
-_CORNERS = {"line3": 2, "triangle6": 3, "quad8": 4, "tetra10": 4, "hexahedron20": 8}
+_CORNERS = {
+    "line3": 2,
+    "triangle6": 3,
+    "quad8": 4,
+    "quad9": 4,
+    "tetra10": 4,
+    "wedge15": 6,
+    "hexahedron20": 8,
+    "hexahedron27": 8,
+}
 
 
 @dataclass(frozen=True, eq=False)

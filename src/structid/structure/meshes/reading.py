@@ -1,4 +1,4 @@
-"""Mesh files: Gmsh, Nastran bulk data and VTK through meshio, Abaqus input files by a reader of our own."""
+"""Mesh files: Gmsh, Nastran bulk data and Abaqus input files by readers of our own, VTK through meshio."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import numpy as np
 from structid.arrays import IntArray, locked
 from structid.errors import FileError, InputError
 from structid.files import require_readable
-from structid.structure.meshes import abaqus
-from structid.structure.meshes.gmsh_labels import gmsh_labels
+from structid.structure.meshes import abaqus, gmsh, nastran
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
 #: File suffixes, and what reads them.
@@ -30,12 +29,8 @@ SUFFIXES = {
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
-_REMEDIES = {
-    "gmsh": "save it as Gmsh 4.1 or 2.2 ASCII",
-    "nastran": "export bulk data from BEGIN BULK to ENDDATA, in basic coordinates, without INCLUDE and offsets",
-    "vtu": "write it again, as an unstructured grid",
-    "vtk": "write it again, as an unstructured grid",
-}
+_OWN = {"abaqus": abaqus.read, "gmsh": gmsh.read, "nastran": nastran.read}
+_REMEDY = "write it again, as an unstructured grid"
 
 
 def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
@@ -51,13 +46,13 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
     Returns
     -------
     Mesh
-        Groups are physical groups (Gmsh: by name, or by number where they have none), property numbers (Nastran),
+        Groups are physical groups (Gmsh: by name, or by number where they have none), properties (Nastran),
         element and node sets (Abaqus), and whole-number cell arrays (VTK: ``array=value``).
 
     Raises
     ------
     FileError
-        If the file is not of these kinds, is damaged, or needs meshio, which is not installed.
+        If the file is not of these kinds, is damaged, or is VTK and meshio is not installed.
     """
     place = require_readable(path)
     kind = SUFFIXES.get(place.suffix.lower())
@@ -66,41 +61,29 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
     factor = LENGTH_UNITS[length_unit]
-    if kind == "abaqus":
-        return abaqus.read(place, factor)
-    numbers = gmsh_labels(place) if kind == "gmsh" else None
+    if kind in _OWN:
+        return _OWN[kind](place, factor)
     given = _read(place, kind)
     points = np.asarray(given.points, dtype=np.float64)
-    if points.ndim != 2 or not len(points) or (numbers is not None and len(numbers) != len(points)):
-        raise FileError(f"{place}: holds no whole table of nodes; {_REMEDIES[kind]}")
+    if points.ndim != 2 or not len(points):
+        raise FileError(f"{place}: holds no whole table of nodes; {_REMEDY}")
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     if not np.isfinite(points).all():
-        raise FileError(f"{place}: coordinates must be finite; {_REMEDIES[kind]}")
-    labels = _labels(place, kind, given) if numbers is None else numbers
+        raise FileError(f"{place}: coordinates must be finite; {_REMEDY}")
+    labels = _labels(given)
     blocks = []
     for block in given.cells:
         rows = np.asarray(block.data, dtype=np.int64)
         if rows.size and (rows.min() < 0 or rows.max() >= len(labels)):
-            raise FileError(f"{place}: cells of type {block.type} name nodes that are not there; {_REMEDIES[kind]}")
+            raise FileError(f"{place}: cells of type {block.type} name nodes that are not there; {_REMEDY}")
         blocks.append(CellBlock(block.type, locked(labels[rows])))
-    groups = _groups(kind, given)
+    groups = _groups(given)
     nodes = {str(name): locked(labels[np.asarray(rows, np.int64)]) for name, rows in given.point_sets.items()}
     return Mesh(locked(labels), locked(factor * points), tuple(blocks), groups, nodes, place.name)
 
 
-def _require_bulk(path: Path) -> None:
-    """Raise `FileError` unless bulk data begin and end; meshio would look for them without end."""
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        begun = any(line.strip().startswith("BEGIN BULK") for line in stream)
-        cards = [line for line in stream if len(line) >= 4 and not line.startswith(("$", "//", "#"))] if begun else []
-    if not any(line.startswith("ENDDATA") for line in cards):
-        raise FileError(f"{path}: is no whole bulk data file, or was cut short; {_REMEDIES['nastran']}")
-
-
 def _read(path: Path, kind: str) -> Any:
     """What meshio's own reader of the format gives."""
-    if kind == "nastran":
-        _require_bulk(path)
     reader = _meshio(path, kind)
     problems = (
         reader.ReadError,
@@ -116,7 +99,7 @@ def _read(path: Path, kind: str) -> Any:
         return importlib.import_module(f"meshio.{kind}").read(path)
     except problems as error:
         why = f" ({error})" if str(error) else ""
-        raise FileError(f"{path}: cannot be read as {kind}{why}; {_REMEDIES[kind]}") from error
+        raise FileError(f"{path}: cannot be read as {kind}{why}; {_REMEDY}") from error
 
 
 def _meshio(path: Path, kind: str) -> ModuleType:
@@ -129,44 +112,26 @@ def _meshio(path: Path, kind: str) -> ModuleType:
         ) from error
 
 
-def _labels(path: Path, kind: str, given: Any) -> IntArray:
-    count = len(given.points)
-    if kind == "nastran":
-        if "nastran:ref" in given.point_data and np.any(given.point_data["nastran:ref"]):
-            raise FileError(f"{path}: nodes in coordinate systems of their own are not read; {_REMEDIES[kind]}")
-        return np.asarray(given.points_id, dtype=np.int64)
+def _labels(given: Any) -> IntArray:
     for name in _LABEL_ARRAYS:
         if name in given.point_data and np.issubdtype(given.point_data[name].dtype, np.integer):
             return np.asarray(given.point_data[name], dtype=np.int64)
-    return np.arange(1, count + 1)
+    return np.arange(1, len(given.points) + 1)
 
 
-def _groups(kind: str, given: Any) -> dict[str, tuple[IntArray, ...]]:
+def _groups(given: Any) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each block by the name of the group."""
     found: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in given.cell_sets.items():
-        if not str(name).startswith("gmsh:"):
-            found[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
-    if kind == "gmsh" and "gmsh:physical" in given.cell_data:
-        dimension = {block.type: block.dim for block in given.cells}
-        names = {(int(tag), int(dim)): name for name, (tag, dim) in given.field_data.items()}
-        _add_numbers(found, given, "gmsh:physical", lambda tag, kind: names.get((tag, dimension[kind]), str(tag)))
-    elif kind == "nastran" and "nastran:ref" in given.cell_data:
-        _add_numbers(found, given, "nastran:ref", lambda tag, _: str(tag))
-    elif kind in ("vtu", "vtk"):
-        for array, parts in given.cell_data.items():
-            if all(np.issubdtype(p.dtype, np.integer) and p.ndim == 1 for p in parts):
-                _add_numbers(found, given, array, lambda tag, _, array=array: f"{array}={tag}")
+        found[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
+    for array, parts in given.cell_data.items():
+        if all(np.issubdtype(p.dtype, np.integer) and p.ndim == 1 for p in parts):
+            _add_numbers(found, given, array)
     return found
 
 
-def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: Any, array: str, name: Any) -> None:
+def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: Any, array: str) -> None:
     """Groups from one number a cell; names that are known already stay as they are."""
     parts = [np.asarray(part) for part in given.cell_data[array]]
-    made: dict[str, list[IntArray]] = {}
-    for place, (block, numbers) in enumerate(zip(given.cells, parts, strict=True)):
-        for tag in np.unique(numbers).tolist():
-            rows = made.setdefault(name(tag, block.type), [np.zeros(0, np.int64)] * len(parts))
-            rows[place] = np.flatnonzero(numbers == tag)
-    for key, rows in made.items():
-        found.setdefault(key, tuple(rows))
+    for tag in np.unique(np.concatenate(parts)).tolist():
+        found.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))

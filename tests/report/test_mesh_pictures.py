@@ -1,0 +1,144 @@
+"""Meshes as the drawing shows them: outer faces of solids, shells in space, what is hidden, and in which order."""
+
+import numpy as np
+import pytest
+
+from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
+from structid.report import faces
+from structid.report.changes import Change, Panel
+from structid.report.drawing import structure_picture
+from structid.report.interactive_structure import structure_figures
+from structid.report.png_structure import structure_figure
+from structid.report.projection import SPACE_AXES
+
+SIGHT = np.cross(*SPACE_AXES.T)
+GIVEN = {"youngs_modulus": 70e9, "density": 2700.0, "poisson": 0.3}
+
+
+def block(shape=(4, 3, 2)):
+    """A block of cubes of side 1 in two sets, with nodes numbered from 1."""
+    axes = [np.arange(n + 1.0) for n in shape]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(1, len(points) + 1).reshape([n + 1 for n in shape])
+    low, high = slice(None, -1), slice(1, None)
+    square = [(low, low), (high, low), (high, high), (low, high)]
+    cells = np.stack([number[(*s, z)] for z in (low, high) for s in square], axis=-1).reshape(-1, 8)
+    half = len(cells) // 2
+    sets = [Solid("left", cells[:half], **GIVEN), Solid("right", cells[half:], **GIVEN)]
+    return dict(enumerate(points, 1)), sets, number
+
+
+def tube(n_along=4, n_around=12):
+    angle = np.linspace(0, 2 * np.pi, n_around, endpoint=False)
+    rings = [
+        np.column_stack([np.full(n_around, x), np.cos(angle), np.sin(angle)]) for x in np.linspace(0, 3, n_along + 1)
+    ]
+    number = np.arange(1, (n_along + 1) * n_around + 1).reshape(n_along + 1, -1)
+    after = np.roll(number, -1, axis=1)
+    cells = np.stack([number[:-1], number[1:], after[1:], after[:-1]], axis=-1).reshape(-1, 4)
+    return dict(enumerate(np.concatenate(rings), 1)), cells
+
+
+def doubled_area(path):
+    x, y = path.T
+    return x @ np.roll(y, -1) - y @ np.roll(x, -1)
+
+
+def test_a_block_shows_the_three_sides_that_look_at_the_eye_and_none_between_its_parts():
+    nodes, sets, number = block()
+    drawn = structure_picture(Structure(nodes, sets), [], [])
+    assert len(drawn.marks) == 4 * 3 + 3 * 2 + 4 * 2
+    ends = {"X": 0.0, "Y": 0.0, "Z": 0.0}
+    for mark in drawn.marks:
+        at = np.array([nodes[n] for n in mark.nodes])
+        flat = int(np.argmin(np.ptp(at, axis=0)))
+        ends["XYZ"[flat]] += 1
+        assert at[0, flat] == (([4, 3, 2][flat]) if SIGHT[flat] > 0 else 0)
+        own = next(e for e in sets if e.name == mark.element).nodes[mark.index]
+        assert set(mark.nodes) <= set(own.tolist())
+        assert mark.label == f"{mark.element}:{mark.index + 1}"
+        assert doubled_area(mark.path) > 0
+    assert sorted(ends.values()) == [6, 8, 12]
+    seen = {n for mark in drawn.marks for n in mark.nodes}
+    assert len(drawn.nodes) == len(seen) < len(nodes)
+    assert int(number[1, 1, 1]) not in seen
+
+
+@pytest.mark.parametrize("tip", [(0.5, 0.5, 1.0), (0.5, 0.5, -1.0)])
+def test_faces_of_pyramids_and_quadratic_cells_are_their_corners(tip):
+    base = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    nodes = dict(enumerate([*base, tip], 1))
+    order = [1, 2, 3, 4, 5] if tip[2] > 0 else [4, 3, 2, 1, 5]
+    drawn = structure_picture(Structure(nodes, [Solid("pyramid", [order], **GIVEN)]), [], [])
+    assert 1 <= len(drawn.marks) <= 3
+    assert {len(mark.nodes) for mark in drawn.marks} <= {3, 4}
+
+
+def test_shells_are_drawn_from_far_to_near_and_nodes_behind_them_are_not():
+    nodes, cells = tube()
+    drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
+    assert len(drawn.marks) == len(cells)
+    depth = [np.mean([nodes[n] @ SIGHT for n in mark.nodes]) for mark in drawn.marks]
+    assert np.all(np.diff(depth) >= 0)
+    assert min(doubled_area(mark.path) for mark in drawn.marks) > 0  # back and front in one sense
+    assert 0.4 * len(nodes) < len(drawn.nodes) < 0.8 * len(nodes)
+    assert [arrow.dof.node for arrow in drawn.sensors] == [1]
+    shown = {text.split()[1] for text in drawn.node_texts}
+    middle = [n for n, p in nodes.items() if 0.7 < p[0] < 1.6]
+    front = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] > 0.75]
+    back = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] < -0.3]
+    assert front
+    assert back
+    assert {str(n) for n in front} <= shown
+    assert not {str(n) for n in back} & shown
+
+
+def test_nodes_that_other_elements_use_are_always_drawn():
+    nodes, sets, number = block()
+    inner = int(number[2, 1, 1])
+    drawn = structure_picture(Structure(nodes, [*sets, PointMass("lump", [inner], 1.0)]), [], [])
+    assert any(text.startswith(f"node {inner} ") for text in drawn.node_texts)
+
+
+def test_large_meshes_have_no_nodes_drawn(monkeypatch):
+    nodes, cells = tube()
+    monkeypatch.setattr(faces, "_MOST_PAIRS", 10)
+    drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
+    assert drawn.nodes.shape == (0, 2)
+    structure_figure(drawn)
+
+
+def test_flat_cells_keep_a_gap_and_names_stand_where_they_are_seen():
+    points = {1: (0.0, 0.0), 2: (1.0, 0.0), 3: (1.0, 1.0), 4: (0.0, 1.0)}
+    flat = Structure(points, [Plate("p", [[1, 2, 3, 4]], thickness=0.01, **GIVEN)])
+    (mark,) = structure_picture(flat, [], []).marks
+    assert doubled_area(mark.path) / 2 == pytest.approx(0.94**2)
+    away = SIGHT / np.linalg.norm(SIGHT)
+    square = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], dtype=float)
+    far = np.concatenate([square, square + np.array([3.0, 0, 0])])
+    nodes = dict(enumerate(np.concatenate([far, square + 0.5 * away]), 1))
+    behind = Shell("behind", [[1, 2, 3, 4], [5, 6, 7, 8]], thickness=0.01, **GIVEN)
+    before = Shell("before", [[9, 10, 11, 12]], thickness=0.01, **GIVEN)
+    marks = structure_picture(Structure(nodes, [behind, before]), [], []).marks
+    named = {mark.element: mark for mark in faces.labelled_marks(marks)}
+    assert named["behind"].index == 1  # the other square is covered
+    assert named["before"].index == 0
+
+
+def test_faces_have_their_colours_and_lie_below_lines_on_page_and_figure():
+    nodes, cells = tube()
+    ring = np.stack([np.arange(1, 12), np.arange(2, 13)], axis=-1)
+    beams = SpaceBeam("ring", ring, 1.0, 1.0, 1.0)
+    structure = Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN), beams])
+    changes = {("tube", k): Change(0.1 * (k % 2) - 0.05, True, f"change {k}") for k in range(len(cells))}
+    drawn = structure_picture(structure, [], [], (Panel("stiffness", changes, 0.05),))
+    traces = structure_figures(drawn)["structure-stiffness"].data
+    filled = [k for k, trace in enumerate(traces) if trace.get("fill") == "toself"]
+    lines = [k for k, trace in enumerate(traces) if trace.get("mode") == "lines" and "fill" not in trace]
+    line = next(k for k in lines if len(traces[k]["x"]) > 20)
+    assert max(filled) < line
+    assert len({traces[k]["fillcolor"] for k in filled}) == 2
+    hover = [text for trace in traces for text in trace.get("text", []) if text.endswith(" change 3")]
+    assert hover == ["tube:4: change 3"]
+    axes = structure_figure(drawn).axes[0]
+    assert {patch.get_zorder() for patch in axes.patches if len(patch.get_path().vertices) == 5} == {2.5}
