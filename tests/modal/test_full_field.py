@@ -85,3 +85,48 @@ def test_unusable_fields_are_named(values, rank, words):
 def test_names_and_channels_must_agree():
     with pytest.raises(InputError, match="1500 channels, got 1 names"):
         full_field_modes(field(), 20.0, ["1Z"], rank=3)
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [(np.float64, 1e-13), (np.float32, 3e-6)])
+@pytest.mark.parametrize("shape", [(333, 2111), (16, 40_003), (1, 5), (241, 7)])
+def test_small_products_add_up_to_the_whole_ones(shape, kind, tolerance, monkeypatch):
+    monkeypatch.setattr(full_field_module, "_AT_ONCE", 1)  # several blocks of samples
+    values = np.random.default_rng(2).standard_normal(shape).astype(kind)
+    drawn = np.random.default_rng(3).standard_normal((shape[0], 8)).astype(kind).astype(float)
+    whole = values.astype(float)
+    sketch = full_field_module._sketch(values, 8, np.random.default_rng(3))
+    np.testing.assert_allclose(sketch, whole.T @ drawn, atol=tolerance * np.sqrt(shape[0]) * 10)
+    basis = np.random.default_rng(4).standard_normal((shape[1], 5)) / np.sqrt(shape[1])
+    motions, power = full_field_module._projected(values, basis)
+    np.testing.assert_allclose(motions, whole @ basis, atol=tolerance * 10)
+    assert power == pytest.approx(np.sum(whole**2), rel=tolerance)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 3e-8, 1e-7, 1e-3])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_basis_is_orthonormal_and_motions_are_the_projection_onto_it(noise, order):
+    values = np.asarray(field(noise), order=order)
+    found = shared_motions(values, 20)
+    rank = found.basis.shape[1]
+    np.testing.assert_allclose(found.basis.T @ found.basis, np.eye(rank), atol=1e-13)
+    np.testing.assert_allclose(found.motions, values @ found.basis, atol=1e-11)
+    outside = values - found.motions @ found.basis.T
+    assert found.left_out == pytest.approx(np.sum(outside**2) / np.sum(values**2), rel=1e-6, abs=1e-14)
+
+
+def test_power_of_single_precision_is_added_up_in_double():
+    values = 1 + field(0.0).astype(np.float32) * np.float32(1e-3)
+    power = full_field_module._square_sum(values)
+    assert power == pytest.approx(np.sum(values.astype(float) ** 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("smallest", [1e-2, 1e-5, 1e-7, 1e-10, 0.0])
+def test_a_sketch_of_any_condition_gets_a_basis_that_its_gram_matrix_sets_right(smallest):
+    rng = np.random.default_rng(5)
+    left, right = np.linalg.qr(rng.standard_normal((900, 6)))[0], np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    sketch = left @ np.diag([1.0, 1.0, 1.0, 1.0, 1.0, smallest]) @ right
+    basis, gram = full_field_module._nearly_orthonormal(sketch)
+    np.testing.assert_allclose(gram, basis.T @ basis, atol=1e-14)
+    exact = basis @ np.linalg.inv(np.linalg.cholesky(gram).T)
+    np.testing.assert_allclose(exact.T @ exact, np.eye(6), atol=1e-14)
+    np.testing.assert_allclose(exact @ (exact.T @ sketch), sketch, atol=1e-14)

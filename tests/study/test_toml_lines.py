@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from study_cases import write_chain
 
 from structid.study.section import StudyText
+from structid.study.study import load_study
 from structid.study.toml_lines import toml_lines
 
 TABLE = [
@@ -102,9 +104,18 @@ def test_every_key_that_tomllib_finds_has_a_line(document):
 
 def test_a_place_that_is_not_written_has_the_line_of_what_holds_it():
     text = "a = 1\n\n[b]\n[[b.c]]\nd = [\n1]\n"
-    source = StudyText(Path("x.toml"), text, toml_lines(text))
+    source = StudyText(Path("x.toml"), text)
     assert source.line(("b", "c", 0, "d", 0)) == 6
     assert source.line(("b", "c", 0, "d", 7)) == 5
     assert source.line(("b", "c", 0, "e", "f")) == 4
     assert source.line(("b", "x")) == 3
     assert source.line(("x",)) == 1
+
+
+def test_lines_are_looked_for_only_when_an_error_names_one(tmp_path):
+    study = load_study(write_chain(tmp_path))
+    source = study.root.source
+    assert "lines" not in vars(source)
+    assert "line 4: [structure] active: wrong" in str(study.section("structure").error("wrong", "active"))
+    assert "lines" in vars(source)
+    assert source.table is study.root.table

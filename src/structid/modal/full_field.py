@@ -28,8 +28,14 @@ from structid.records import TimeRecord
 from structid.records.record import Quantity
 
 _AT_ONCE = 1 << 22  # entries of a block of samples
-_ROWS = 128  # samples of a block at least, where a sum as long as the channels follows each
+_ROWS = 240  # samples of a block at least
+_PIECE = 1 << 16  # numbers whose squares are added up in the precision of the record
 _OVERSAMPLING = 5
+_WIDE = 8  # columns of a product come in multiples of what a processor multiplies at once
+_SMALL = 1e6  # multiply-adds that BLAS does without rearranging its operands first, which costs more than they do
+_PROJECTED = 120  # samples of such a product where channels are projected
+_SKETCHED = 16  # and where samples are mixed
+_NEARLY = 0.1  # how far from orthonormal a basis may be that a second triangle sets right
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +102,9 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     Notes
     -----
     With no more channels than samples, by the eigenvectors of the covariance: n^2 N operations for n channels and N
-    samples. With more, by a randomized range finder: 4 n N (rank + 5) operations in two passes, and no matrix larger
-    than a block of 128 samples or n (rank + 5).
+    samples. With more, by a randomized range finder of about rank + 5 columns: 4 n N (rank + 5) operations in two
+    passes over the samples, and no array larger than n (rank + 5) beside them. Products are taken in the precision of
+    the record, a few hundred samples or channels at a time, and added up in double precision.
     """
     table = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=np.float64)
     if table.ndim != 2 or not np.issubdtype(table.dtype, np.floating):
@@ -110,22 +117,23 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
             f"got {rank}"
         )
     if table.shape[1] <= table.shape[0]:
-        basis = np.linalg.eigh(covariance(table))[1][:, ::-1][:, :rank]
+        basis: FloatArray = np.linalg.eigh(covariance(table))[1][:, ::-1][:, :rank]
+        gram: FloatArray = np.eye(rank)
     else:
-        basis = _range(table, min(rank + _OVERSAMPLING, len(table)), rng or np.random.default_rng(0))
-    single = table.dtype == np.float32
-    short = basis.astype(table.dtype) if single else basis
-    motions, power = np.empty((len(table), basis.shape[1])), 0.0
-    for rows, block in sample_blocks(table):
-        motions[rows] = block @ short
-        power += float(np.vdot(block, block))
+        width = min(-(-(rank + _OVERSAMPLING) // _WIDE) * _WIDE, len(table))
+        basis, gram = _nearly_orthonormal(_sketch(table, width, rng or np.random.default_rng(0)))
+    motions, power = _projected(table, basis)
     if not np.isfinite(power) or power == 0.0:
         words = "only zeros" if power == 0.0 else "NaN or infinite samples"
         raise InputError(f"`values` hold {words}; leave these channels or samples out, or repair the file")
+    right = linalg.inv(np.linalg.cholesky(gram).T)  # basis @ right is orthonormal to the last digit
+    motions = motions @ right
     _, singular, turn = np.linalg.svd(motions, full_matrices=False)
     rank = _above_noise(singular[:rank], power, table.shape)
     turn = turn[:rank].T
-    return SharedMotions(basis @ turn, motions @ turn, max(0.0, 1.0 - float(np.sum(singular[:rank] ** 2)) / power))
+    return SharedMotions(
+        basis @ (right @ turn), motions @ turn, max(0.0, 1.0 - float(np.sum(singular[:rank] ** 2)) / power)
+    )
 
 
 def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> int:
@@ -141,21 +149,64 @@ def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> 
         kept = above
 
 
-def _range(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
-    """Orthonormal basis of W' Omega with random Omega, (n_channels, width)."""
+def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
+    """W' Omega with random Omega, (n_channels, width)."""
     sketch = np.zeros((table.shape[1], width))
-    for rows, block in sample_blocks(table):
-        drawn = rng.standard_normal((rows.stop - rows.start, width)).astype(table.dtype)
-        sketch += block.T @ drawn
-    if not np.isfinite(sketch).all():
-        return np.zeros_like(sketch)  # the caller names the samples that are not finite
-    for _ in range(2):  # Cholesky's triangle instead of QR, twice: columns of random sums are far from dependent
-        try:
-            triangle = np.linalg.cholesky(sketch.T @ sketch)
-        except np.linalg.LinAlgError:
-            return np.asarray(np.linalg.qr(sketch)[0])
-        sketch = linalg.solve_triangular(triangle, sketch.T, lower=True).T
+    columns = _columns(width, _SKETCHED)
+    sums, product = np.empty((2, columns, width), table.dtype)  # made once: memory that is asked for anew is slow
+    for taken, block in sample_blocks(table):
+        drawn = rng.standard_normal((taken.stop - taken.start, width)).astype(table.dtype)
+        for j in range(0, table.shape[1], columns):
+            part = sketch[j : j + columns]
+            own, one = sums[: len(part)], product[: len(part)]
+            np.matmul(block[:_SKETCHED, j : j + columns].T, drawn[:_SKETCHED], out=own)
+            for i in range(_SKETCHED, len(block), _SKETCHED):
+                own += np.matmul(block[i : i + _SKETCHED, j : j + columns].T, drawn[i : i + _SKETCHED], out=one)
+            part += own
     return sketch
+
+
+def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
+    """W Q, (n_times, rank), and the sum of squares of W."""
+    short = basis.astype(np.float32) if table.dtype == np.float32 else basis
+    rows = max(_PROJECTED, int(_SMALL / basis.size))
+    columns = _columns(basis.shape[1], rows)
+    motions, power = np.zeros((len(table), basis.shape[1])), 0.0
+    product = np.empty((rows, basis.shape[1]), np.result_type(table, short))
+    for taken, block in sample_blocks(table):
+        for i in range(0, len(block), rows):
+            tile = block[i : i + rows]
+            power += _square_sum(tile)
+            sums = motions[taken.start + i : taken.start + i + len(tile)]
+            for j in range(0, table.shape[1], columns):
+                sums += np.matmul(tile[:, j : j + columns], short[j : j + columns], out=product[: len(tile)])
+    return motions, power
+
+
+def _columns(width: int, rows: int) -> int:
+    """Channels of a small product with `rows` samples and `width` vectors, whole lines of memory."""
+    return max(16, int(_SMALL / width / rows) // 16 * 16)
+
+
+def _square_sum(values: NDArray[np.floating]) -> float:
+    """Sum of squares; pieces of it are taken in the precision of `values` and added up in double precision."""
+    flat = values.ravel()
+    return sum(float(np.dot(flat[i : i + _PIECE], flat[i : i + _PIECE])) for i in range(0, flat.size, _PIECE))
+
+
+def _nearly_orthonormal(sketch: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A basis Q of the columns of `sketch`, orthonormal or nearly so, and Q'Q."""
+    if np.isfinite(sketch).all():
+        try:  # Cholesky's triangle instead of QR: one product instead of many passes over the columns
+            inverse = linalg.inv(np.linalg.cholesky(sketch.T @ sketch).T)
+            basis = sketch @ inverse
+            gram = basis.T @ basis
+            if np.abs(gram - np.eye(len(gram))).max() <= _NEARLY:
+                return basis, gram
+        except np.linalg.LinAlgError:
+            pass
+        return np.asarray(np.linalg.qr(sketch)[0]), np.eye(sketch.shape[1])
+    return np.zeros_like(sketch), np.eye(sketch.shape[1])  # the caller names the samples that are not finite
 
 
 def full_field_modes(

@@ -12,7 +12,8 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation.regularization import StrengthRule
-from structid.parameters.parameters import Parameters, named_members
+from structid.parameters.families import named_members
+from structid.parameters.parameters import Parameters
 from structid.parameters.priors import Coupling
 from structid.structure import Structure
 
@@ -123,7 +124,7 @@ def _columns(structure: Structure, unknown: Parameters, term: Regularization) ->
     """Parameters of the elements of `term`, and the property values that they make, pair by pair."""
     texts = (term.elements,) if isinstance(term.elements, str) else tuple(term.elements)
     members = [member for text in texts for member in named_members(structure, term.property, text)]
-    values = np.unique([item.values.start + row for item, rows in members for row in rows])
+    values = np.unique(np.concatenate([item.values.start + rows for item, rows in members]))
     part = unknown.design.tocsr()[values].tocoo()
     if not part.nnz:
         raise InputError(f"{term_name(term)} has no parameter to hold; declare an [[unknown]] of that property")
@@ -132,15 +133,18 @@ def _columns(structure: Structure, unknown: Parameters, term: Regularization) ->
 
 def _neighbours(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
     """Pairs of parameters whose elements share a node, (n_pairs, 2)."""
-    nodes = {element.name: element.nodes for element in structure.elements}
-    where = {}
+    tables = {element.name: element.nodes for element in structure.elements}
+    owners, nodes = [], []
     for item in structure.properties:
-        for row, value in enumerate(range(item.values.start, item.values.stop)):
-            where[value] = np.unique(nodes[item.element][row])
-    touched = [(column, int(n)) for column, v in zip(columns, values, strict=True) for n in where[int(v)] if n >= 0]
-    place = {node: i for i, node in enumerate(dict.fromkeys(node for _, node in touched))}
-    at = np.array([column for column, _ in touched], dtype=int), np.array([place[n] for _, n in touched], dtype=int)
-    size = int(columns.max()) + 1
-    incidence = sparse.coo_array((np.ones(len(touched)), at), (size, len(place))).tocsr()
-    shared = sparse.triu(incidence @ incidence.T, 1).tocoo()
-    return np.column_stack(shared.coords)
+        here = (values >= item.values.start) & (values < item.values.stop)
+        if here.any():
+            found = tables[item.element][values[here] - item.values.start]
+            owners.append(np.repeat(columns[here], found.shape[1]))
+            nodes.append(found.ravel())
+    owner, node = np.concatenate(owners), np.concatenate(nodes)
+    owner, node = owner[node >= 0], np.unique(node[node >= 0], return_inverse=True)[1]
+    size, n_nodes = int(columns.max()) + 1, int(node.max(initial=-1)) + 1
+    incidence = sparse.coo_array((np.ones(len(owner)), (owner, node)), (size, n_nodes)).tocsr()
+    shared = sparse.csr_array(incidence @ incidence.T)
+    shared.sort_indices()
+    return np.column_stack(sparse.triu(shared, 1).tocoo().coords)

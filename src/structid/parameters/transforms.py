@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -27,13 +28,15 @@ class Transforms:
     lower: FloatArray
     upper: FloatArray
 
+    @cached_property
     def _masks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which parameters are of kind ``log``, and of ``interval``."""
         kinds = np.array(self.kinds, dtype=object)
         return kinds == "log", kinds == "interval"
 
     def physical(self, theta: FloatArray) -> FloatArray:
         """Physical values of the free variables `theta`."""
-        log, interval = self._masks()
+        log, interval = self._masks
         values = np.array(theta, dtype=np.float64)
         values[log] = np.exp(values[log])
         span = self.upper[interval] - self.lower[interval]
@@ -42,7 +45,7 @@ class Transforms:
 
     def slope(self, theta: FloatArray) -> FloatArray:
         """Derivative of the physical value with respect to the free variable."""
-        log, interval = self._masks()
+        log, interval = self._masks
         slope = np.ones(len(theta))
         slope[log] = np.exp(theta[log])
         part = _logistic(theta[interval])
@@ -51,7 +54,7 @@ class Transforms:
 
     def free(self, values: FloatArray) -> FloatArray:
         """Free variables of physical `values`."""
-        log, interval = self._masks()
+        log, interval = self._masks
         theta = np.array(values, dtype=np.float64)
         theta[log] = np.log(theta[log])
         part = (theta[interval] - self.lower[interval]) / (self.upper[interval] - self.lower[interval])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -109,7 +108,7 @@ def load_plan(path: str | Path, **changes: Any) -> PlanStudy:
         If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
     """
     source = read_study_text(path)
-    root = Section(source, (), tomllib.loads(source.text))
+    root = Section(source, (), source.table)
     given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
     described = root.section("structure")
     if described is None:

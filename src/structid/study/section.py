@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from structid.errors import InputError
-from structid.study.toml_lines import KeyPath
+from structid.study.toml_lines import KeyPath, toml_lines
 
 _LARGEST = 1e100  # its square is still finite
 
@@ -99,12 +101,20 @@ class StudyText:
     ----------
     path : Path
     text : str
-    lines : mapping of path of keys to line
     """
 
     path: Path
     text: str
-    lines: Mapping[KeyPath, int]
+
+    @cached_property
+    def table(self) -> dict[str, Any]:
+        """Its content; a `TOMLDecodeError` of `tomllib` where it is not TOML."""
+        return tomllib.loads(self.text)
+
+    @cached_property
+    def lines(self) -> Mapping[KeyPath, int]:
+        """Line of every path of keys; found when first asked for, as only errors name lines."""
+        return toml_lines(self.text)
 
     def line(self, path: KeyPath) -> int:
         """Line of `path`, or of the nearest table that holds it."""

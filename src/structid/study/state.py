@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,9 +105,16 @@ def stored_state(folder: Path) -> State:
             raise FileError(f"{folder}: holds no {name}; give a results folder of `structid identify`, or a study file")
     try:
         texts = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+        if texts.get("search") == "matrix_free":
+            raise FileError(
+                f"{folder}: is of search 'matrix_free', which gives no covariance matrix to compare by; group the unknowns"
+                " and identify again without it"
+            )
         estimate, channels = _stored_estimate(folder / "estimate.h5", Status(texts["status"]))
         inputs = dict(texts["provenance"]["inputs"])
         held = tuple(str(item["name"]) for item in texts.get("regularization", ()))
+    except FileError:
+        raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{folder}: its estimate.json and estimate.h5 cannot be used ({error}); write them again with"
@@ -149,7 +155,7 @@ def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
     """Structure and parameters of the study in `folder`; None where files that it names are elsewhere."""
     try:
         source = read_study_text(folder / "study.toml")
-        root = Section(source, (), tomllib.loads(source.text))
+        root = Section(source, (), source.table)
         section = root.section("structure")
         if section is None:
             return None

@@ -19,7 +19,6 @@ from structid.study.record_section import RecordSource
 from structid.study.regularization_section import read_regularization
 from structid.study.section import TEXT, Section, StudyError, StudyText
 from structid.study.setup_section import SetupSource, read_setups
-from structid.study.toml_lines import toml_lines
 
 KNOWN_SECTIONS = ("structure", "unknown", "record", "method", "regularization", "plan")
 
@@ -95,7 +94,7 @@ def load_study(path: str | Path) -> Study:
         and unknowns contradict each other; the message gives file, line, section and key.
     """
     source = read_study_text(path)
-    root = Section(source, (), tomllib.loads(source.text))
+    root = Section(source, (), source.table)
     given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
     structure = root.section("structure")
     for name in ("structure", "record"):
@@ -111,7 +110,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def read_study_text(path: str | Path) -> StudyText:
-    """The text of the study file at `path` and the line of every key.
+    """The text of the study file at `path`, parsed.
 
     Raises
     ------
@@ -124,15 +123,16 @@ def read_study_text(path: str | Path) -> StudyText:
     except UnicodeDecodeError as error:
         line = path.read_bytes()[: error.start].count(b"\n") + 1
         raise StudyError(f"{path}, line {line}: the file is not UTF-8 text; save it as UTF-8") from error
+    source = StudyText(path, text)
     try:
-        tomllib.loads(text)
+        _ = source.table
     except tomllib.TOMLDecodeError as error:
         place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", str(error))
         line = int(place[1]) if place and place[1] else text.rstrip().count("\n") + 1
         column = f", column {place[2]}" if place and place[2] else ""
         what = re.sub(r" \(at .*\)$", "", str(error))
         raise StudyError(f"{path}, line {line}{column}: not TOML: {what}; {_syntax_remedy(text, line)}") from error
-    return StudyText(path, text, toml_lines(text))
+    return source
 
 
 def _syntax_remedy(text: str, line: int) -> str:
