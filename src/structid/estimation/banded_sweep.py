@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from structid.arrays import FloatArray, IntArray
-from structid.estimation.local_reduction import block_widths, kernels
+from structid.estimation.local_reduction import banded_kernels, block_widths
 
 _KEPT_UP_TO = 100_000
 _WINDOW = 48  # columns beyond the band that one step of the NumPy sweep takes at once
@@ -103,7 +103,7 @@ def swept(
     if compiled:
         widths = block_widths(columns)
         low, high = layout.low, layout.high
-        rest = kernels().band_of_blocks(triangles, places, factor, layout.order, low, high, widths, band, right)
+        rest = banded_kernels().band_of_blocks(triangles, places, factor, layout.order, low, high, widths, band, right)
         return band, right, float(rest)
     return band, right, _swept_by_numpy(triangles, places, factor, layout, band, right)
 
@@ -165,7 +165,7 @@ def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> Flo
 def inverse_diagonal(band: FloatArray, compiled: bool) -> FloatArray:
     """Diagonal of (R'R)^-1, from the entries of the inverse within the band (Takahashi, Fagan and Chin 1973)."""
     if compiled:
-        return np.asarray(kernels().inverse_diagonal(np.ascontiguousarray(band)))
+        return np.asarray(banded_kernels().inverse_diagonal(np.ascontiguousarray(band)))
     n, width = band.shape
     inverse, out = np.zeros((width, width)), np.empty(n)  # the corner of the inverse below and right of row i
     for i in range(n - 1, -1, -1):

@@ -74,7 +74,7 @@ def intervals(
     seed : int
         Of bootstrap and sampling.
     work : Work
-        Where profiles and refits run.
+        Where profiles, refits and chains run.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, wor
     if not np.isfinite(estimate.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
-    found = sample(problem, estimate, rng=np.random.default_rng(seed))
+    found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
     return found.interval(level), found.words
 
 

@@ -1,9 +1,7 @@
-"""Compiled kernels of the local reduction and of the banded sweep; imported only where numba is wanted.
+"""Compiled kernels of the local reduction; imported only where numba is wanted.
 
-Rows of regressors are made and folded in the same breath: for one block of equations and one stretch of samples the
-regressors (a few times a few hundred numbers) live in the first-level cache and never reach memory. Two Householder
-reflections are applied at a time, so that each number is loaded half as often. Sums may be reordered for vector units
-(`reassoc`), nothing else of IEEE arithmetic is given up: NaN and infinity arrive.
+Rows of regressors are made and folded in the same breath: for one stretch of samples the rows of a few blocks (a few
+times a few hundred numbers) live in the cache and never reach memory.
 """
 
 from __future__ import annotations
@@ -11,378 +9,149 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, uint64
 
-_APART = 24
-_MATHS = {"reassoc", "contract", "nsz"}
-_inline = njit(nogil=True, fastmath=_MATHS, inline="always")
-_compiled = njit(cache=True, nogil=True, fastmath=_MATHS)
+from structid.estimation.gram_kernels import (
+    MOST,
+    begin_products,
+    cholesky,
+    end_products,
+    multiply,
+    solve,
+    take_away,
+    weakness,
+)
+from structid.estimation.householder_kernels import APART, MATHS, reflect
+from structid.estimation.vector_kernels import fill_one, fill_three, fill_two
+
+_WIDE, _FEWEST = 9, 96  # columns of a block and samples of a stretch that are tried by products
+#: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
+PARTS = "2231b890b6e9efea"
+_part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
+_compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 
 
-@_inline
-def _filled(b, at, count, fields, first, pace, which, data, i, end):
-    """b[at:at + count] = the sum of data[k] fields[which[k] pace + first ...] for k from `i` to `end`, by eights."""
-    one, two, three, four = uint64(1), uint64(2), uint64(3), uint64(4)
-    if end - i >= four:
-        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
-        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
-        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
-        for t in range(count):
-            b[at + t] = v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
-        i += four
-    else:
-        for t in range(count):
-            b[at + t] = 0.0
-    while end - i >= four + four:
-        j = i + four
-        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
-        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
-        a4, a5 = uint64(which[j]) * pace + first, uint64(which[j + one]) * pace + first
-        a6, a7 = uint64(which[j + two]) * pace + first, uint64(which[j + three]) * pace + first
-        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
-        v4, v5, v6, v7 = data[j], data[j + one], data[j + two], data[j + three]
-        for t in range(count):
-            low = v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
-            high = v4 * fields[a4 + t] + v5 * fields[a5 + t] + v6 * fields[a6 + t] + v7 * fields[a7 + t]
-            b[at + t] += low + high
-        i = j + four
-    while end - i >= four:
-        a0, a1 = uint64(which[i]) * pace + first, uint64(which[i + one]) * pace + first
-        a2, a3 = uint64(which[i + two]) * pace + first, uint64(which[i + three]) * pace + first
-        v0, v1, v2, v3 = data[i], data[i + one], data[i + two], data[i + three]
-        for t in range(count):
-            b[at + t] += v0 * fields[a0 + t] + v1 * fields[a1 + t] + v2 * fields[a2 + t] + v3 * fields[a3 + t]
-        i += four
-    while i < end:
-        a0, v0 = uint64(which[i]) * pace + first, data[i]
-        for t in range(count):
-            b[at + t] += v0 * fields[a0 + t]
-        i += one
+@_part
+def _rows(b, block, width, begin, count, d, size, q, side, starts, which, data, alike, fields, pace, new, at, end):
+    """Rows of `size` blocks from block `d`, each `block` numbers after the other; asks for the fields new[at:end]."""
+    calls = 0
+    for k in range(q + 1):
+        calls += 1 if alike[d * side + (k if k < q else side - 1)] else size
+    each = (end - at + calls - 1) // calls
+    for k in range(q + 1):
+        row, x = d * side + (k if k < q else side - 1), uint64(k) * width
+        j = 0
+        while j < size:
+            i = uint64(starts[row])
+            n, then = uint64(starts[row + 1]) - i, min(at + each, end)
+            if alike[row] == 2:
+                i1, i2 = uint64(starts[row + side]), uint64(starts[row + 2 * side])
+                fill_three(
+                    b, x, block, count, fields, begin, pace, which, data, i, i1, i2, n, new, uint64(at), uint64(then)
+                )
+            elif alike[row] == 1:
+                i1 = uint64(starts[row + side])
+                fill_two(
+                    b, x, block, count, fields, begin, pace, which, data, i, i1, i1, n, new, uint64(at), uint64(then)
+                )
+            else:
+                fill_one(
+                    b, x, block, count, fields, begin, pace, which, data, i, i, i, n, new, uint64(at), uint64(then)
+                )
+            taken = alike[row] + 1
+            at = then
+            j += taken
+            row += taken * side
+            x += uint64(taken) * block
 
 
-@_inline
-def _reflector(diagonal, square):
-    """New diagonal, first entry of the reflector and 2 over its square, for [diagonal; column] of this square sum."""
-    if square == 0.0:
-        return diagonal, 0.0, 0.0
-    size = np.sqrt(diagonal * diagonal + square)
-    head = diagonal + size if diagonal >= 0 else diagonal - size
-    return (-size if diagonal >= 0 else size), head, 1.0 / (size * (size + abs(diagonal)))
+@_part
+def _started(r, q, stretch, p, g, v, b, base, width):
+    """Whether to try products on this stretch: 0 no, 1 yes, from this triangle, 2 yes, from none."""
+    if stretch < _FEWEST or stretch < 4 * q or q < _WIDE:
+        return 0
+    empty = True
+    for k in range(r.shape[0]):
+        for j in range(k, r.shape[0]):
+            empty &= r[k, j] == 0.0
+    if empty:
+        g[:] = 0.0
+        p[:] = 0.0
+        return 2
+    if not weakness(r, q, v) <= MOST:
+        return 0
+    begin_products(r, q, p, g, b, base, width)
+    return 1
 
 
-@_inline
-def _triple_on_four(r, k, j, m, b, o, x, width, count, u, f, g):
-    """Reflections k to k + 2 on columns j, j + 1, j + 2 and m of [r; b]; their rows of `b` start at `o` and `x`."""
-    o2, o3, x2 = o + width, o + width + width, x + width
-    x3, x4 = x2 + width, x2 + width + width
-    a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = d1 = d2 = d3 = 0.0
-    for t in range(count):
-        p1, p2, p3 = b[o + t], b[o2 + t], b[o3 + t]
-        a, c = b[x + t], b[x2 + t]
-        a1 += p1 * a
-        a2 += p2 * a
-        a3 += p3 * a
-        b1 += p1 * c
-        b2 += p2 * c
-        b3 += p3 * c
-        a, c = b[x3 + t], b[x4 + t]
-        c1 += p1 * a
-        c2 += p2 * a
-        c3 += p3 * a
-        d1 += p1 * c
-        d2 += p2 * c
-        d3 += p3 * c
-    a1, a2, a3 = _weights(r, k, j, a1, a2, a3, u, f, g)
-    b1, b2, b3 = _weights(r, k, j + 1, b1, b2, b3, u, f, g)
-    c1, c2, c3 = _weights(r, k, j + 2, c1, c2, c3, u, f, g)
-    d1, d2, d3 = _weights(r, k, m, d1, d2, d3, u, f, g)
-    for t in range(count):
-        p1, p2, p3 = b[o + t], b[o2 + t], b[o3 + t]
-        b[x + t] -= a1 * p1 + a2 * p2 + a3 * p3
-        b[x2 + t] -= b1 * p1 + b2 * p2 + b3 * p3
-        b[x3 + t] -= c1 * p1 + c2 * p2 + c3 * p3
-        b[x4 + t] -= d1 * p1 + d2 * p2 + d3 * p3
-
-
-@_inline
-def _weights(r, k, j, d1, d2, d3, u, f, g):
-    """What three reflections take of column j, from its products with them; their rows of `r` are updated."""
-    w1 = f[0] * (u[0] * r[k, j] + d1)
-    w2 = f[1] * (u[1] * r[k + 1, j] + d2 - w1 * g[0])
-    w3 = f[2] * (u[2] * r[k + 2, j] + d3 - w1 * g[1] - w2 * g[2])
-    r[k, j] -= w1 * u[0]
-    r[k + 1, j] -= w2 * u[1]
-    r[k + 2, j] -= w3 * u[2]
-    return w1, w2, w3
-
-
-@_inline
-def _triple_on_one(r, k, j, b, o, x, width, count, u, f, g):
-    o2, o3 = o + width, o + width + width
-    d1 = d2 = d3 = 0.0
-    for t in range(count):
-        a = b[x + t]
-        d1 += b[o + t] * a
-        d2 += b[o2 + t] * a
-        d3 += b[o3 + t] * a
-    d1, d2, d3 = _weights(r, k, j, d1, d2, d3, u, f, g)
-    for t in range(count):
-        b[x + t] -= d1 * b[o + t] + d2 * b[o2 + t] + d3 * b[o3 + t]
-
-
-@_inline
-def _panel(r, k, b, o, width, count):
-    """Reflections that clear columns k to k + 2: their heads, factors and products with one another."""
-    o2, o3 = o + width, o + width + width
-    square = d1 = d2 = 0.0
-    for t in range(count):
-        p = b[o + t]
-        square += p * p
-        d1 += p * b[o2 + t]
-        d2 += p * b[o3 + t]
-    r[k, k], u1, f1 = _reflector(r[k, k], square)
-    w1 = f1 * (u1 * r[k, k + 1] + d1)
-    w2 = f1 * (u1 * r[k, k + 2] + d2)
-    r[k, k + 1] -= w1 * u1
-    r[k, k + 2] -= w2 * u1
-    square = g12 = d3 = 0.0
-    for t in range(count):
-        p = b[o + t]
-        y = b[o2 + t] - w1 * p
-        z = b[o3 + t] - w2 * p
-        b[o2 + t] = y
-        b[o3 + t] = z
-        square += y * y
-        g12 += y * p
-        d3 += y * z
-    r[k + 1, k + 1], u2, f2 = _reflector(r[k + 1, k + 1], square)
-    w3 = f2 * (u2 * r[k + 1, k + 2] + d3)
-    r[k + 1, k + 2] -= w3 * u2
-    square = g13 = g23 = 0.0
-    for t in range(count):
-        y = b[o2 + t]
-        z = b[o3 + t] - w3 * y
-        b[o3 + t] = z
-        square += z * z
-        g13 += z * b[o + t]
-        g23 += z * y
-    r[k + 2, k + 2], u3, f3 = _reflector(r[k + 2, k + 2], square)
-    return (u1, u2, u3), (f1, f2, f3), (g12, g13, g23)
-
-
-@_inline
-def _single(r, k, b, q, width, count):
-    """One reflection, of column k, on all columns after it."""
-    last = r.shape[0] - 1
-    o = uint64(k) * width
-    square = 0.0
-    for t in range(count):
-        square += b[o + t] * b[o + t]
-    r[k, k], u, f = _reflector(r[k, k], square)
-    for j in range(k + 1, q + 1):
-        x, m = uint64(j) * width, (j if j < q else last)
-        d = 0.0
-        for t in range(count):
-            d += b[o + t] * b[x + t]
-        w = f * (u * r[k, m] + d)
-        r[k, m] -= w * u
-        for t in range(count):
-            b[x + t] -= w * b[o + t]
-
-
-@_inline
-def _folded(r, b, q, width, count):
-    """QR of [r; b'] into r; `b` holds q columns and the right-hand side, each `count` long and `width` apart."""
-    last = r.shape[0] - 1
-    k = 0
-    while k + 2 < q:
-        o = uint64(k) * width
-        u, f, g = _panel(r, k, b, o, width, count)
-        j = k + 3
-        while j + 3 <= q:
-            m = j + 3 if j + 3 < q else last
-            _triple_on_four(r, k, j, m, b, o, uint64(j) * width, width, count, u, f, g)
-            j += 4
-        while j <= q:
-            m = j if j < q else last
-            _triple_on_one(r, k, m, b, o, uint64(j) * width, width, count, u, f, g)
-            j += 1
-        k += 3
-    while k < q:
-        _single(r, k, b, q, width, count)
-        k += 1
-    o = uint64(q) * width
-    square = 0.0
-    for t in range(count):
-        square += b[o + t] * b[o + t]
-    r[last, last] = np.sqrt(r[last, last] * r[last, last] + square)
-
-
-@_inline
-def _touched(fields, begin, stop):
-    """Bring a stretch of fields into the cache, one number a cache line, and return their sum so that it is done."""
-    total = 0.0
-    at, end = uint64(begin), uint64(stop)
-    while at < end:
-        total += fields[at]
-        at += uint64(8)
-    return total
+@_part
+def _guessed(b, base, width, count, q, p, g):
+    """Parameters of the first rows, for right-hand sides to begin with; whether there are any."""
+    few = uint64(2 * q + 15) // uint64(8) * uint64(8)
+    multiply(b, base, width, min(count, few), g, q + 1)
+    found = cholesky(g, q)
+    if found:
+        solve(g, q, q, p)
+    g[:] = 0.0
+    return found
 
 
 @_compiled
-def fold_fields(triangles, fields, n_times, indptr, which, data, widths, new, news, first, last, outer, inner):
-    """Fold the rows of blocks `first` to `last` over all samples into `triangles`, in place.
+def fold_fields(
+    triangles, fields, n_times, starts, which, data, widths, alike, heads, new, news, first, last, outer, inner
+):
+    """Fold the rows of groups `first` to `last` over all samples into `triangles`, in place.
 
-    `fields` is flat, `which` the field of each entry of the operator. Samples go by
-    stretches of `outer`, so that the fields of neighbouring blocks stay in the second-level cache, and within them by
-    `inner`, so that the rows stay in the first. Block d is the first to use the fields new[news[d]:news[d + 1]].
+    `fields` is flat, `which` the field of each entry of the operator, `starts` its rows. Group h is the blocks
+    heads[h] to heads[h + 1]; alike[row] more of its rows after this one read the same fields. Samples go by stretches
+    of `outer`, so that the fields of neighbouring blocks stay in the cache, and within them by `inner`, so that the
+    rows do. The fields new[news[h]:news[h + 1]] are those of group h that the group before does not use.
+
+    A block is tried by products of its rows, and taken again by reflections where those do not hold it.
     """
     side = triangles.shape[1]
-    width = uint64(inner + _APART)  # so that rows do not fall into the same sets of the cache
-    b = np.empty(side * (inner + _APART))
-    pace = uint64(n_times)
-    total = 0.0
+    most = 1
+    for h in range(first, last):
+        most = max(most, heads[h + 1] - heads[h])
+    room = max(inner, side)
+    width = uint64(room + APART)
+    block, pace = uint64(side) * width, uint64(n_times)
+    b = np.empty(most * side * (room + APART))
+    p, g, v = np.zeros((most, side)), np.zeros((most, side, side)), np.zeros((3, side))
+    way, todo = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.bool_)
     for begin in range(0, n_times, outer):
         stop = min(begin + outer, n_times)
-        for d in range(first, last):
+        for h in range(first, last):
+            d, size = heads[h], heads[h + 1] - heads[h]
             q = widths[d]
-            r = triangles[d]
-            for i in range(news[d], news[d + 1]):
-                total += _touched(fields, uint64(new[i]) * pace + uint64(begin), uint64(new[i]) * pace + uint64(stop))
-            at = begin
-            while at < stop:
-                count = uint64(min(inner, stop - at))
-                for k in range(q + 1):
-                    row = d * side + (k if k < q else side - 1)
-                    i, end = uint64(indptr[row]), uint64(indptr[row + 1])
-                    _filled(b, uint64(k) * width, count, fields, uint64(at), pace, which, data, i, end)
-                _folded(r, b, q, width, count)
-                at += inner
-    return total
-
-
-@_inline
-def _swept(band, right, v, rows, low, high):
-    """QR of the band's rows `low` to `high` over the dense rows v (columns - low, row); the residual's square sum.
-
-    The right-hand side is the last line of `v`.
-    """
-    width = high - low + 1
-    for i in range(width):
-        at = low + i
-        square = 0.0
-        for r in range(rows):
-            square += v[i, r] * v[i, r]
-        if square == 0.0:
-            continue
-        band[at, 0], head, factor = _reflector(band[at, 0], square)
-        for j in range(i + 1, width):
-            d = head * band[at, j - i]
-            for r in range(rows):
-                d += v[i, r] * v[j, r]
-            w = factor * d
-            band[at, j - i] -= w * head
-            for r in range(rows):
-                v[j, r] -= w * v[i, r]
-        d = head * right[at]
-        for r in range(rows):
-            d += v[i, r] * v[width, r]
-        w = factor * d
-        right[at] -= w * head
-        for r in range(rows):
-            v[width, r] -= w * v[i, r]
-    total = 0.0
-    for r in range(rows):
-        total += v[width, r] * v[width, r]
-    return total
-
-
-@_compiled
-def band_of_blocks(triangles, places, scale, order, low, high, widths, band, right):
-    """Sweep blocks in `order` into the triangle `band` (row i: columns i, i + 1, ...) and `right`; the residual sum.
-
-    `places` is the column of each slot in the order of the band, `scale` its factor, `low` and `high` the first and
-    the last column that block can touch.
-    """
-    side = triangles.shape[1]
-    v = np.zeros((band.shape[1] + 1, side))
-    total = 0.0
-    for step in range(order.shape[0]):
-        d = order[step]
-        q = widths[d]
-        first, last = low[step], high[step]
-        width = last - first + 1
-        for i in range(width + 1):
-            for r in range(q):
-                v[i, r] = 0.0
-        for k in range(q):
-            at, factor = places[d, k] - first, scale[places[d, k]]
-            for r in range(k + 1):
-                v[at, r] = triangles[d, r, k] * factor
-        for r in range(q):
-            v[width, r] = triangles[d, r, side - 1]
-        total += _swept(band, right, v, q, first, last)
-        total += triangles[d, side - 1, side - 1] ** 2
-    return total
-
-
-@_compiled
-def many_solved(
-    fields, starts, which, data, widths, side, places, order, low, high, n_band, values, inner, first, last
-):
-    """Fold and solve problems `first` to `last` of one layout; `values` (n, n_params) in the order of the band.
-
-    NaN where a column is zero or depends on those before it.
-    """
-    n_times, n_params = fields.shape[2], values.shape[1]
-    flat, size = fields.reshape(-1), fields.shape[1] * n_times
-    pace, width = uint64(n_times), uint64(inner + _APART)
-    b = np.empty(side * (inner + _APART))
-    triangles = np.empty((widths.shape[0], side, side))
-    norm, right = np.empty(n_params), np.empty(n_params)
-    band = np.empty((n_params, n_band))
-    for p in range(first, last):
-        triangles[:] = 0.0
-        norm[:] = 0.0
-        for d in range(widths.shape[0]):
-            q = widths[d]
-            for at in range(0, n_times, inner):
-                count = uint64(min(inner, n_times - at))
-                for k in range(q + 1):
-                    row = d * side + (k if k < q else side - 1)
-                    i, end = uint64(starts[row]), uint64(starts[row + 1])
-                    _filled(b, uint64(k) * width, count, flat, uint64(p * size + at), pace, which, data, i, end)
-                _folded(triangles[d], b, q, width, count)
-            for k in range(q):
-                for r in range(k + 1):
-                    norm[places[d, k]] += triangles[d, r, k] ** 2
-        for i in range(n_params):
-            norm[i] = 1.0 / np.sqrt(norm[i]) if norm[i] > 0 else 0.0
-        band[:] = 0.0
-        right[:] = 0.0
-        band_of_blocks(triangles, places, norm, order, low, high, widths, band, right)
-        for i in range(n_params - 1, -1, -1):
-            value = right[i]
-            for j in range(1, min(n_band, n_params - i)):
-                value -= band[i, j] * values[p, i + j]
-            values[p, i] = value / band[i, 0] if abs(band[i, 0]) > 1e-10 else np.nan
-        for i in range(n_params):
-            values[p, i] *= norm[i]
-
-
-@_compiled
-def inverse_diagonal(band):
-    """Diagonal of (R'R)^-1 of a banded triangle, by the entries of the inverse within the band (Takahashi 1973)."""
-    n, width = band.shape
-    inverse = np.zeros((n, width))
-    for i in range(n - 1, -1, -1):
-        reach = min(width, n - i)
-        for j in range(reach - 1, 0, -1):
-            total = 0.0
-            for k in range(1, reach):
-                a, c = min(j, k), max(j, k)
-                total += band[i, k] * inverse[i + a, c - a]
-            inverse[i, j] = -total / band[i, 0]
-        total = 1.0 / band[i, 0]
-        for k in range(1, reach):
-            total -= band[i, k] * inverse[i, k]
-        inverse[i, 0] = total / band[i, 0]
-    return inverse[:, 0].copy()
+            next_new, end_new = (news[h + 1], news[h + 2]) if h + 1 < last else (0, 0)
+            for j in range(size):
+                base = uint64(j) * block
+                way[j] = _started(triangles[d + j], q, stop - begin, p[j], g[j], v, b, base, width)
+                todo[j] = True
+            again = True
+            while again:
+                again = False
+                for at in range(begin, stop, inner):
+                    count = uint64(min(inner, stop - at))
+                    _rows(
+                        b, block, width, uint64(at), count, d, size, q, side, starts, which, data, alike, fields, pace,
+                        new, next_new, end_new,
+                    )  # fmt: skip
+                    for j in range(size):
+                        base = uint64(j) * block
+                        if way[j] == 2:
+                            way[j] = 1 if _guessed(b, base, width, count, q, p[j], g[j]) else 3
+                        if not todo[j] or way[j] == 3:
+                            continue
+                        if way[j] == 1:
+                            take_away(b, base, width, count, q, p[j])
+                            multiply(b, base, width, count, g[j], q + 1)
+                        else:
+                            reflect(triangles[d + j], b[j * int(block) :], q, width, count)
+                for j in range(size):
+                    if not todo[j] or way[j] == 0:
+                        todo[j] = False
+                        continue
+                    todo[j] = way[j] == 3 or not end_products(triangles[d + j], q, p[j], g[j], v)
+                    way[j] = 0
+                    again |= todo[j]
+                end_new = next_new

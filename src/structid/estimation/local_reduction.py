@@ -1,7 +1,8 @@
 """Rows of every block made from fields and folded into its triangle, compiled where numba is installed.
 
-Both ways do the same Householder QR and agree to rounding. The compiled one never writes the rows to memory: it reads
-each field once and costs a few times the sum of the same numbers. Blocks are independent, so threads share them out,
+The compiled way never writes the rows to memory: it reads each field once and costs a few times the sum of the same
+numbers. Where the rows of a block are well conditioned it takes the triangle from their products, to 1e-13 of a QR;
+everywhere else, as NumPy does, by Householder's reflections. Blocks are independent, so threads share them out,
 and the answer does not depend on how many there are.
 """
 
@@ -15,6 +16,7 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray, require_shape
@@ -25,7 +27,10 @@ Engine = Literal["auto", "numba", "numpy"]
 #: Below so many samples times blocks, loading the compiled kernels takes longer than NumPy does in all.
 COMPILED_FROM = 200_000
 _ROW_ENTRIES = 125_000
-_FIRST_CACHE, _SECOND_CACHE = 3_200, 60_000  # numbers of the rows of a block, and of the fields they are made from
+_TOGETHER = 3  # blocks whose rows are made at once
+_LONGEST, _REFLECTED, _ROWS = 640, 3_000, 16_000  # samples at a time, and numbers of the rows of narrow and wide blocks
+_NARROW = 9  # rows of a block that always goes by reflections, which want it in the first-level cache
+_FIELDS = 150_000  # numbers of the fields that the rows of a group are made from
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +75,17 @@ def has_numba() -> bool:
 
 
 def kernels() -> Any:
-    """The module of compiled kernels."""
+    """The module of compiled kernels of the reduction."""
     from structid.estimation import local_kernels
 
     return local_kernels
+
+
+def banded_kernels() -> Any:
+    """The module of compiled kernels of the sweep and of many small problems."""
+    from structid.estimation import banded_kernels
+
+    return banded_kernels
 
 
 def shared_out(n: int, threads: int, work: Callable[[int, int], Any]) -> None:
@@ -111,31 +123,83 @@ class RowMaker:
         Where the entries of each row begin.
     which : (n_entries,) unsigned int array
         Field of each entry.
+    alike : (n_blocks (k + 1),) int array
+        How many rows after each, a block further every time and made with it, are of the same fields.
+    heads : (n_groups + 1,) int array
+        Where each group of neighbouring blocks with the same columns begins.
     new : unsigned int array
-        The fields that each block is the first to use, one block after another.
-    news : (n_blocks + 1,) int array
-        Where those of each block begin.
+        The fields of each group that the group before it does not use, one group after another.
+    news : (n_groups + 1,) int array
+        Where those of each group begin.
+    reach : float
+        Fields that a group uses, on average.
     """
 
     operator: sparse.csr_array
     widths: IntArray
     starts: IntArray
-    which: IntArray
-    new: IntArray
+    which: NDArray[np.uint32]
+    alike: NDArray[np.int8]
+    heads: IntArray
+    new: NDArray[np.uint32]
     news: IntArray
+    reach: float
 
 
 def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
     """The `RowMaker` of blocks with these columns, -1, last in its row, where a block has fewer."""
-    require_shape("operator", operator, (columns.shape[0] * (columns.shape[1] + 1), None))
-    starts = operator.indptr.astype(np.int64)
-    edges = starts[:: columns.shape[1] + 1]
-    first = np.full(operator.shape[1], -1, dtype=np.int64)
-    first[operator.indices[::-1]] = np.arange(operator.nnz - 1, -1, -1)  # the last one written is the first use
-    new = np.flatnonzero(first >= 0)
-    new = new[np.argsort(first[new])]
-    news = np.searchsorted(first[new], edges)
-    return RowMaker(operator, block_widths(columns), starts, operator.indices.astype(np.uint32), new, news)
+    side = columns.shape[1] + 1
+    require_shape("operator", operator, (columns.shape[0] * side, None))
+    starts, which = operator.indptr.astype(np.int64, copy=False), operator.indices.astype(np.int32, copy=False)
+    which = which.view(np.uint32)
+    heads = _groups(columns)
+    alike = _alike(starts, which, heads, side)
+    n_groups = len(heads) - 1
+    group = np.repeat(np.arange(n_groups), np.diff(starts[heads * side]))
+    uses = np.unique(which * np.int64(n_groups + 1) + group)
+    first = np.ones(len(uses), dtype=bool)
+    first[1:] = np.diff(uses) != 1  # not used by the group before
+    new, group = np.divmod(uses[first], n_groups + 1)
+    order = np.argsort(group, kind="stable")
+    news = np.searchsorted(group[order], np.arange(n_groups + 1))
+    reach = len(uses) / max(1, n_groups)
+    return RowMaker(
+        operator, block_widths(columns), starts, which, alike, heads, new[order].astype(np.uint32), news, reach
+    )
+
+
+def only_operator(operator: sparse.csr_array) -> RowMaker:
+    """A `RowMaker` for what does not go block by block: its operator, and nothing else."""
+    none, unsigned = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint32)
+    return RowMaker(operator, none, none, unsigned, none.astype(np.int8), none, unsigned, none, 0.0)
+
+
+def _groups(columns: IntArray) -> IntArray:
+    """Where groups of at most `_TOGETHER` neighbouring blocks with the same columns begin, and the end."""
+    fresh = np.ones(len(columns), dtype=bool)
+    fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)
+    begin = np.flatnonzero(fresh)
+    since = np.arange(len(columns)) - begin[np.cumsum(fresh) - 1]
+    return np.append(np.flatnonzero(since % _TOGETHER == 0), len(columns))
+
+
+def _alike(starts: IntArray, which: NDArray[np.uint32], heads: IntArray, side: int) -> NDArray[np.int8]:
+    """How many rows, each `side` after the other and within one group, use the fields of each row; 2 at most."""
+    count = np.diff(starts)
+    n_rows = len(count)
+    block = np.arange(n_rows) // side
+    again = np.zeros(n_rows, dtype=bool)
+    if n_rows > side:
+        again[:-side] = count[:-side] == count[side:]
+    again[np.isin(block, heads[1:] - 1)] = False  # the last of a group
+    row = np.repeat(np.arange(n_rows), count)
+    entry = np.flatnonzero(again[row])
+    other = entry + starts[row[entry] + side] - starts[row[entry]]
+    again[row[entry[which[entry] != which[other]]]] = False
+    alike = again.astype(np.int8)
+    if n_rows > side:
+        alike[:-side] += again[:-side] & again[side:]
+    return alike
 
 
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
@@ -155,25 +219,25 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
     found = np.array(triangles)
     flat = np.ascontiguousarray(fields, dtype=np.float64).reshape(-1)
     n_times = fields.shape[1]
-    inner, outer = stretches(n_times, side, len(maker.which) / max(1, n_blocks))
+    inner, outer = stretches(n_times, side, maker.reach)
     kernel, data = kernels().fold_fields, maker.operator.data
 
     def part(first: int, last: int) -> None:
         kernel(
-            found, flat, n_times, maker.starts, maker.which, data, maker.widths, maker.new, maker.news,
-            first, last, outer, inner,
+            found, flat, n_times, maker.starts, maker.which, data, maker.widths, maker.alike, maker.heads, maker.new,
+            maker.news, first, last, outer, inner,
         )  # fmt: skip
 
-    shared_out(n_blocks, work.threads, part)
+    shared_out(len(maker.heads) - 1, work.threads, part)
     return found
 
 
-def stretches(n_times: int, side: int, entries: float) -> tuple[int, int]:
-    """Samples at a time whose rows stay in the first-level cache, and whose fields stay in the second."""
-    most = max(64, _FIRST_CACHE // side // 32 * 32)
+def stretches(n_times: int, side: int, reach: float) -> tuple[int, int]:
+    """Samples at a time whose rows stay in the cache, and a multiple of them whose `reach` fields do."""
+    most = min(_LONGEST, max(64, (_REFLECTED if side <= _NARROW else _ROWS) // side // 32 * 32))
     parts = max(1, -(-n_times // most))
-    inner = min(n_times, -(-n_times // parts // 8) * 8) if n_times else 1
-    outer = max(inner, int(_SECOND_CACHE / max(entries, 1.0)) // inner * inner)
+    inner = min(n_times, -(-n_times // parts // 32) * 32) if n_times else 1
+    outer = max(inner, int(_FIELDS / max(reach, 1.0)) // inner * inner)
     return inner, outer
 
 

@@ -8,7 +8,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray, require_finite, require_shape
 from structid.estimation.banded_sweep import band_layout
 from structid.estimation.block_least_squares import block_solution
-from structid.estimation.local_reduction import Kernels, RowMaker, kernels, row_maker, shared_out, stretches
+from structid.estimation.local_reduction import Kernels, RowMaker, banded_kernels, row_maker, shared_out, stretches
 from structid.estimation.streaming_qr import no_rows
 
 
@@ -43,8 +43,8 @@ def solutions_of_many(
         return values
     layout, given = band_layout(columns, n_params), np.ascontiguousarray(fields, dtype=np.float64)
     places = np.where(columns >= 0, layout.place[columns], -1)
-    inner, _ = stretches(fields.shape[2], columns.shape[1] + 1, len(maker.which) / max(1, n_blocks))
-    compiled = kernels()
+    inner, _ = stretches(fields.shape[2], columns.shape[1] + 1, maker.reach)
+    compiled = banded_kernels()
 
     def part(first: int, last: int) -> None:
         compiled.many_solved(

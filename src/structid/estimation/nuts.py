@@ -46,6 +46,46 @@ class _Tree:
 
 
 @dataclass(frozen=True, eq=False)
+class ChainState:
+    """Where a chain is between two draws: all that the next ones depend on, besides the random numbers.
+
+    Attributes
+    ----------
+    phase : int
+        0 and 1 in the two halves of the warm-up, 2 while draws are kept.
+    done : int
+        Draws of this phase so far.
+    x, gradient : (n_params,) float arrays
+        Place, and the gradient of the logarithm of the density there, in the coordinates y with `factor` y = x.
+    log_density : float
+    factor : (n_params, n_params) float array
+    log_size, log_mean, error, centre : float
+        Of the step size: the present one, its mean, and what sets it.
+    warmup : (done, n_params) float array
+        Draws of this phase, empty in the last one.
+    n_gradients, n_divergent : int
+        Evaluations of all phases; divergent draws of this one.
+    acceptance : float
+        Sum over the draws of this phase.
+    """
+
+    phase: int
+    done: int
+    x: FloatArray
+    gradient: FloatArray
+    log_density: float
+    factor: FloatArray
+    log_size: float
+    log_mean: float
+    error: float
+    centre: float
+    warmup: FloatArray
+    n_gradients: int
+    n_divergent: int
+    acceptance: float
+
+
+@dataclass(frozen=True, eq=False)
 class NutsChain:
     """One chain.
 
@@ -87,26 +127,67 @@ def nuts_chain(
     ----------
     Hoffman and Gelman (2014), J. Mach. Learn. Res. 15, algorithm 6; Betancourt (2017), arXiv:1701.02434, A.3.
     """
+    state, draws = continued(log_density, begun(log_density, start), n_warmup, n_draws, n_warmup + n_draws, rng)
+    mean = state.acceptance / max(n_draws, 1)
+    return NutsChain(draws @ state.factor.T, state.n_divergent, float(np.exp(state.log_mean)), mean, state.n_gradients)
+
+
+def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
+    """A chain before its first draw."""
+    return _phase(log_density, start, np.eye(len(start)), 0.5, 0, 0)
+
+
+def continued(
+    log_density: LogDensity, state: ChainState, n_warmup: int, n_draws: int, n: int, rng: np.random.Generator
+) -> tuple[ChainState, FloatArray]:
+    """The chain after at most `n` more draws, and those of them that are kept, (at most n, n_params).
+
+    The kept draws are in the turned coordinates: `draws @ state.factor.T` are the samples. In pieces or at once, the
+    chain is the same to the last bit.
+    """
+    lengths = (n_warmup // 2, n_warmup - n_warmup // 2, n_draws)
+    kept: list[FloatArray] = []
     with np.errstate(over="ignore", invalid="ignore"):
-        return _chain(log_density, start, n_warmup, n_draws, rng)
+        while True:
+            while state.phase < 2 and state.done == lengths[state.phase]:
+                state = _next_phase(log_density, state)
+            if n == 0 or state.done == lengths[state.phase]:
+                return state, np.array(kept).reshape(len(kept), len(state.x))
+            state, n = _drawn(log_density, state, rng), n - 1
+            if state.phase == 2:
+                kept.append(state.x)
 
 
-def _chain(
-    log_density: LogDensity, start: FloatArray, n_warmup: int, n_draws: int, rng: np.random.Generator
-) -> NutsChain:
-    first, size, spent, _, _ = _phase(log_density, start, n_warmup // 2, 0.5, True, rng)
-    kept = first[len(first) // 4 :]
-    factor = np.linalg.cholesky(_shrunk_covariance(kept)) if len(kept) > 1 else np.eye(len(start))
+def _phase(
+    log_density: LogDensity, x: FloatArray, factor: FloatArray, size: float, phase: int, spent: int
+) -> ChainState:
+    """The state before the first draw of a phase."""
+    value, gradient = _turned(log_density, factor, phase)(x)
+    log_size, none = float(np.log(size)), np.zeros((0, len(x)))
+    centre = float(np.log(10 * size))
+    return ChainState(phase, 0, x, gradient, value, factor, log_size, log_size, 0.0, centre, none, spent + 1, 0, 0.0)
+
+
+def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
+    """The state before the next phase, with the coordinates and the step size that the draws of this one give."""
+    size, x, factor = float(np.exp(state.log_mean)), state.x, state.factor
+    if state.phase == 0:
+        kept = state.warmup[len(state.warmup) // 4 :]
+        if len(kept) > 1:
+            factor = np.linalg.cholesky(_shrunk_covariance(kept))
+        x = np.linalg.solve(factor, x)
+    return _phase(log_density, x, factor, size, state.phase + 1, state.n_gradients)
+
+
+def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
+    if phase == 0:
+        return log_density
 
     def turned(y: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = log_density(factor @ y)
         return value, factor.T @ gradient
 
-    y = np.linalg.solve(factor, first[-1] if len(first) else start)
-    second, size, more, _, _ = _phase(turned, y, n_warmup - n_warmup // 2, size, True, rng)
-    y = second[-1] if len(second) else y
-    draws, _, most, n_divergent, acceptance = _phase(turned, y, n_draws, size, False, rng)
-    return NutsChain(draws @ factor.T, n_divergent, size, acceptance, spent + more + most)
+    return turned
 
 
 def _shrunk_covariance(draws: FloatArray) -> FloatArray:
@@ -116,26 +197,25 @@ def _shrunk_covariance(draws: FloatArray) -> FloatArray:
     return (n * covariance + 5 * np.eye(dimension)) / (n + 5)
 
 
-def _phase(
-    log_density: LogDensity, x: FloatArray, n_draws: int, size: float, adapt: bool, rng: np.random.Generator
-) -> tuple[FloatArray, float, int, int, float]:
-    """Draws, step size, gradients spent, divergent draws and mean acceptance of one phase."""
-    draws = np.zeros((n_draws, len(x)))
-    value, gradient = log_density(x)
-    state = _State(x, np.zeros_like(x), value, gradient)
-    log_size, log_mean, error = np.log(size), np.log(size), 0.0
-    centre, spent, n_divergent, total = np.log(10 * size), 1, 0, 0.0
-    for i in range(n_draws):
-        tree = _trajectory(log_density, state, float(np.exp(log_size)), rng)
-        state, draws[i] = tree.drawn, tree.drawn.x
-        spent, n_divergent = spent + tree.n_steps, n_divergent + tree.diverged
-        accepted = tree.acceptance / max(tree.n_steps, 1)
-        total += accepted
-        if adapt:
-            error += (0.8 - accepted - error) / (i + 11)
-            log_size = centre - np.sqrt(i + 1) / 0.05 * error
-            log_mean += (log_size - log_mean) * (i + 1) ** -0.75
-    return draws, float(np.exp(log_mean)), spent, n_divergent, total / max(n_draws, 1)
+def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
+    """The state after one more draw; the step size is set by its acceptance in the warm-up."""
+    at = _State(state.x, np.zeros_like(state.x), state.log_density, state.gradient)
+    density = _turned(log_density, state.factor, state.phase)
+    tree = _trajectory(density, at, float(np.exp(state.log_size)), rng)
+    accepted, drawn = tree.acceptance / max(tree.n_steps, 1), tree.drawn
+    moved = replace(
+        state, done=state.done + 1, x=drawn.x, gradient=drawn.gradient, log_density=drawn.log_density,
+        n_gradients=state.n_gradients + tree.n_steps, n_divergent=state.n_divergent + tree.diverged,
+        acceptance=state.acceptance + accepted,
+    )  # fmt: skip
+    if state.phase == 2:
+        return moved
+    i, error = state.done, state.error
+    error += (0.8 - accepted - error) / (i + 11)
+    log_size = float(state.centre - np.sqrt(i + 1) / 0.05 * error)
+    log_mean = state.log_mean + (log_size - state.log_mean) * float(i + 1) ** -0.75
+    warmup = np.concatenate([state.warmup, drawn.x[None]])
+    return replace(moved, log_size=log_size, log_mean=log_mean, error=error, warmup=warmup)
 
 
 def _trajectory(log_density: LogDensity, state: _State, size: float, rng: np.random.Generator) -> _Tree:

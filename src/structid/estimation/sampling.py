@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -12,8 +12,9 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError
 from structid.estimation.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.estimation.estimate import Estimate
-from structid.estimation.nuts import nuts_chain
+from structid.estimation.nuts import ChainState, begun, continued
 from structid.estimation.problem import Problem
+from structid.estimation.work import ALONE, Tools, Work
 
 SamplerKind = Literal["nuts", "emcee"]
 FlatIn = Literal["physical", "free"]
@@ -21,6 +22,7 @@ FlatIn = Literal["physical", "free"]
 _LARGEST_R_HAT = 1.01
 _FEWEST_EFFECTIVE = 400.0
 _MOST_DIVERGENT = 0.01
+_AT_ONCE = 50  # draws between two states that are kept
 _WITH_EXTRA = "install it with `pip install structid[sampling]`"
 
 
@@ -117,6 +119,7 @@ def sample(
     sampler: SamplerKind = "nuts",
     flat_in: FlatIn = "physical",
     rng: np.random.Generator | None = None,
+    work: Work = ALONE,
 ) -> Samples:
     """Draws from the posterior of the parameters, started around the estimate in coordinates whitened by Laplace.
 
@@ -139,7 +142,9 @@ def sample(
         ``free``: flat in the free variable, thus in the logarithm of a positive parameter; where the data allow 0 or
         infinity such a posterior cannot be normalized, and the chains show it.
     rng : numpy Generator, optional
-        Seed 0 by default.
+        Seed 0 by default. Each chain has random numbers of its own: the answer does not depend on where they run.
+    work : Work
+        Where the chains run, and whether they are kept every 50 draws; emcee runs here, and is not kept.
 
     Returns
     -------
@@ -163,10 +168,11 @@ def sample(
     """
     if sampler not in ("nuts", "emcee"):
         raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
-    draw = _by_nuts if sampler == "nuts" else _by_emcee
     factor = _whitening(estimate)
-    density = _log_posterior(problem, np.array(estimate.theta), factor, flat_in)
-    drawn = draw(density, len(factor), n_draws, n_chains, n_warmup, rng or np.random.default_rng(0))
+    target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
+    target.density()
+    rng = rng or np.random.default_rng(0)
+    drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
     stretched = estimate.covariance_basis == "model_error"
     white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
     theta = estimate.theta + white @ factor.T
@@ -261,24 +267,64 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What is drawn from; see `_log_posterior`."""
+
+    problem: Problem
+    centre: FloatArray
+    factor: FloatArray
+    flat_in: str
+
+    def density(self) -> _Density:
+        return _log_posterior(self.problem, self.centre, self.factor, self.flat_in)
+
+
 def _by_nuts(
-    density: _Density, n_params: int, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator
+    target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
 ) -> _Drawn:
-    """Independent chains, each from a place drawn from Laplace."""
-    chains = []
-    for child in rng.spawn(n_chains):
-        start = child.standard_normal(n_params)
+    """Independent chains, each from a place drawn from Laplace, all of them by so many draws at a time."""
+    states: list[Any] = [{"random": child.bit_generator.state} for child in rng.spawn(n_chains)]
+    kept: list[list[FloatArray]] = [[] for _ in states]
+    total = n_warmup + n_draws
+    for first in range(0, max(total, 1), _AT_ONCE):
+        name = f"chains to draw {min(first + _AT_ONCE, total)} of {total}"
+        found = work.map(name, _chain_piece, (target, n_warmup, n_draws), states)
+        for own, piece in zip(kept, found, strict=True):
+            own.append(np.asarray(piece["draws"]))
+        states = [{key: value for key, value in piece.items() if key != "draws"} for piece in found]
+    draws = np.array([np.concatenate(own) @ s["factor"].T for own, s in zip(kept, states, strict=True)])
+    return _Drawn(draws, *(sum(int(state[count]) for state in states) for count in ("n_divergent", "n_gradients")))
+
+
+def _chain_piece(shared: tuple[_Target, int, int], item: Any, tools: Tools) -> dict[str, Any]:
+    """The next draws of a chain, as a task: its state with the random numbers is the item."""
+    target, n_warmup, n_draws = shared
+    density = target.density()
+    known = dict(item)
+    rng = _generator(known.pop("random"))
+    if known:
+        state = ChainState(**known)
+    else:
+        start = rng.standard_normal(len(target.factor))
         while not np.isfinite(density(start)[0]):
             start = 0.5 * start
-        chains.append(nuts_chain(density, start, n_warmup, n_draws, child))
-    draws = np.array([chain.draws for chain in chains])
-    return _Drawn(draws, sum(chain.n_divergent for chain in chains), sum(chain.n_gradients for chain in chains))
+        state = begun(density, start)
+    state, draws = continued(density, state, n_warmup, n_draws, _AT_ONCE, rng)
+    values = {entry.name: getattr(state, entry.name) for entry in fields(state)}
+    return {**values, "random": rng.bit_generator.state, "draws": draws}
 
 
-def _by_emcee(
-    density: _Density, n_params: int, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator
-) -> _Drawn:
+def _generator(state: Mapping[str, Any]) -> np.random.Generator:
+    """The generator in that state."""
+    made = np.random.Generator(getattr(np.random, str(state["bit_generator"]))())
+    made.bit_generator.state = state
+    return made
+
+
+def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
     """The walkers of an ensemble as chains."""
+    density, n_params = target.density(), len(target.factor)
     try:
         import emcee
     except ImportError as error:

@@ -6,6 +6,7 @@ record, several records and the work of several processes merge; a checkpoint ho
 
 from __future__ import annotations
 
+import ctypes
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.estimation import Status
 from structid.estimation.block_least_squares import BlockFit, block_solution
-from structid.estimation.local_reduction import Kernels, RowMaker, row_maker
+from structid.estimation.local_reduction import Kernels, RowMaker, only_operator, row_maker
 from structid.observation.motion import MOTION_QUANTITIES
 from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion_fit import RecursiveMotionFit, motion_fit, reduced_state
@@ -149,18 +150,13 @@ def reduced_by_chunks(
     last: int | None = None,
 ) -> RecursiveMotionFit:
     """`fit` after samples `first` to `last` of the record; parts of a record may be reduced apart and `merged`."""
-    mapping = channel_map(structure, record)
-    fit.equations.require({_FIELDS[k] for k in range(3) if mapping.kinds[k]})
-    rows = channel_rows(fit.equations, mapping)
-    gross = abs(mapping.matrix)
-    keeper = _Keeper(checkpoint)
+    at = record_rows(fit.equations, structure, record)
+    _give_back_memory()
+    keeper = FitKeeper(checkpoint)
     try:
         for chunk in record.chunks(first, last, longest):
-            state = reduced_state(fit.equations, fit.state, rows, chunk, work)
-            channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
-            energy = locked(fit.energy + (gross @ channels) ** 2)
-            fit = replace(fit, state=state, energy=energy, n_samples=fit.n_samples + chunk.shape[1])
-            del chunk, state  # before the next one is read
+            fit = at.reduced(fit, chunk, work)
+            del chunk  # before the next one is read
             keeper.offer(fit)
             if progress is not None:
                 progress(fit.n_samples, record.n_times)
@@ -169,16 +165,66 @@ def reduced_by_chunks(
     return fit
 
 
+def _give_back_memory() -> None:
+    """Return to the system what making the equations has freed, where the C library can (glibc)."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):  # another C library
+        return
+
+
+@dataclass(frozen=True, eq=False)
+class RecordRows:
+    """What makes the rows of the equations from a record; made once for all of its chunks.
+
+    Attributes
+    ----------
+    rows : RowMaker
+    gross : (4 n_dofs, n_channels) sparse array
+        Sizes of the entries that make the fields from the channels.
+    """
+
+    rows: RowMaker
+    gross: sparse.csr_array
+
+    def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
+        """`fit` after a chunk of the record, (n_channels, n_times)."""
+        state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
+        channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
+        energy = locked(fit.energy + (self.gross @ channels) ** 2)
+        return replace(fit, state=state, energy=energy, n_samples=fit.n_samples + chunk.shape[1])
+
+
+def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedRecord) -> RecordRows:
+    """The `RecordRows` of a record on a structure.
+
+    Raises
+    ------
+    InputError
+        If degrees of freedom, forces or quantities are missing.
+    """
+    mapping = channel_map(structure, record)
+    equations.require({_FIELDS[k] for k in range(3) if mapping.kinds[k]})
+    return RecordRows(channel_rows(equations, mapping), abs(mapping.matrix))
+
+
 def channel_rows(equations: TimeEquations, mapping: ChannelMap) -> RowMaker:
     """What makes the rows of the equations from the channels of a record."""
-    operator = sparse.csr_array(equations.operator @ mapping.matrix)
+    operator = equations.operator  # shared where the channels are the fields, one by one
+    if not _is_identity(mapping.matrix):
+        operator = sparse.csr_array(operator @ mapping.matrix)
     if len(equations.columns) == equations.n_dofs:
         return row_maker(operator, equations.columns)
-    nothing = np.zeros(0, dtype=np.int64)
-    return RowMaker(operator, nothing, nothing, nothing, nothing, nothing)
+    return only_operator(operator)
 
 
-class _Keeper:
+def _is_identity(matrix: sparse.csr_array) -> bool:
+    n = matrix.shape[0]
+    one_each = matrix.shape == (n, n) and matrix.nnz == n and bool((np.diff(matrix.indptr) == 1).all())
+    return one_each and bool((matrix.indices == np.arange(n)).all() and (matrix.data == 1.0).all())
+
+
+class FitKeeper:
     """Writes checkpoints, so seldom that they take a small part of the time, and the last one at any end."""
 
     def __init__(self, path: Path | None) -> None:
@@ -209,6 +255,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
         If there is nothing to fit; see `RecursiveMotionFit.solution`.
     """
     fit.require_content()
+    _give_back_memory()
     chosen = work or Kernels()
     found = block_solution(fit.state, fit.equations.sizes(fit.energy), chosen)
     size = fit.n_samples * len(fit.state.columns)

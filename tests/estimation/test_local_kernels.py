@@ -1,0 +1,189 @@
+"""Compiled rows and triangles of blocks against dense rows: groups, products where they hold, reflections elsewhere."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from structid.estimation import no_rows
+from structid.estimation.local_reduction import Kernels, has_numba, row_maker
+
+pytestmark = pytest.mark.skipif(not has_numba(), reason="no numba")
+ONE, NUMPY = Kernels("numba"), Kernels("numpy")
+
+
+def test_cached_kernels_are_compiled_anew_when_a_part_of_them_changes():
+    """numba looks at the file of the cached function only; if this fails, put the digest into both files."""
+    from structid.estimation import banded_kernels, local_kernels
+
+    folder, found = Path(local_kernels.__file__).parent, hashlib.sha256()
+    for name in ("gram_kernels", "householder_kernels", "vector_kernels"):
+        found.update((folder / f"{name}.py").read_text(encoding="utf-8").encode())
+    digest = found.hexdigest()[:16]
+    assert digest == local_kernels.PARTS
+    assert digest == banded_kernels.PARTS
+
+
+def nodes(n=5, together=3, span=5, seed=0):
+    """Columns and operator of a line of nodes with some degrees of freedom each, elements of `span` parameters.
+
+    Rows of one column at one node are of the same fields, but for the first of each element, of its own field only.
+    """
+    rng = np.random.default_rng(seed)
+    side, n_blocks = 2 * span + 1, n * together
+    columns = np.repeat((np.arange(n)[:, None] * span + np.arange(2 * span)), together, axis=0)
+    rows = []
+    for block in range(n_blocks):
+        node, dof = divmod(block, together)
+        for slot in range(2 * span):
+            first = (node + slot // span) * together  # fields of two nodes of the element
+            own = [first + dof] if slot % span == 0 else list(range(first, first + 2 * together))
+            rows += [(block * side + slot, field, rng.uniform(0.5, 1.5)) for field in own]
+        rows.append((block * side + side - 1, (n + 2) * together + block, 1.0))
+    row, field, value = zip(*rows, strict=True)
+    shape = (n_blocks * side, (n + 2) * together + n_blocks)
+    return columns, sparse.csr_array(sparse.coo_array((value, (row, field)), shape))
+
+
+def reduced(columns, operator, fields, work=ONE):
+    return no_rows(columns, int(columns.max()) + 1).reduced(operator, fields, work)
+
+
+def gram_error(state, operator, fields):
+    """Largest error of R'R of any block, in parts of what the norms of its columns would be if nothing cancelled."""
+    rows = (operator @ fields).reshape(*state.triangles.shape[:2], -1)
+    expected = rows @ np.swapaxes(rows, 1, 2)
+    size = np.linalg.norm(abs(operator) @ np.abs(fields), axis=1).reshape(rows.shape[:2])
+    found = np.swapaxes(state.triangles, 1, 2) @ state.triangles
+    return float(np.abs((found - expected) / (size[:, :, None] * size[:, None, :])).max())
+
+
+@pytest.mark.parametrize("together", [1, 2, 3, 4])
+@pytest.mark.parametrize("n_times", [1, 95, 96, 131, 700, 1500])
+def test_every_product_of_the_rows_is_kept(together, n_times):
+    """Groups of one to four blocks, stretches with and without remainders of vectors, in one call and in two."""
+    columns, operator = nodes(together=together)
+    fields = np.random.default_rng(1).standard_normal((operator.shape[1], n_times))
+    state = reduced(columns, operator, fields)
+    assert gram_error(state, operator, fields) <= 1e-14
+    assert (np.tril(state.triangles, -1) == 0).all()
+    both = reduced(columns, operator, fields[:, : n_times // 2]).reduced(operator, fields[:, n_times // 2 :], ONE)
+    assert gram_error(both, operator, fields) <= 1e-14
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_do_not_change_a_bit(threads):
+    columns, operator = nodes(n=7)
+    fields = np.random.default_rng(2).standard_normal((operator.shape[1], 900))
+    single = reduced(columns, operator, fields)
+    assert np.array_equal(single.triangles, reduced(columns, operator, fields, Kernels("numba", threads)).triangles)
+
+
+def values_of(triangle):
+    return np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+
+
+def exact_values(matrix, right):
+    """Least squares of these numbers, refined with residuals in extended precision."""
+    wide, target = matrix.astype(np.longdouble), right.astype(np.longdouble)
+    triangle = np.linalg.qr(matrix, mode="r")
+    found = np.zeros(matrix.shape[1], dtype=np.longdouble)
+    for _ in range(12):
+        slope = (wide.T @ (target - wide @ found)).astype(np.float64)
+        found = found + np.linalg.solve(triangle, np.linalg.solve(triangle.T, slope))
+    return found.astype(np.float64)
+
+
+@pytest.mark.parametrize("condition", [1.0, 10.0, 30.0, 1e3, 1e6])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_values_have_the_digits_of_a_qr(condition, noise):
+    """Twelve columns with one weak direction: errors at most those of a QR, or 1e-13 where products are taken."""
+    rng = np.random.default_rng(int(condition))
+    matrix = rng.standard_normal((600, 12))
+    weak = rng.standard_normal(12) / np.sqrt(12)
+    matrix = matrix - np.outer(matrix @ weak, weak / (weak @ weak)) * (1 - 1 / condition)
+    right = matrix @ rng.uniform(1, 2, 12) + noise * rng.standard_normal(600)
+    columns, operator = np.arange(12)[None], sparse.csr_array(sparse.eye_array(13))
+    fields = np.column_stack([matrix, right]).T
+    expected = exact_values(matrix, right)
+    errors = [
+        np.linalg.norm(values_of(reduced(columns, operator, fields, work).triangles[0]) - expected)
+        for work in (ONE, NUMPY)
+    ]
+    assert errors[0] <= 10 * errors[1] + 1e-13 * np.linalg.norm(expected)
+
+
+def test_residual_of_exact_data_is_of_rounding():
+    """Taken as a difference of sums of squares it would stop at 1e-8 of the right-hand side."""
+    rng = np.random.default_rng(5)
+    matrix = rng.standard_normal((800, 12))
+    right = matrix @ rng.uniform(1, 2, 12)
+    fields = np.column_stack([matrix, right]).T
+    state = reduced(np.arange(12)[None], sparse.csr_array(sparse.eye_array(13)), fields)
+    again = state.reduced(sparse.csr_array(sparse.eye_array(13)), fields, ONE)
+    for found in (state, again):
+        assert abs(found.triangles[0, -1, -1]) <= 1e-13 * np.linalg.norm(right)
+
+
+def test_a_weak_direction_that_shows_late_is_taken_by_reflections():
+    """A calm, well-conditioned start; then all columns move as one, ten million times as far."""
+    rng = np.random.default_rng(6)
+    calm = rng.standard_normal((400, 12))
+    loud = np.outer(rng.standard_normal(400), np.ones(12)) * 1e7 + rng.standard_normal((400, 12))
+    matrix = np.concatenate([calm, loud])
+    right = matrix @ rng.uniform(1, 2, 12) + rng.standard_normal(800)
+    operator, columns = sparse.csr_array(sparse.eye_array(13)), np.arange(12)[None]
+    fields = np.column_stack([matrix, right]).T
+    expected = exact_values(matrix, right)
+    whole = reduced(columns, operator, fields)
+    parts = reduced(columns, operator, fields[:, :400]).reduced(operator, fields[:, 400:], ONE)
+    for state in (whole, parts):
+        assert values_of(state.triangles[0]) == pytest.approx(expected, rel=1e-7)
+    plain = reduced(columns, operator, fields, NUMPY)
+    assert np.abs(whole.triangles) == pytest.approx(np.abs(plain.triangles), rel=1e-6, abs=1e-6)
+
+
+def test_silent_and_repeated_columns_stay_what_they_are():
+    rng = np.random.default_rng(7)
+    matrix = rng.standard_normal((500, 12))
+    matrix[:, 3] = 0.0
+    matrix[:, 8] = 2 * matrix[:, 5]
+    fields = np.column_stack([matrix, rng.standard_normal(500)]).T
+    operator, columns = sparse.csr_array(sparse.eye_array(13)), np.arange(12)[None]
+    triangle = reduced(columns, operator, fields).triangles[0]
+    assert (triangle[:, 3] == 0).all()
+    assert abs(triangle[8, 8]) <= 1e-12 * np.linalg.norm(matrix[:, 8])
+    gram = fields @ fields.T
+    assert triangle.T @ triangle == pytest.approx(gram, abs=1e-12 * gram.max())
+
+
+def test_what_is_not_a_number_arrives():
+    columns, operator = nodes()
+    fields = np.random.default_rng(3).standard_normal((operator.shape[1], 300))
+    fields[4, 200] = np.nan
+    touched = np.isnan(operator @ fields).any(axis=1).reshape(len(columns), -1).any(axis=1)
+    found = np.isnan(reduced(columns, operator, fields).triangles).any(axis=(1, 2))
+    assert touched.any()
+    assert found[touched].all()
+    assert not found[~touched].any()
+
+
+@pytest.mark.parametrize("together", [1, 2, 3, 4, 7])
+def test_groups_and_their_fields_are_those_of_a_plain_count(together):
+    columns, operator = nodes(n=4, together=together)
+    maker, side = row_maker(operator, columns), columns.shape[1] + 1
+    sizes = np.diff(maker.heads)
+    assert sizes.tolist() == ([3] * (together // 3) + [together % 3] * (together % 3 > 0)) * 4
+    fields = [set(operator.indices[a:b].tolist()) for a, b in zip(operator.indptr, operator.indptr[1:], strict=False)]
+    groups = [set().union(*fields[a * side : b * side]) for a, b in zip(maker.heads, maker.heads[1:], strict=False)]
+    for h, own in enumerate(groups):
+        before = groups[h - 1] if h else set()
+        assert set(maker.new[maker.news[h] : maker.news[h + 1]].tolist()) == own - before
+    assert maker.reach == pytest.approx(np.mean([len(own) for own in groups]))
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    for row, alike in enumerate(maker.alike.tolist()):
+        later = [row + side * k for k in (1, 2) if row + side * k < len(fields)]
+        same = [group[r // side] == group[row // side] and fields[r] == fields[row] for r in later]
+        assert alike == (0 if not same or not same[0] else 1 + (len(same) > 1 and same[1]))
