@@ -77,6 +77,7 @@ WRONG = [
     ("band = [0.5, 12.0]", 'residual = "logs"', "residual", ['"log"', '"pole_free"']),
     ("band = [0.5, 12.0]", 'search = "newton"', "search", ["levenberg_marquardt", "gauss_newton"]),
     ("band = [0.5, 12.0]", "n_modes = 0", "n_modes", ["at least 1"]),
+    ("band = [0.5, 12.0]", "reduced = 1", "reduced", ["[method] reduced", "above 0 and at most 0.01"]),
     ("band = [0.5, 12.0]", "bend = [0.5, 12.0]", "bend", ["[method] bend", "`band`"]),
     ("[method]\n", "method = 1\n", "method", ["[record.noise] method", "unknown key"]),
 ]
@@ -157,13 +158,14 @@ def test_every_method_key_reaches_the_options(tmp_path):
     method = (
         'band = [1, 9.5]\nexclude = [[2.0, 2.5]]\nresidual = "log"\nmodel_error = 0.1\npole_free_start = false\n'
         'search = "gauss_newton"\nmax_iterations = 7\ntotal_mass_direction = "X"\nn_modes = 2\n'
-        "restarts = 3\nseed = 4\nevaluation_band = [1, 11]"
+        "restarts = 3\nseed = 4\nevaluation_band = [1, 11]\nreduced = 1e-6"
     )
     options = load_study(write_chain(tmp_path, replaced("band = [0.5, 12.0]", method))).options
     assert (options.band, options.exclude, options.residual) == ((1.0, 9.5), ((2.0, 2.5),), "log")
     assert (options.model_error, options.pole_free_start, options.direction, options.n_modes) == (0.1, False, "X", 2)
     assert (options.restarts, options.seed, options.evaluation_band) == (3, 4, (1.0, 11.0))
     assert options.method == GaussNewton(max_iterations=7)
+    assert options.reduced == 1e-6
     assert load_study(write_chain(tmp_path)).options.method == LevenbergMarquardt()
 
 
@@ -230,6 +232,14 @@ youngs_modulus = 5.0
 density = 1.0
 thickness = 0.1
 poisson = 0.3
+[[structure.shell]]
+name = "shell"
+nodes = [[2, 3, 4]]
+youngs_modulus = 5.0
+density = 1.0
+thickness = 0.1
+poisson = 0.3
+linear_strains = 1.0
 [[structure.solid]]
 name = "solid"
 nodes = [[2, 3, 4, 5]]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import socket
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,15 +23,16 @@ from structid import estimate
 from structid.errors import InputError
 from structid.estimation import bootstrap
 from structid.estimation.profile import profiles
-from structid.estimation.work import Tools
-from structid.study import tasks_cluster
+from structid.estimation.work import PLAIN_TOOLS, Tools
+from structid.study import task_parts, tasks_cluster
+from structid.study import tasks as tasks_module
 from structid.study.checkpoint import Checkpoint
 from structid.study.long_run import LongRun, executor_for
 from structid.study.run import load_study, run_study, started, study_parts
 from structid.study.search import shared_parts
 from structid.study.spread import SpreadLines, spread
 from structid.study.task_parts import StudyPlace, packed, unpacked
-from structid.study.tasks import InProcess, WorkersLostError, in_batches
+from structid.study.tasks import InProcess, WorkersLostError, in_batches, one_thread
 from structid.study.tasks_cluster import Cluster
 from structid.study.tasks_processes import Processes
 
@@ -118,6 +122,59 @@ def test_batches_grow_with_short_tasks_and_stay_single_with_long_ones():
             assert len(dict(in_batches(submit, 2, squared, dict.fromkeys(range(200))))) == 200
     assert max(sizes[0.0001]) > 20
     assert set(sizes[1.0]) == {1}
+
+
+@pytest.mark.parametrize(("seconds", "most"), [(0.0001, 16), (0.01, 10), (1.0, 4)])
+def test_so_many_messages_are_under_way_that_no_worker_waits(monkeypatch, seconds, most):
+    """Short ones eight a worker, long ones two, where each is one task."""
+    monkeypatch.setattr("structid.study.tasks.BATCH_SECONDS", 0.0)
+    waiting: list[tuple[Future, tuple]] = []
+    largest = 0
+
+    def submit(task, batch):
+        nonlocal largest
+        future = Future()
+        waiting.append((future, batch))
+        largest = max(largest, len(waiting))
+        return future
+
+    def wait(pending, timeout, return_when):
+        future, batch = waiting.pop(0)
+        future.set_result(([(number, number) for number, _ in batch], seconds))
+        return {future}, pending - {future}
+
+    monkeypatch.setattr("structid.study.tasks.wait", wait)
+    assert len(dict(in_batches(submit, 2, squared, dict.fromkeys(range(100))))) == 100
+    assert largest == most
+
+
+def test_threads_are_limited_in_libraries_that_come_later_too(monkeypatch):
+    """The controller is kept for a second or until a module is loaded, and each use restores what was."""
+    made = []
+
+    class Controller:
+        def __init__(self):
+            made.append(self)
+
+        def limit(self, limits):
+            assert limits == 1
+            return contextlib.nullcontext()
+
+    monkeypatch.setattr("threadpoolctl.ThreadpoolController", Controller)
+    tasks_module._pools.cache_clear()
+    monkeypatch.setattr(tasks_module.time, "monotonic", lambda: 100.0)
+    for _ in range(3):
+        with one_thread():
+            assert os.environ["STRUCTID_THREADS"] == "1"
+    assert len(made) == 1
+    monkeypatch.setitem(sys.modules, "a_new_one", sys)
+    with one_thread():
+        pass
+    monkeypatch.setattr(tasks_module.time, "monotonic", lambda: 101.5)
+    with one_thread():
+        pass
+    assert len(made) == 3
+    tasks_module._pools.cache_clear()
 
 
 def test_a_lost_process_is_replaced_and_its_tasks_are_redone(tmp_path, processes):
@@ -265,6 +322,65 @@ def test_a_cluster_that_loses_a_worker_has_the_bits_of_one_process(study, proble
     assert np.array_equal(alone.values, shared.values)
 
 
+def process_of(shared: object, item: float, tools: Tools) -> int:
+    end = time.thread_time() + item
+    while time.thread_time() < end:
+        pass
+    return os.getpid()
+
+
+def forgotten(_: object) -> str:
+    """A worker without what was given to it, as one that has just begun."""
+    task_parts._GIVEN.clear()
+    return ""
+
+
+def entry(shared: np.ndarray, item: int, tools: Tools) -> float:
+    return float(shared[item])
+
+
+def test_what_is_large_is_on_all_workers_and_given_again_to_those_that_come(cluster, monkeypatch):
+    """Tasks run on both workers for longer than Dask keeps copies of one result."""
+    monkeypatch.setattr(tasks_cluster, "_SMALL_BYTES", 100)
+    large = np.arange(100.0)
+    executor = Cluster(cluster.scheduler_address)
+    try:
+        begun = time.monotonic()
+        while time.monotonic() - begun < 4.5:
+            found = dict(executor.completed(process_of, large, dict.fromkeys(range(4), 0.1), lambda _: PLAIN_TOOLS))
+        assert len(set(found.values())) == 2
+        other = 2 * large
+        assert executor._sent(other).content == b""
+        executor.asked(forgotten, None)
+        found = dict(executor.completed(entry, other, {k: k for k in range(9)}, lambda _: PLAIN_TOOLS))
+        assert [found[k] for k in range(9)] == [2 * k for k in range(9)]
+    finally:
+        executor.close()
+
+
+def test_workers_that_never_keep_what_they_are_given_are_an_error(cluster, monkeypatch):
+    monkeypatch.setattr(tasks_cluster, "_SMALL_BYTES", 100)
+    monkeypatch.setattr(tasks_cluster, "given", forgotten)
+    executor = Cluster(cluster.scheduler_address)
+    try:
+        with pytest.raises(WorkersLostError, match="come and go faster than they get the study"):
+            list(executor.completed(entry, np.arange(50.0) + 0.5, {0: 0}, lambda _: PLAIN_TOOLS))
+    finally:
+        executor.close()
+
+
+def test_a_package_that_was_not_given_is_missed():
+    package = packed(np.arange(7.0))
+    light = replace(package, content=b"")
+    with pytest.raises(task_parts.PackageMissingError):
+        unpacked(light)
+    task_parts.given(package)
+    assert unpacked(light)[3] == 3.0
+    for number in range(9):
+        task_parts.given(packed(np.array([float(number)])))
+    assert len(task_parts._GIVEN) == 4
+
+
 def test_workers_that_do_not_see_the_study_get_it_sent(study, problem, cluster):
     executor = Cluster(cluster.scheduler_address, StudyPlace("/nowhere/chain.toml", place(study).inputs))
     try:
@@ -291,6 +407,33 @@ def test_a_scheduler_that_does_not_answer_is_named_with_the_time(distributed):
     ):
         Cluster("tcp://127.0.0.1:9", answer_seconds=0.5)
     assert time.monotonic() - begun < 10
+
+
+def test_what_listens_and_is_no_scheduler_is_named_and_not_waited_for(distributed, cluster):
+    """A socket that says nothing, and a worker's address."""
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        begun, port = time.monotonic(), mute.getsockname()[1]
+        with pytest.raises(
+            InputError, match=r"does not answer within 0\.7 s \(it is there, but does not speak as one\)"
+        ):
+            Cluster(f"tcp://127.0.0.1:{port}", answer_seconds=0.7)
+        assert time.monotonic() - begun < 10
+    worker = next(iter(cluster.scheduler_info["workers"]))
+    with pytest.raises(InputError, match="is a worker, not a scheduler; give the scheduler's address"):
+        Cluster(worker, answer_seconds=5.0)
+    with pytest.raises(InputError, match="missing port number"):
+        Cluster("head")
+
+
+def test_a_scheduler_that_lost_all_workers_is_left_with_the_way_to_go_on(monkeypatch):
+    monkeypatch.setattr(tasks_cluster, "_GONE_SECONDS", 0.1)
+    lost = object.__new__(Cluster)
+    lost.address, lost._client = "tcp://head:8786", SimpleNamespace(status="running", nthreads=dict)
+    with pytest.raises(WorkersLostError, match=r"has had no worker for 0\.1 s; what was done is kept: .* --resume"):
+        lost._require_alive()
+    lost._client.status = "connecting"
+    with pytest.raises(WorkersLostError, match=r"the connection was lost; .* go on with --resume"):
+        lost._require_alive()
 
 
 def test_a_scheduler_without_workers_is_named(distributed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from structid.estimation import Estimate
+from structid.estimation.work import ALONE, StageProgress, Work
 from structid.observation.instrumental import identified_by_instruments
 from structid.observation.output_error_search import identified_by_output_error
 from structid.observation.time_options import TimeOptions
@@ -13,7 +14,12 @@ from structid.structure import Structure
 
 
 def identify_time(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions | None = None
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord,
+    options: TimeOptions | None = None,
+    work: Work = ALONE,
+    progress: StageProgress | None = None,
 ) -> Estimate:
     """Masses, viscous dampings and stiffnesses from time histories, consistent under noise in every channel.
 
@@ -39,6 +45,10 @@ def identify_time(
         (``instrumental``, ``weak``), or, for an `Oscillation`, its amplitude is. Channels with variance 0 can only
         serve ``instrumental``, or to start from.
     options : TimeOptions, optional
+    work : Work
+        Where the searches of ``output_error`` run, and whether they and the iterations of ``instrumental`` are kept.
+    progress : callable, optional
+        Called with the stage's name, the iteration and the sum of squares.
 
     Returns
     -------
@@ -85,7 +95,7 @@ def identify_time(
     """
     chosen = options or TimeOptions()
     if chosen.method == "output_error":
-        return identified_by_output_error(structure, unknown, record, chosen)
+        return identified_by_output_error(structure, unknown, record, chosen, work, progress)
     if chosen.method == "instrumental":
-        return identified_by_instruments(structure, unknown, record, chosen)
+        return identified_by_instruments(structure, unknown, record, chosen, work)
     return identified_by_weak_form(structure, unknown, record, chosen)

@@ -24,6 +24,8 @@ from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError, SingularModelError
 from structid.estimation import Estimate
+from structid.estimation.work import ALONE, Work
+from structid.observation.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.observation.motion import MOTION_QUANTITIES, Motion, recorded_motion
 from structid.observation.motion_fit import identify_motion
 from structid.observation.output_error import OutputErrorProblem
@@ -177,14 +179,15 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
 
 
 def identified_by_instruments(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
 ) -> Estimate:
     """Refined instrumental variables, first from few samples and then from ever more; see `identify_time`."""
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
+    steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
     ends: list[_End] = []
     for first, values in _ways(fit, unknown, size):
-        ends.append(_followed(fit, first, values, options.max_iterations))
+        ends.append(_followed(fit, first, values, options.max_iterations, steps))
         if ends[-1].fits(fit.noise is not None, options.misfit_probability):
             break
     end = min(ends, key=lambda e: (not e.converged, e.chi_square))
@@ -233,41 +236,47 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
     yield n_times, given
 
 
-def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int) -> _End:
+def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
     """From a stage of `size` samples by doubling to all of them."""
     history = [values]
     while size < fit.motion.n_times:
-        stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history)
+        stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
         values = values if stage is None else stage
         size *= 2
-    found, converged, rows = _iterated(fit, values, most, history)
+    found, converged, rows = _iterated(fit, values, most, history, steps)
     return _End(found, converged, rows, history)
 
 
 def _iterated(
-    fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray]
+    fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> tuple[FloatArray | None, bool, WhitenedRows | None]:
     """Parameters after at most so many solutions, whether they stay, and the rows of the last one.
 
     Solutions that swing to and fro are halved in between.
     """
-    rows, last = None, None
+    converged, last, before = False, None, values
     for _ in range(most):
-        try:
-            rows = fit.rows(values)
-        except SingularModelError:
+        at = steps.taken(fit, values)
+        if at.outcome == UNSTABLE:
             return None, False, None
-        found = rows.solution()
-        if found is None:
-            return None, False, rows
-        history.append(found)
-        step = (found - values) / np.sqrt(np.diag(rows.covariance()))
-        moved = np.abs(step)
+        if at.outcome == UNDETERMINED:
+            return None, False, at.rows or fit.rows(values)
+        history.append(at.solution)
+        step = (at.solution - values) / at.deviation
         swings = last is not None and float(step @ last) < -0.5 * float(last @ last)
-        values, last = (0.5 * (values + found) if swings else found), step
-        if moved.max(initial=0.0) < _TOLERANCE:
-            return values, True, rows
-    return values, False, rows
+        before, last = values, step
+        values = 0.5 * (values + at.solution) if swings else at.solution
+        if np.abs(step).max(initial=0.0) < _TOLERANCE:
+            converged = True
+            break
+    return values, converged, at.rows or fit.rows(before)
+
+
+def _no_rows(unknown: Parameters) -> WhitenedRows:
+    """What says whose values are kept."""
+    none = np.zeros((0, unknown.n_params))
+    counts = np.zeros(0, dtype=np.int64)
+    return WhitenedRows(unknown, none, np.zeros(0), none, counts, counts)
 
 
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:

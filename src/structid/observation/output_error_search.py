@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation import Estimate, LevenbergMarquardt, Linearization, estimate, minimize
+from structid.estimation import Estimate, LevenbergMarquardt, Linearization, estimate
+from structid.estimation.multistart import named
 from structid.estimation.refusal import bound_at
+from structid.estimation.work import ALONE, StageProgress, Tools, Work
 from structid.observation.motion_fit import identify_motion
 from structid.observation.output_error import OutputErrorProblem
 from structid.observation.time_options import TimeOptions
@@ -31,32 +34,40 @@ _Way = tuple[int, float, FloatArray]
 
 
 def identified_by_output_error(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord,
+    options: TimeOptions,
+    work: Work = ALONE,
+    progress: StageProgress | None = None,
 ) -> Estimate:
     """Maximum likelihood, first from few samples and then from ever more of them.
 
     A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
     Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
     chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
-    fit), the way that came furthest is followed to its end.
+    fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
+    depend on each other run ahead of the verdict on those before them; the answer is the same.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
     ways: list[_Way] = []
     iterations = 0
-    for start in _starts(structure, unknown, record, options, ways):
-        reached, excess, theta, spent = _followed(problem, sizes, start, options, strict=True)
+    for way, spent in _tried(
+        _rounds(structure, unknown, record, options, ways), (problem, sizes, options), work, progress
+    ):
         iterations += spent
-        ways.append((reached, -excess, theta))
-        if reached == len(sizes):
+        ways.append(way)
+        if way[0] == len(sizes):
             break
     reached, _, theta = _furthest(ways)
     if reached < len(sizes):
-        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, strict=False)
+        tools = Tools(work.minimize, progress)
+        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
         iterations += spent
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
     method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
-    found = estimate(final, method, misfit_probability=options.misfit_probability)
+    found = estimate(final, method, misfit_probability=options.misfit_probability, progress=progress, work=work)
     return replace(
         found,
         initial=locked(unknown.start),
@@ -64,6 +75,29 @@ def identified_by_output_error(
         n_iterations=found.n_iterations + iterations,
         n_starts=len(ways),
     )
+
+
+def _tried(
+    rounds: Iterator[list[FloatArray]],
+    shared: tuple[OutputErrorProblem, list[int], TimeOptions],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[tuple[_Way, int]]:
+    """What became of each start in turn, and the iterations spent; `rounds` is asked for more when these are taken."""
+    count = 0
+    for starts in rounds:
+        for first in range(0, len(starts), work.n_workers):
+            ahead = starts[first : first + work.n_workers]
+            for found in work.map("starts", _way, shared, ahead, progress, first=count):
+                yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
+            count += len(ahead)
+
+
+def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], theta: FloatArray, tools: Tools) -> dict[str, Any]:
+    """The way from one start, as a task."""
+    problem, sizes, options = shared
+    reached, excess, theta, spent = _followed(problem, sizes, theta, options, True, tools)
+    return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
@@ -79,7 +113,12 @@ def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
 
 
 def _followed(
-    problem: OutputErrorProblem, sizes: list[int], theta: FloatArray, options: TimeOptions, strict: bool
+    problem: OutputErrorProblem,
+    sizes: list[int],
+    theta: FloatArray,
+    options: TimeOptions,
+    strict: bool,
+    tools: Tools,
 ) -> tuple[int, float, FloatArray, int]:
     """Stages passed, chi-square per degree of freedom of the last one, free variables there, and iterations spent.
 
@@ -93,7 +132,7 @@ def _followed(
         if size < problem.n_times:
             begin = problem.unknown.started_at(problem.physical(theta))
             stage = stage.with_parameters(begin.kept_near_start(_HELD))
-        minimum = minimize(stage, method, theta)
+        minimum = tools.minimize(stage, method, theta, named(tools.progress, f"{size} samples"))
         spent += len(minimum.costs) - 1
         excess, probability = _misfit(stage, minimum.linearization)
         if strict and probability < options.misfit_probability:
@@ -115,25 +154,27 @@ def _furthest(ways: list[_Way]) -> _Way:
     return max(ways, key=lambda way: way[:2])
 
 
-def _starts(
+def _rounds(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, ways: list[_Way]
-) -> Iterator[FloatArray]:
+) -> Iterator[list[FloatArray]]:
     """Free variables to start from: linear fits where they can be had, the given start, and others.
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
-    of the first. Each is made when the ones before have failed; `ways` holds what became of them.
+    of the first. Each round is made when those before have failed; `ways` holds what became of them.
     """
     sound: list[FloatArray] = []
     rng = np.random.default_rng(options.seed)
     for makers in (_linear_starts, _given_start, _weak_start):
-        for theta in makers(structure, unknown, record):
-            sound.append(theta)
-            yield theta
-    for attempt in range(options.restarts):
-        near = attempt % 2 == 0
-        theta = _furthest(ways)[2] if near else sound[attempt // 2 % len(sound)]
-        size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
-        yield theta + (_NEAR if near else _FAR) * size * rng.standard_normal(len(theta))
+        made = list(makers(structure, unknown, record))
+        sound += made
+        yield made
+    for attempt in range(0, options.restarts, 2):
+        centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
+        points: list[FloatArray] = []
+        for distance, theta in centres[: options.restarts - attempt]:
+            size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
+            points.append(theta + distance * size * rng.standard_normal(len(theta)))
+        yield points
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:

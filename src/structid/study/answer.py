@@ -83,7 +83,8 @@ def answered(
                 f"fit {first.fit!r} takes one record, all of it, without regularization and with Laplace intervals;"
                 " use fit 'spectra' for more"
             )
-        return Answer(time_estimate(problems[0], first, options.restarts, options.seed), problems, None, ())
+        found = time_estimate(problems[0], first, options.restarts, options.seed, work, progress)
+        return Answer(found, problems, None, ())
     if any(fit is not None for fit in fits):
         if options.regularization or any(fit is not None and fit.fit != "spectra" for fit in fits):
             raise InputError("several records, and regularization, go with fit 'spectra' and with FRFs only")

@@ -16,7 +16,7 @@ OPTIONAL = {
     "mkl": "the PARDISO factorizer (extra `pardiso`)",
     "dask": "clusters (extra `cluster`)",
     "distributed": "clusters (extra `cluster`)",
-    "meshio": "mesh files (extra `mesh`)",
+    "meshio": "VTK mesh files (extra `mesh`)",
     "emcee": "sampling (extra `sampling`)",
     "ansys-mapdl-reader": "Ansys files (extra `ansys`)",
 }

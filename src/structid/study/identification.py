@@ -88,6 +88,9 @@ class IdentifyOptions:
         What holds parameters that the data alone do not determine.
     intervals : {"laplace", "profile", "bootstrap", "sampling"}
         How the 95 % interval of each parameter is found, in rising order of cost; see `structid.estimation.intervals`.
+    reduced : float, optional
+        Largest error of the model's FRFs, in parts of the largest of their line, with which a large model may find them
+        from few factorizations; see `FrfProblem`.
     """
 
     band: tuple[float, float] | None = None
@@ -107,6 +110,7 @@ class IdentifyOptions:
     evaluation_band: tuple[float, float] | None = None
     regularization: Sequence[Regularization] = ()
     intervals: IntervalKind = "laplace"
+    reduced: float | None = None
 
 
 def prepared_problem(
@@ -127,7 +131,9 @@ def prepared_problem(
             " from the scatter of the residual"
         )
     channels = channel_errors(used, channel_unknowns) if channel_unknowns else None
-    problem = FrfProblem(structure, unknown, used, options.residual, model_error, channels=channels)
+    problem = FrfProblem(
+        structure, unknown, used, options.residual, model_error, channels=channels, reduced=options.reduced
+    )
     if options.start == "continuation":
         problem = replace(problem, start_error=options.start_error)
     return problem, tuple(warnings)

@@ -5,8 +5,12 @@ from __future__ import annotations
 from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.estimation.intervals import INTERVAL_KINDS
 from structid.study.identification import IdentifyOptions
-from structid.study.section import BOOLEAN, COUNT, INTEGER, NOT_NEGATIVE, POSITIVE, RANGE, RANGES, Section, choice
+from structid.study.section import BOOLEAN, COUNT, INTEGER, NOT_NEGATIVE, POSITIVE, RANGE, RANGES, Kind, Section, choice
 
+_SMALL = Kind(
+    "a number above 0 and at most 0.01",
+    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 0.01,
+)
 _SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
 _KINDS = {
     "band": RANGE,
@@ -25,6 +29,7 @@ _KINDS = {
     "total_mass_direction": choice("X", "Y", "Z"),
     "n_modes": COUNT,
     "intervals": choice(*INTERVAL_KINDS),
+    "reduced": _SMALL,
 }
 
 

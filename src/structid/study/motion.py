@@ -13,12 +13,19 @@ from typing import Any
 
 import numpy as np
 
+from structid.errors import InputError
 from structid.estimation import Status
 from structid.estimation.local_reduction import Kernels
-from structid.observation.motion_stream import MotionSolution, Progress, identify_motion_by_chunks
+from structid.observation.motion_checkpoint import load_motion_fit
+from structid.observation.motion_fit import RecursiveMotionFit, motion_fit
+from structid.observation.motion_stream import MotionSolution, Progress, motion_solution
 from structid.records.on_disk import OnDiskRecord, open_record
+from structid.study.motion_parts import Whole, reduced_alone, reduced_on
 from structid.study.results import json_text
 from structid.study.study import Study, load_study
+from structid.study.tasks import Executor, InProcess
+from structid.study.tasks_cluster import Cluster
+from structid.study.tasks_processes import Processes
 
 #: The files of `write_motion`.
 MOTION_SUMMARY, MOTION_TABLE = "motion.json", "parameters.csv"
@@ -34,12 +41,18 @@ class MotionOptions:
     chunk : int, optional
         Samples a chunk.
     checkpoint : Path, optional
-        Where the state is kept after each chunk, and taken up from.
+        Where the state is kept now and then, and taken up from.
+    workers : int, optional
+        Processes that reduce stretches of the records; by default this one takes one chunk after the other.
+    scheduler : str, optional
+        Address of the Dask cluster that does instead.
     """
 
     work: Kernels = Kernels()  # noqa: RUF009  frozen
     chunk: int | None = None
     checkpoint: Path | None = None
+    workers: int | None = None
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +62,27 @@ class MotionResult:
     Attributes
     ----------
     study : Study
-    record : OnDiskRecord
+    records : tuple of OnDiskRecord
     solution : MotionSolution
     seconds : mapping of str to float
         Wall time of reading the study, of the pass over the record, and of the solution.
     peak_memory : int
-        Bytes of the whole process so far; 0 where the system does not tell.
+        Bytes of the whole process so far, without those of workers; 0 where the system does not tell.
+    where : str
+        What reduced the records.
     """
 
     study: Study
-    record: OnDiskRecord
+    records: tuple[OnDiskRecord, ...]
     solution: MotionSolution
     seconds: Mapping[str, float]
     peak_memory: int
+    where: str = "this process"
+
+    @property
+    def record_bytes(self) -> int:
+        """Of all records on disk."""
+        return sum(record.path.stat().st_size for record in self.records)
 
     @property
     def is_determined(self) -> bool:
@@ -81,31 +102,54 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
     begun = time.perf_counter()
     study = load_study(path)
     source = study.record
-    if len(study.setups) > 1 or len(source.paths) > 1:
-        raise source.section.error("identification from motion takes one record; leave the others out")
+    if len(study.setups) > 1:
+        raise source.section.error("identification from motion takes one [record]; name several files by `repeats`")
     for key in ("modes", "noise", "frf", "channel_error", "window_decay", "channels_used"):
         if key in source.section.table:
             raise source.section.error("identification from motion does not use it; leave it out", key)
-    with source.section.located("path"):
-        record = open_record(source.paths[0], source.options)
-    read = time.perf_counter()
-    passed = [read]
+    with source.section.located("repeats" if len(source.paths) > 1 else "path"):
+        records = tuple(open_record(path.resolve(), source.options) for path in source.paths)
+        executor = motion_executor(options)
+        read = time.perf_counter()
+        try:
+            whole = Whole(study.structure, study.parameters, records, options.work, options.chunk)
+            fit = _reduced(whole, executor, options.checkpoint, progress)
+        finally:
+            if executor is not None:
+                executor.close()
+        passed = time.perf_counter()
+        solution = motion_solution(fit, options.work)
+    seconds = {"study": read - begun, "record": passed - read, "solution": time.perf_counter() - passed}
+    where = "this process" if executor is None else executor.words
+    return MotionResult(study, records, solution, seconds, peak_memory(), where)
 
-    def noted(done: int, whole: int) -> None:
-        passed[0] = time.perf_counter()
-        if progress is not None:
-            progress(done, whole)
 
-    with source.section.located("path"):
-        solution = identify_motion_by_chunks(
-            study.structure, study.parameters, record, None, options.work, options.chunk, options.checkpoint, noted
-        )
-    seconds = {
-        "study": read - begun,
-        "record": passed[0] - read,
-        "solution": time.perf_counter() - passed[0],
-    }
-    return MotionResult(study, record, solution, seconds, peak_memory())
+def motion_executor(options: MotionOptions) -> Executor | None:
+    """What reduces stretches of the records; None where this process takes one chunk after the other.
+
+    Raises
+    ------
+    InputError
+        If both workers and a scheduler are given, or they cannot be used.
+    """
+    if options.scheduler is not None and options.workers is not None:
+        raise InputError("`workers` must be left out with a scheduler, got both; give --workers or --scheduler")
+    if options.scheduler is not None:
+        return Cluster(options.scheduler)
+    if options.workers is None:
+        return None
+    return InProcess() if options.workers == 1 else Processes(options.workers)
+
+
+def _reduced(
+    whole: Whole, executor: Executor | None, checkpoint: Path | None, progress: Progress | None
+) -> RecursiveMotionFit:
+    fit = motion_fit(whole.structure, whole.unknown)
+    if checkpoint is not None and checkpoint.exists():
+        fit = load_motion_fit(checkpoint, fit)
+    if executor is None:
+        return reduced_alone(fit, whole, checkpoint, progress)
+    return reduced_on(executor, fit, whole, checkpoint, progress)
 
 
 def peak_memory() -> int:
@@ -152,7 +196,9 @@ def motion_summary(result: MotionResult) -> dict[str, Any]:
         "residual_rms": float(np.sqrt(fit.residual_variance)),
         "engine": found.engine,
         "solver": fit.method,
-        "record_bytes": result.record.path.stat().st_size,
+        "records": len(result.records),
+        "record_bytes": result.record_bytes,
+        "reduced_by": result.where,
         "seconds": dict(result.seconds),
         "peak_memory_bytes": result.peak_memory,
         "inputs": dict(result.study.digests),

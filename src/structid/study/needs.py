@@ -231,7 +231,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
             f" {_COPIES} arrays of {size.n_rows} rows x {size.n_parameters} parameters ({gigabytes(size.jacobian_bytes)}"
             f" each) and {_COPIES} of {size.n_parameters} x {size.n_parameters} ({gigabytes(size.square_bytes)}); take"
             " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), take a machine with more"
-            " memory, or search without a Jacobian ([method] search = \"matrix_free\")"
+            ' memory, or search without a Jacobian ([method] search = "matrix_free")'
         )
 
 

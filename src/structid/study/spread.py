@@ -12,7 +12,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import JointProblem, Linearization, Problem
 from structid.estimation.problem import parameter_sizes
-from structid.estimation.work import Tools
+from structid.estimation.work import PLAIN_TOOLS, Tools
 from structid.estimation.wrapped import Wrapped
 from structid.observation import FrfProblem
 from structid.study.tasks import Executor
@@ -51,7 +51,7 @@ class SpreadLines(Wrapped):
         count = min(n_lines, _STRETCHES_A_WORKER * self.executor.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
         items = {k: (ends[k], ends[k + 1], theta, with_jacobian) for k in range(count)}
-        found = dict(self.executor.completed(stretch, self.problem, items, lambda _: _NO_TOOLS))
+        found = dict(self.executor.completed(stretch, self.problem, items, lambda _: PLAIN_TOOLS))
         return [found[k] for k in range(count)]
 
     def _joined(self, name: str, parts: list[Mapping[str, FloatArray]]) -> FloatArray:
@@ -74,11 +74,6 @@ def stretch(problem: FrfProblem, item: tuple[int, int, FloatArray, bool], _: Too
     return {"residual": at.residual, "jacobian": at.jacobian, "n_data": part.n_data}
 
 
-def _never(*_: Any, **__: Any) -> Any:
-    raise TypeError("an evaluation of lines makes no search")
-
-
-_NO_TOOLS = Tools(_never, None)
 _PARTS: WeakKeyDictionary[FrfProblem, dict[tuple[int, int], FrfProblem]] = WeakKeyDictionary()
 
 

@@ -14,9 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from structid._version import __version__
-from structid.errors import InputError
+from structid.errors import InputError, StructidError
 
 _KEPT = 4
+
+
+class PackageMissingError(StructidError):
+    """A worker that came later has not got what the tasks share; it must be given to all of them again."""
+
+
+#: What was given to this worker before its tasks, by digest; for all of its threads.
+_GIVEN: dict[str, bytes] = {}
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,8 @@ def unpacked(package: Package) -> Any:
 
     Raises
     ------
+    PackageMissingError
+        If the content is left out of `package` and was not `given`.
     InputError
         If this process runs another version of structid, or the study it finds is another one.
     """
@@ -88,11 +98,22 @@ def unpacked(package: Package) -> Any:
         )
     known: dict[str, Any] = _memory().setdefault("shared", {})
     if package.digest not in known:
+        content = package.content or _GIVEN.get(package.digest, b"")
+        if not content:
+            raise PackageMissingError(f"the package {package.digest[:12]} is not here")
         parts = () if package.place is None else _parts_at(package.place)
         while len(known) >= _KEPT:
             del known[next(iter(known))]
-        known[package.digest] = _Unpacker(io.BytesIO(package.content), parts).load()
+        known[package.digest] = _Unpacker(io.BytesIO(content), parts).load()
     return known[package.digest]
+
+
+def given(package: Package) -> str:
+    """Keep the content of a package for tasks whose package leaves it out; its digest, in answer."""
+    while len(_GIVEN) >= _KEPT and package.digest not in _GIVEN:
+        del _GIVEN[next(iter(_GIVEN))]
+    _GIVEN[package.digest] = package.content
+    return package.digest
 
 
 def is_known(digest: str) -> bool:

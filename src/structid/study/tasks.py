@@ -1,8 +1,8 @@
 """Repeated tasks on this process, on processes of this machine, or on a Dask cluster: the same answer from each.
 
 A task is a function of a module, what all tasks share, and a small item. Tasks are sent in batches that take about
-0.1 s; a task whose worker is lost runs again; results are put in the order of the items. Every task runs on one
-thread, wherever it runs, so that sums are taken in the same order.
+a quarter of a second; a task whose worker is lost runs again; results are put in the order of the items. Every task
+runs on one thread, wherever it runs, so that sums are taken in the same order.
 """
 
 from __future__ import annotations
@@ -13,17 +13,19 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any, Protocol
 
 from structid.errors import StructidError
-from structid.estimation.least_squares import minimize
-from structid.estimation.work import Task, Tools
+from structid.estimation.work import PLAIN_TOOLS, Task, Tools
 from structid.study.task_parts import Package, unpacked
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
-BATCH_SECONDS = 0.1
-_AHEAD = 2
+BATCH_SECONDS = 0.25
+#: Messages under way for each worker, and the work that they should hold, s: an answer's way is then no wait.
+_LEAST_AHEAD, _MOST_AHEAD, _COVERED_SECONDS = 2, 8, 0.05
 _PATIENCE = 5.0
+_POOLS_SECONDS = 1.0
 
 Batch = tuple[tuple[int, Any], ...]
 #: Sends a batch of tasks; its result is the numbered results and the seconds that they took.
@@ -95,8 +97,6 @@ class InProcess:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """BLAS, MKL, OpenMP, numba and the factorizers with one thread."""
-    from threadpoolctl import threadpool_limits
-
     from structid.dynamics.factorization import THREADS_VARIABLE
 
     numba = sys.modules.get("numba")
@@ -105,7 +105,7 @@ def one_thread() -> Iterator[None]:
     try:
         if numba:
             numba.set_num_threads(1)
-        with threadpool_limits(limits=1):
+        with _pools(len(sys.modules), int(time.monotonic() / _POOLS_SECONDS)).limit(limits=1):
             yield
     finally:
         if numba:
@@ -116,13 +116,21 @@ def one_thread() -> Iterator[None]:
             os.environ[THREADS_VARIABLE] = variable
 
 
+@lru_cache(maxsize=1)
+def _pools(n_modules: int, second: int) -> Any:
+    """The controller of the libraries loaded now; to find them takes 1.5 ms, so it is kept for a second or a module."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 def run_batch(package: Package, task: Task, batch: Batch) -> tuple[list[tuple[int, Any]], float]:
     """The results of a batch on a worker, numbered, and the seconds that the tasks took."""
-    shared, tools, results = unpacked(package), Tools(minimize, None), []
+    shared, results = unpacked(package), []
     begun = time.perf_counter()
     with one_thread():
         for number, item in batch:
-            results.append((number, task(shared, item, tools)))
+            results.append((number, task(shared, item, PLAIN_TOOLS)))
     return results, time.perf_counter() - begun
 
 
@@ -135,8 +143,8 @@ def in_batches(
 ) -> Iterator[tuple[int, Any]]:
     """Number and result of each item as batches come back; a batch takes about `BATCH_SECONDS`.
 
-    The first batches are single tasks, one a worker, which show how long a task takes. `require_alive` is asked where
-    nothing comes for some seconds.
+    The first batches are single tasks, one a worker, which show how long a task takes; so many are then under way that
+    no worker waits for the next. `require_alive` is asked where nothing comes for some seconds.
     """
     waiting = iter(tuple(items.items()))
     pending: set[Future[tuple[list[tuple[int, Any]], float]]] = set()
@@ -154,13 +162,16 @@ def in_batches(
             done, pending = wait(pending, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
             if not done:
                 require_alive()
+                continue
             for future in done:
                 results, taken = future.result()
                 seconds, count, left = seconds + taken, count + len(results), left - len(results)
                 yield from results
-            fair = -(-left // (_AHEAD * n_workers))
-            size = max(1, min(int(BATCH_SECONDS * count / max(seconds, 1e-9)), fair))
-            while len(pending) < _AHEAD * n_workers:
+            each = max(seconds, 1e-9) / count
+            fair = -(-left // (_LEAST_AHEAD * n_workers))
+            size = max(1, min(int(BATCH_SECONDS / each), fair))
+            ahead = min(max(_LEAST_AHEAD, int(_COVERED_SECONDS / (size * each))), _MOST_AHEAD)
+            while len(pending) < ahead * n_workers:
                 before = len(pending)
                 send()
                 if len(pending) == before:

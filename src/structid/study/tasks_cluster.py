@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,7 @@ from structid._version import __version__
 from structid.errors import FileError, InputError
 from structid.estimation.work import Task, Tools
 from structid.files import digest
-from structid.study.task_parts import StudyPlace, packed
+from structid.study.task_parts import Package, PackageMissingError, StudyPlace, given, packed
 from structid.study.tasks import Batch, WorkersLostError, in_batches, run_batch
 
 #: How long a scheduler may take to answer, and workers to be there, s.
@@ -57,12 +60,12 @@ class Cluster:
         answer_seconds: float = ANSWER_SECONDS,
     ) -> None:
         self.address, self.parts = address, parts
-        self._last: tuple[Any, Any] | None = None
+        self._last: tuple[Any, Package] | None = None
         self._client = _connected(address, answer_seconds)
         try:
             _require_workers(self._client, address, answer_seconds)
             _require_versions(self._client, address)
-            missing = {} if place is None else self._client.run(missing_input, place)
+            missing = {} if place is None else self.asked(missing_input, place)
         except BaseException:
             self.close()
             raise
@@ -78,6 +81,11 @@ class Cluster:
         """Name the parts of the study that workers make themselves."""
         self.parts, self._last = parts, None
 
+    def asked(self, question: Callable[[Any], str], argument: Any) -> dict[str, str]:
+        """The answer of a function of a module on every worker, by its address."""
+        found: dict[str, str] = self._client.run(question, argument)
+        return found
+
     def completed(
         self, task: Task, shared: Any, items: Mapping[int, Any], tools: Callable[[int], Tools]
     ) -> Iterator[tuple[int, Any]]:
@@ -86,16 +94,23 @@ class Cluster:
         missing, losses = dict(items), 0
         executor = self._client.get_executor(pure=False, retries=0)
         while missing:
-            sent = self._sent(shared)
-
-            def submit(what: Task, batch: Batch, sent: Any = sent) -> Future[Any]:
-                found: Future[Any] = executor.submit(run_batch, sent, what, batch)
-                return found
-
             try:
+                package = self._sent(shared)
+
+                def submit(what: Task, batch: Batch, package: Package = package) -> Future[Any]:
+                    found: Future[Any] = executor.submit(run_batch, package, what, batch)
+                    return found
+
                 for number, result in in_batches(submit, self.n_workers, task, missing, self._require_alive):
                     yield number, result
                     del missing[number]
+            except PackageMissingError as error:
+                losses, self._last = losses + 1, None
+                if losses > _MOST_LOSSES:
+                    raise WorkersLostError(
+                        f"scheduler {self.address}: workers come and go faster than they get the study ({error}); start"
+                        " them first, and go on with --resume"
+                    ) from error
             except (KilledWorker, CancelledError, OSError) as error:
                 losses, self._last = losses + 1, None
                 self._require_alive()
@@ -105,12 +120,17 @@ class Cluster:
                         f" for want of memory ({error}); give workers more memory, or fewer threads each"
                     ) from error
 
-    def _sent(self, shared: Any) -> Any:
-        """The package of `shared`, or where the workers hold it if it is large; made once for the same object."""
+    def _sent(self, shared: Any) -> Package:
+        """The package of `shared`, without its content if it is large, which all workers then have; made once.
+
+        It does not travel as a result of Dask, which would keep one copy and run all tasks where that is.
+        """
         if self._last is None or self._last[0] is not shared:
             package = packed(shared, self.place, self.parts)
-            small = len(package.content) <= _SMALL_BYTES
-            self._last = shared, package if small else self._client.scatter(package, broadcast=True, hash=False)
+            if len(package.content) > _SMALL_BYTES:
+                self.asked(given, package)
+                package = replace(package, content=b"")
+            self._last = shared, package
         return self._last[1]
 
     def _require_alive(self) -> None:
@@ -132,7 +152,13 @@ class Cluster:
     def close(self) -> None:
         """Leave the cluster; it goes on without this process."""
         self._last = None
-        self._client.close(timeout=2)
+        told = logging.getLogger("distributed")
+        before = told.level
+        told.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well
+        try:
+            self._client.close(timeout=2)
+        finally:
+            told.setLevel(before)
 
 
 def _connected(address: str, seconds: float) -> Any:
@@ -142,14 +168,31 @@ def _connected(address: str, seconds: float) -> Any:
         raise InputError(
             f"scheduler {address}: Dask is not installed ({error}); install it with `pip install structid[cluster]`"
         ) from error
+    remedy = "check the address, the port and the firewall, and that `dask scheduler` runs there"
     try:
+        kind = asyncio.run(asyncio.wait_for(_kind(address, seconds), seconds))
+        if kind != "Scheduler":
+            raise InputError(f"scheduler {address}: is a {kind.lower()}, not a scheduler; give the scheduler's address")
         return Client(address, timeout=seconds, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(
-            f"scheduler {address}: does not answer within {seconds:g} s ({why}); check the address, the port and the"
-            " firewall, and that `dask scheduler` runs there"
-        ) from error
+        if isinstance(error, InputError):
+            raise
+        why = str(error).splitlines()[0] if str(error) else "it is there, but does not speak as one"
+        raise InputError(f"scheduler {address}: does not answer within {seconds:g} s ({why}); {remedy}") from error
+
+
+async def _kind(address: str, seconds: float) -> str:
+    """What answers at the address: Scheduler, Worker, Nanny. A client would wait for ever for what is none of these."""
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    comm = await connect(address, timeout=seconds, **Security().get_connection_args("client"))
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        told = await comm.read()
+    finally:
+        comm.abort()
+    return str(told["type"]) if isinstance(told, dict) and "type" in told else "stranger"
 
 
 def _require_workers(client: Any, address: str, seconds: float) -> None:

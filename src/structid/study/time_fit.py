@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.estimation import Estimate, JointProblem, Problem
+from structid.estimation.work import ALONE, StageProgress, Work
 from structid.observation import FrfProblem, ModalProblem, SpectraProblem, TimeOptions, damped_stages, identify_time
 from structid.records import TimeRecord, finite_spectra
 from structid.study.search import RecordProblem, together
@@ -113,11 +114,18 @@ def _plain(problem: RecordProblem) -> FrfProblem:
     return problem
 
 
-def time_estimate(problem: RecordProblem, fit: TimeFit, restarts: int, seed: int) -> Estimate:
+def time_estimate(
+    problem: RecordProblem,
+    fit: TimeFit,
+    restarts: int,
+    seed: int,
+    work: Work = ALONE,
+    progress: StageProgress | None = None,
+) -> Estimate:
     """The estimate of `identify_time` by the method that the set-up asks for, which is not ``spectra``."""
     problem = _plain(problem)
     method = fit.fit
     if method == "spectra":
         raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; see `target`")
     options = TimeOptions(method=method, force=fit.hold, initial=fit.initial, restarts=restarts, seed=seed)
-    return identify_time(problem.structure, problem.parameters, fit.measured, options)
+    return identify_time(problem.structure, problem.parameters, fit.measured, options, work, progress)
