@@ -1,9 +1,15 @@
 """Every example script runs, and gives its pinned number."""
 
+import csv
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
+from typer.testing import CliRunner
+
+from structid import read_record
+from structid.cli import app
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -26,3 +32,19 @@ def test_example_finds_its_truth(script, name, value, deviations):
 
 def test_every_script_is_tried():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {"added_mass.py", "cantilever.py", "own_matrices.py"}
+
+
+def test_the_motion_of_a_frame_gives_every_floor(tmp_path):
+    folder = EXAMPLES / "motion_of_a_frame"
+    done = CliRunner().invoke(app, ["motion", str(folder / "study.toml"), "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    made = runpy.run_path(str(folder / "make_motion.py"))
+    truth = np.concatenate([made["MASS"], made["STIFFNESS"], made["DAMPING"]])
+    with (tmp_path / "parameters.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    value, std = (np.array([float(row[key]) for row in rows]) for key in ("value", "standard_deviation"))
+    assert np.abs((value - truth) / std).max() <= 4.0
+    assert (std / truth).max() <= 0.01
+    record = read_record(folder / "motion.h5")
+    parts = made["motion"](made["true_structure"](), np.random.default_rng(3))
+    assert np.asarray(record.values)[:, 12:18] == pytest.approx(parts[0], rel=1e-5, abs=1e-9)

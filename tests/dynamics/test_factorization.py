@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid.dynamics import factorization, factorization_pardiso
+from structid.dynamics import factorization, factorization_mumps, factorization_pardiso
 from structid.dynamics.factorization import (
     FACTORIZERS,
     SingularMatrixError,
@@ -20,7 +20,12 @@ from structid.errors import InputError, SingularModelError
 needs_mkl = pytest.mark.skipif(
     bool(factorization_pardiso.mkl_problem()), reason=f"no MKL here: {factorization_pardiso.mkl_problem()}"
 )
-AVAILABLE = [pytest.param(name, marks=needs_mkl if name == "pardiso" else ()) for name in FACTORIZERS]
+needs_mumps = pytest.mark.skipif(
+    bool(factorization_mumps.mumps_problem()), reason=f"no MUMPS here: {factorization_mumps.mumps_problem()}"
+)
+MARKS = {"pardiso": needs_mkl, "mumps": needs_mumps, "superlu": ()}
+AVAILABLE = [pytest.param(name, marks=MARKS[name]) for name in FACTORIZERS]
+HELD = [pytest.param(name, marks=MARKS[name]) for name in ("pardiso", "mumps")]
 
 
 def pattern(n=90, seed=3):
@@ -81,10 +86,40 @@ def test_entries_are_real_where_nothing_damps():
     assert damped == pytest.approx((-7 + 0.1j) * matrix.data)
 
 
-@needs_mkl
-def test_pardiso_factor_ends_with_the_next_and_its_analysis_travels():
+def test_rows_that_are_multiples_of_each_other_are_merged():
     matrix = pattern()
-    analysis = factorizer("pardiso").analyse(matrix.indices, matrix.indptr)
+    rng = np.random.default_rng(6)
+    data = np.stack(
+        [rng.standard_normal(matrix.nnz), 0 * matrix.data, matrix.data, 0.02 * matrix.data, 1e-3 + matrix.data]
+    )
+    coefficients = rng.standard_normal((4, 5)) + 1j * rng.standard_normal((4, 5))
+    stiffness = DynamicStiffness(
+        factorizer("superlu").analyse(matrix.indices, matrix.indptr), data, coefficients, np.ones(4)
+    )
+    assert len(stiffness.merged) == 3
+    for line in range(4):
+        assert stiffness.entries(line) == pytest.approx(coefficients[line] @ data, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", AVAILABLE)
+@pytest.mark.parametrize("is_complex", [False, True])
+def test_right_hand_sides_on_few_unknowns_and_on_all_are_solved_alike(name, is_complex):
+    matrix = pattern()
+    n = matrix.shape[0]
+    loaded = np.zeros(n, dtype=bool)
+    loaded[[3, 40, 88]] = True
+    analysis = factorizer(name).analyse(matrix.indices, matrix.indptr, loaded)
+    data = matrix.data * (1 + 0.3j) if is_complex else matrix.data
+    factor, whole = analysis.factor(data), np.random.default_rng(1).standard_normal((n, 4))
+    for right in (whole * loaded[:, None], whole, whole * ~loaded[:, None], (1 + 2j) * whole * loaded[:, None]):
+        exact = np.linalg.solve(matrix.toarray() * (data / matrix.data)[0], right)
+        assert factor.solve(right) == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_factor_held_by_a_library_ends_with_the_next_and_its_analysis_travels(name):
+    matrix = pattern()
+    analysis = factorizer(name).analyse(matrix.indices, matrix.indptr)
     first = analysis.factor(matrix.data)
     right = np.ones((matrix.shape[0], 2))
     before = first.solve(right)
@@ -103,19 +138,47 @@ def test_choice_by_name_by_variable_and_by_what_is_installed(monkeypatch):
     monkeypatch.setenv(factorization.VARIABLE, "superlu")
     assert factorizer().name == "superlu"
     monkeypatch.setenv(factorization.VARIABLE, "umfpack")
-    with pytest.raises(InputError, match="STRUCTID_FACTORIZER must be one of pardiso, superlu, got 'umfpack'"):
+    with pytest.raises(InputError, match="STRUCTID_FACTORIZER must be one of pardiso, superlu, mumps, got 'umfpack'"):
         factorizer()
     with pytest.raises(InputError, match="`factorizer` must be one of"):
         factorizer("cholmod")
 
 
-def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
+@pytest.mark.parametrize(
+    "module, name, words",
+    [
+        (factorization_pardiso, "pardiso", r"`pip install structid\[pardiso\]`"),
+        (factorization_mumps, "mumps", "`apt install libmumps-seq-dev`"),
+    ],
+)
+def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch, module, name, words):
     monkeypatch.delenv(factorization.VARIABLE, raising=False)
-    monkeypatch.setattr(factorization_pardiso, "_library", lambda: "the library mkl_rt was not found")
+    function = "_library" if name == "pardiso" else "_libraries"
+    monkeypatch.setattr(module, function, lambda: "the library was not found")
+    assert name not in installed_factorizers()
+    assert factorizer().name != name
+    with pytest.raises(InputError, match=f"the library was not found; install it with {words}"):
+        factorizer(name)
+
+
+def test_superlu_is_there_without_any_library(monkeypatch):
+    monkeypatch.delenv(factorization.VARIABLE, raising=False)
+    monkeypatch.setattr(factorization_pardiso, "_library", lambda: "none")
+    monkeypatch.setattr(factorization_mumps, "_libraries", lambda: "none")
     assert installed_factorizers() == ("superlu",)
     assert factorizer().name == "superlu"
-    with pytest.raises(InputError, match=r"mkl_rt was not found; install it with `pip install structid\[pardiso\]`"):
-        factorizer("pardiso")
+
+
+@needs_mumps
+def test_mumps_with_other_arguments_is_refused(monkeypatch):
+    """The layout of its arguments depends on its version, which must stand where this layout has it."""
+    real = factorization_mumps._libraries()
+    monkeypatch.setattr(factorization_mumps, "_libraries", lambda: {True: lambda given: None, False: real[False]})
+    factorization_mumps._version.cache_clear()
+    try:
+        assert factorization_mumps.mumps_problem().startswith("the library mumps_seq is of another version")
+    finally:
+        factorization_mumps._version.cache_clear()
 
 
 def test_threads_are_capped(monkeypatch):

@@ -1,6 +1,9 @@
 """Large models, swept line by line, against dense matrices written out here, and against differences."""
 
+import gc
+import pickle
 import sys
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +14,8 @@ import structid as sid
 from structid.dynamics.factorization import installed_factorizers
 from structid.observation import response
 from structid.observation.contraction import element_products
+from structid.observation.reduced_response import sweep_error
+from structid.study.identification import IdentifyOptions, prepared_problem
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import empty_record, solid
@@ -116,6 +121,114 @@ def test_reduced_sweep_of_a_model_keeps_its_promise():
     reduced = response(structure, made, record, reduced=1e-6).values_at(made.start)
     assert (np.abs(reduced - full).max((1, 2)) <= 1e-6 * np.abs(full).max((1, 2))).all()
     assert not np.array_equal(reduced, full)
+
+
+def derivative_errors(found, exact):
+    """Of each line, the root mean square over parameters of the relative error."""
+    size = np.linalg.norm(exact, axis=(1, 2))
+    return np.sqrt(((np.linalg.norm(found - exact, axis=(1, 2)) / size) ** 2).mean(axis=1))
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02])
+def test_reduced_derivatives_keep_their_promise(loss):
+    structure, made, _, _ = model("block", loss=loss)
+    record = empty_record(structure, np.linspace(40.0, 1500.0, 60), 4, 2)
+    record = replace(record, kind="accelerance", inputs=(record.inputs[0], replace(record.inputs[1], sign=-1)))
+    rng = np.random.default_rng(7)
+    full, at = response(structure, made, record), response(structure, made, record, reduced=1e-6)
+    for physical in (made.start, made.start * (1 + 0.1 * rng.standard_normal(made.n_params))):
+        (values, slopes), (exact, true) = at.derivatives_at(physical), full.derivatives_at(physical)
+        assert (np.abs(values - exact).max((1, 2)) <= 1e-6 * np.abs(exact).max((1, 2))).all()
+        assert derivative_errors(slopes, true).max() <= 1e-5
+        assert not np.array_equal(slopes, true)
+    assert at.last_sweep.n_factorizations < 40
+    assert 0 < at.last_sweep.n_basis < structure.n_dofs
+
+
+def test_reduced_values_and_derivatives_share_a_sweep_and_do_not_depend_on_what_came_before():
+    structure, made, _, _ = model("block")
+    record = empty_record(structure, np.linspace(40.0, 1500.0, 40), 4, 1)
+    at, other = (response(structure, replace(made), record, reduced=1e-6) for _ in range(2))
+    values = at.values_at(made.start)
+    count = at.last_sweep.n_factorizations
+    assert np.array_equal(at.derivatives_at(made.start)[0], other.derivatives_at(made.start)[0])
+    assert at.last_sweep.n_factorizations == count
+    other.values_at(1.2 * made.start)
+    assert np.array_equal(other.values_at(made.start), values)
+    assert at.derivatives_at(made.start)[0] == pytest.approx(values, rel=1e-9, abs=1e-12 * np.abs(values).max())
+    copied = pickle.loads(pickle.dumps(at.last_sweep))
+    assert (copied.n_factorizations, copied.n_basis, copied.readings) == (count, 0, {})
+
+
+def test_reduced_fields_serve_a_search_without_a_jacobian():
+    structure, made, _, _ = model("block")
+    record = empty_record(structure, np.linspace(40.0, 1500.0, 40), 4, 1)
+    record = replace(record, variance=np.full(record.values.shape, 1e-18))
+    full, short = (sid.FrfProblem(structure, made, record, reduced=reduced) for reduced in (None, 1e-6))
+    exact, found = full.linearize(full.theta_start), short.linearize_free(short.theta_start)
+    v = np.random.default_rng(3).standard_normal(made.n_params)
+    assert found.product(v) == pytest.approx(exact.jacobian @ v, abs=1e-3 * np.abs(exact.jacobian @ v).max())
+    assert short.model.last_sweep.n_factorizations < 20
+
+
+def test_error_of_a_sweep_weighs_readings_and_derivatives():
+    """Fields that are off by a known part: readings by as much, derivatives by the sum of both fields' parts."""
+    _, made, _, at = model(n_sensors=4, n_loads=1)
+    fields = at.fields_at(made.start, at.columns)[2]
+    maps, factors = at.forces_at(made.start, at.fixed_coefficients)
+    loads = np.unique(at.inputs[0])
+    for part, tolerance, worst in ((1e-3, 1e-6, 1e3), (1e-9, 1e-6, 1e-3)):
+        off = fields * (1 + part)
+        assert sweep_error(tolerance, at.sensors, loads, (maps, factors))(2, fields, off) == pytest.approx(
+            worst, rel=1e-2
+        )
+    others = np.setdiff1d(np.arange(fields.shape[1]), loads)
+    off = fields.copy()
+    off[:, others] *= 1.01  # fields of sensors alone: readings do not feel it
+    error = sweep_error(1e-3, at.sensors, loads, (maps, factors))(2, fields, off)
+    assert 0.5 < error <= 1.0
+
+
+def test_models_in_use_are_shared_where_all_is_the_same():
+    structure, made, record, at = model()
+    assert response(structure, made, replace(record, values=2 * record.values)) is at
+    assert response(structure, made, record, reduced=1e-6) is not at
+    assert response(structure, made, record, factorizer="superlu") is not at
+    assert response(structure, replace(made), record) is not at
+    assert response(structure, made, record.channels(record.outputs[:2])) is not at
+    assert response(structure, made, replace(record, kind="mobility")) is not at
+    kept = weakref.ref(at)
+    del at
+    gc.collect()
+    assert kept() is None
+
+
+def test_reduction_asked_for_in_a_study_reaches_the_model():
+    structure, made, record, _ = model()
+    record = replace(record, variance=np.full(record.values.shape, 1e-18))
+    problem, _ = prepared_problem(structure, made, record, IdentifyOptions(reduced=1e-5))
+    assert problem.model.reduced == 1e-5
+    assert problem.predicted_on(record, made.start) == pytest.approx(problem.predicted(made.theta_start), rel=1e-12)
+
+
+def test_few_lines_are_not_reduced():
+    structure, made, record, at = model(reduced=1e-3)
+    full = response(structure, made, record)
+    for found, exact in zip(at.derivatives_at(made.start), full.derivatives_at(made.start), strict=True):
+        assert np.array_equal(found, exact)
+
+
+def test_derivatives_follow_loss_factors_from_one_set_of_parameters_to_the_next():
+    """What is kept of the weights of element matrices depends on loss factors, and on what they multiply."""
+    _, made, record, at = model()
+    is_loss = np.array(["loss" in name for name in made.names])
+    at.derivatives_at(made.start)
+    for which in (~is_loss, is_loss):
+        moved = np.where(which, 1.3, 1.0) * made.start
+        fresh = response(at.assembled.structure, replace(made), record)
+        assert fresh is not at
+        exact = fresh.derivatives_at(moved)[1]
+        assert at.derivatives_at(moved)[1] == pytest.approx(exact, rel=1e-9, abs=1e-12 * np.abs(exact).max())
 
 
 def noisy(form, shape="plate", **options):

@@ -10,15 +10,20 @@ from __future__ import annotations
 import os
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from structid.arrays import IntArray
 from structid.errors import InputError
 
-#: Names of the factorizers, the fastest first; the first that is installed is used.
-FACTORIZERS = ("pardiso", "superlu")
+#: Names of the factorizers; the first that is installed is used, MUMPS by name alone: its speed is that of its BLAS.
+FACTORIZERS = ("pardiso", "superlu", "mumps")
 #: Environment variable that names another one than the first that is installed.
 VARIABLE = "STRUCTID_FACTORIZER"
+_INSTALL = {
+    "pardiso": "`pip install structid[pardiso]`",
+    "mumps": "`apt install libmumps-seq-dev` or `conda install mumps-seq`",
+}
 #: Environment variable that caps the threads of a factorizer that has any.
 THREADS_VARIABLE = "STRUCTID_THREADS"
 
@@ -61,8 +66,11 @@ class Factorizer(Protocol):
         """Name and version, as reports say it."""
         ...
 
-    def analyse(self, indices: IntArray, indptr: IntArray) -> Analysis:
-        """The analysis of a symmetric pattern in compressed columns, both triangles, rows sorted, diagonal included."""
+    def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> Analysis:
+        """The analysis of a symmetric pattern in compressed columns, both triangles, rows sorted, diagonal included.
+
+        `loaded` (n,) may say where most right-hand sides will have their few entries: a library may save work there.
+        """
         ...
 
 
@@ -71,7 +79,7 @@ def factorizer(name: str | None = None) -> Factorizer:
 
     Parameters
     ----------
-    name : {"pardiso", "superlu"}, optional
+    name : {"pardiso", "superlu", "mumps"}, optional
         By default the environment variable STRUCTID_FACTORIZER, or the first of `FACTORIZERS` that is installed.
 
     Raises
@@ -79,29 +87,38 @@ def factorizer(name: str | None = None) -> Factorizer:
     InputError
         If there is no factorizer of that name, or its library is not installed; it says how to install it.
     """
-    from structid.dynamics.factorization_pardiso import Pardiso, mkl_problem
+    from structid.dynamics.factorization_mumps import Mumps
+    from structid.dynamics.factorization_pardiso import Pardiso
     from structid.dynamics.factorization_superlu import SuperLu
 
+    makers: dict[str, type[Pardiso] | type[Mumps] | type[SuperLu]]
+    makers = {"pardiso": Pardiso, "mumps": Mumps, "superlu": SuperLu}
     wanted = name if name is not None else os.environ.get(VARIABLE) or None
     source = "`factorizer`" if name is not None else f"environment variable {VARIABLE}"
-    if wanted is not None and wanted not in FACTORIZERS:
+    if wanted is None:
+        return makers[installed_factorizers()[0]]()
+    if wanted not in FACTORIZERS:
         raise InputError(f"{source} must be one of {', '.join(FACTORIZERS)}, got {wanted!r}")
-    if wanted == "superlu":
-        return SuperLu()
-    problem = mkl_problem()
-    if problem and wanted == "pardiso":
+    problem = _problem(wanted)
+    if problem:
         raise InputError(
-            f"{source} must name an installed library, got 'pardiso': {problem}; install it with"
-            " `pip install structid[pardiso]`, or choose 'superlu'"
+            f"{source} must name an installed library, got {wanted!r}: {problem}; install it with"
+            f" {_INSTALL[wanted]}, or choose 'superlu'"
         )
-    return SuperLu() if problem else Pardiso()
+    return makers[wanted]()
 
 
 def installed_factorizers() -> tuple[str, ...]:
     """Names of those that can be used here, the default first."""
+    return tuple(name for name in FACTORIZERS if not _problem(name))
+
+
+def _problem(name: str) -> str:
+    """Why a factorizer cannot be used here; "" where it can."""
+    from structid.dynamics.factorization_mumps import mumps_problem
     from structid.dynamics.factorization_pardiso import mkl_problem
 
-    return tuple(name for name in FACTORIZERS if name != "pardiso" or not mkl_problem())
+    return {"pardiso": mkl_problem, "mumps": mumps_problem}[name]() if name != "superlu" else ""
 
 
 def usable_threads(n: int) -> int:

@@ -20,6 +20,10 @@ from structid.arrays import FloatArray, IntArray
 from structid.dynamics.factorization import SingularMatrixError, usable_threads
 
 _REAL, _COMPLEX = -2, 6
+#: Option and its value by which right-hand sides have few entries, all of them eliminated last.
+_SPARSE, _ORDERED = 30, 2
+#: Loaded degrees of freedom that are more than this part of all are treated as the others.
+_FEW = 0.1
 _ANALYSE, _FACTORIZE, _SOLVE, _RELEASE = 11, 22, 33, -1
 #: Where pivots had to be changed, a solution whose residual is larger than this part of the right-hand side is none.
 _RESIDUAL = 1e-6
@@ -81,21 +85,27 @@ class Pardiso:
     def words(self) -> str:
         return f"PARDISO (MKL {_version()})"
 
-    def analyse(self, indices: IntArray, indptr: IntArray) -> PardisoAnalysis:
-        """The analysis of a symmetric pattern in compressed columns."""
-        return PardisoAnalysis(np.asarray(indices), np.asarray(indptr))
+    def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> PardisoAnalysis:
+        """The analysis of a symmetric pattern in compressed columns.
+
+        Degrees of freedom that are `loaded` are eliminated last, so that right-hand sides with entries there alone
+        are spared the forward substitution.
+        """
+        return PardisoAnalysis(np.asarray(indices), np.asarray(indptr), loaded)
 
 
 class _Handle:
     """The library's memory of one pattern in one arithmetic; freed with this object."""
 
-    def __init__(self, kind: int, indices: IntArray, indptr: IntArray) -> None:
+    def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
         self.kind, self.n = kind, len(indptr) - 1
         self.indices, self.indptr = indices, indptr
         self.memory = np.zeros(64, dtype=np.int64)
         self.options = np.zeros(64, dtype=np.int32)
         self.options[[0, 1, 9, 20, 34]] = 1, 2, 8, 1, 1  # own options, METIS, pivots 1e-8, Bunch-Kaufman, from 0
         self.options[17] = -1  # report the entries of the factor
+        self.order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
+        self.options[_SPARSE] = 0 if loaded is None else _ORDERED
         self.analysed = False
         weakref.finalize(self, _release, kind, self.n, self.memory, self.options)
 
@@ -105,8 +115,8 @@ class _Handle:
         n_right = 1 if right is None else right.shape[1]
         with _threads(self.n):
             error = _call(
-                self.memory, self.kind, phase, self.n, entries, self.indptr, self.indices, n_right, self.options,
-                right, solution,
+                self.memory, self.kind, phase, self.n, entries, self.indptr, self.indices, self.order, n_right,
+                self.options, right, solution,
             )  # fmt: skip
         if error:
             raise SingularMatrixError(f"PARDISO stopped: {_ERRORS.get(error, f'error {error}')}")
@@ -121,6 +131,7 @@ def _call(
     entries: NDArray[Any] | None,
     indptr: NDArray[Any] | None,
     indices: NDArray[Any] | None,
+    order: NDArray[Any] | None,
     n_right: int,
     options: NDArray[Any],
     right: NDArray[Any] | None,
@@ -138,7 +149,7 @@ def _call(
     error = ctypes.c_int(0)
     library.pardiso(
         array(memory), number(1), number(1), number(kind), number(phase), number(n), array(entries), array(indptr),
-        array(indices), None, number(n_right), array(options), number(0), array(right), array(solution),
+        array(indices), array(order), number(n_right), array(options), number(0), array(right), array(solution),
         ctypes.byref(error),
     )  # fmt: skip
     return error.value
@@ -146,15 +157,16 @@ def _call(
 
 def _release(kind: int, n: int, memory: NDArray[Any], options: NDArray[Any]) -> None:
     if memory.any():
-        _call(memory, kind, _RELEASE, n, None, None, None, 1, options, None, None)
+        _call(memory, kind, _RELEASE, n, None, None, None, None, 1, options, None, None)
 
 
 class PardisoAnalysis:
     """A pattern; the library's analysis of it is made when the first matrix comes, once for each arithmetic."""
 
-    def __init__(self, indices: IntArray, indptr: IntArray) -> None:
+    def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
         n = len(indptr) - 1
-        columns = np.repeat(np.arange(n), np.diff(indptr))
+        columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))
+        self.loaded = loaded if loaded is not None and loaded.sum() <= _FEW * n else None
         self.kept = np.flatnonzero(indices >= columns)  # lower triangle by columns: the upper one by rows
         self.indices = np.ascontiguousarray(indices[self.kept], dtype=np.int32)
         counts = np.bincount(columns[self.kept], minlength=n)
@@ -172,7 +184,9 @@ class PardisoAnalysis:
             raise SingularMatrixError("the matrix has entries that are not finite")
         is_complex = bool(np.iscomplexobj(entries))
         kind = _COMPLEX if is_complex else _REAL
-        handle = self.handles.setdefault(kind, _Handle(kind, self.indices, self.indptr))
+        if kind not in self.handles:
+            self.handles[kind] = _Handle(kind, self.indices, self.indptr, self.loaded)
+        handle = self.handles[kind]
         values = np.ascontiguousarray(entries[self.kept], dtype=np.complex128 if is_complex else np.float64)
         if not handle.analysed:
             handle.run(_ANALYSE, values)
@@ -199,8 +213,14 @@ class PardisoFactor:
         is_complex = self.handle.kind == _COMPLEX
         if is_complex or not np.iscomplexobj(right):
             given = np.asfortranarray(right, dtype=np.complex128 if is_complex else np.float64)
+            self.handle.options[_SPARSE] = _ORDERED if self._is_sparse(right) else 0
             return self._checked(given, self.handle.run(_SOLVE, self.values, given))
         return self.solve(right.real) + 1j * self.solve(right.imag)
+
+    def _is_sparse(self, right: NDArray[Any]) -> bool:
+        """Whether right-hand sides have entries where the analysis was told of alone."""
+        loaded = self.analysis.loaded
+        return loaded is not None and not self.n_changed and not right[~loaded].any()
 
     def _checked(self, right: NDArray[Any], solution: NDArray[Any] | None) -> NDArray[Any]:
         """The solution, compared with the right-hand sides where pivots had to be changed."""

@@ -29,8 +29,8 @@ class SuperLu:
     def words(self) -> str:
         return f"SuperLU (SciPy {scipy.__version__})"
 
-    def analyse(self, indices: IntArray, indptr: IntArray) -> SuperLuAnalysis:
-        """The analysis of a symmetric pattern in compressed columns."""
+    def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> SuperLuAnalysis:
+        """The analysis of a symmetric pattern in compressed columns; `loaded` makes no difference."""
         return SuperLuAnalysis(np.asarray(indices), np.asarray(indptr))
 
 

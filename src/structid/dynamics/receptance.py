@@ -21,6 +21,8 @@ from structid.errors import SingularModelError
 DENSE_UP_TO = 64
 _CHUNK_ENTRIES = 4_000_000
 _LINES_A_DOF = 30
+#: Rows that differ from multiples of others by no more than this part of their largest entry are such multiples.
+_SAME = 1e-14
 
 
 def factorizer_words(n_dofs: int) -> str:
@@ -104,19 +106,42 @@ class DynamicStiffness:
     frequency: FloatArray
 
     @cached_property
-    def _laws(self) -> tuple[int, ...]:
-        """Those that have any entries."""
-        return tuple(law for law in range(len(self.data)) if self.data[law].any())
+    def merged(self) -> tuple[tuple[FloatArray, ComplexArray], ...]:
+        """Rows of `data` that are no multiples of each other, and the factors (n_frequencies,) by which each enters.
+
+        Stiffness and structural damping are one where all elements have the same loss factor.
+        """
+        found: list[tuple[FloatArray, ComplexArray]] = []
+        for law, row in enumerate(self.data):
+            largest = int(np.abs(row).argmax())
+            if row[largest] == 0:
+                continue
+            for place, (known, factor) in enumerate(found):
+                scale = row[largest] / known[largest] if known[largest] else 0.0
+                if scale and np.abs(row - scale * known).max() <= _SAME * abs(row[largest]):
+                    found[place] = known, factor + scale * self.coefficients[:, law]
+                    break
+            else:
+                found.append((row, self.coefficients[:, law].astype(np.complex128)))
+        return tuple(found)
 
     def entries(self, line: int) -> NDArray[Any]:
         """Entries of Z at one line, real where nothing damps."""
-        factors = self.coefficients[line]
-        real = _combined(self.data, {law: float(factors[law].real) for law in self._laws})
-        if not any(factors[law].imag for law in self._laws):
+        real = self._combined([float(factor[line].real) for _, factor in self.merged])
+        imaginary = [float(factor[line].imag) for _, factor in self.merged]
+        if not any(imaginary):
             return real
         total = np.empty(len(real), dtype=np.complex128)
         total.real = real
-        total.imag = _combined(self.data, {law: float(factors[law].imag) for law in self._laws})
+        total.imag = self._combined(imaginary)
+        return total
+
+    def _combined(self, factors: list[float]) -> FloatArray:
+        """The sum of the merged rows with these factors."""
+        total = np.zeros(self.data.shape[1])
+        for (row, _), factor in zip(self.merged, factors, strict=True):
+            if factor:
+                total += row if factor == 1.0 else factor * row
         return total
 
     def solver(self, line: int) -> _LineFactor:
@@ -132,15 +157,6 @@ class DynamicStiffness:
             return _LineFactor(self.analysis.factor(self.entries(line)), frequency)
         except SingularMatrixError as error:
             raise _singular(frequency, frequency) from error
-
-
-def _combined(rows: FloatArray, factors: dict[int, float]) -> FloatArray:
-    """The sum of `rows` with these factors."""
-    total = np.zeros(rows.shape[1])
-    for row, factor in factors.items():
-        if factor:
-            total += rows[row] if factor == 1.0 else factor * rows[row]
-    return total
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,17 +11,99 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dynamics.field_basis import FieldBasis
 from structid.dynamics.receptance import DynamicStiffness
 
 #: Fewer lines than this are solved one by one.
 FEWEST_LINES = 20
-#: Law of the mass matrix, and how many products with Z^-1 M a factorization gives to the basis.
-_MASS, _MOMENTS = 0, 8
-#: Part of a new vector that must be new, or rounding fills the basis.
-_NEW = 1e-9
-_MOST_COLUMNS = 600
+#: The basis may have so many vectors, or this many for each right-hand side.
+_MOST_COLUMNS, _MOST_EACH = 600, 10
 #: Other lines may be off by more than the one that is verified: it must be better than asked by this factor.
 _SAFE = 0.3
+
+#: Line, fields solved for in full and fields of the basis there: the error in parts of what is allowed.
+ErrorOf = Callable[[int, NDArray[Any], NDArray[Any]], float]
+
+
+class FieldSweep:
+    """Fields Z^-1 B at every line by Galerkin projection on solutions at few lines.
+
+    The basis holds, for each line that was factorized, Z^-1 B and further products with Z^-1 M there (rational Krylov).
+    The next line is the one with the largest residual |B - Z x| / |B|; it is solved in full, which verifies the
+    fields there, and serves the basis if they are off. Z is symmetric: right-hand sides of loads and of sensors share
+    one basis, so readings are off by the product of the errors of both fields, and derivatives by their sum.
+
+    Parameters
+    ----------
+    stiffness : DynamicStiffness
+    pattern : (indices, indptr)
+        Of its entries, compressed columns.
+    right : (n_dofs, n_columns) float array
+        Right-hand sides B.
+
+    Attributes
+    ----------
+    n_factorizations : int
+
+    References
+    ----------
+    Grimme (1997), Krylov projection methods for model reduction, PhD thesis, University of Illinois, chapter 5;
+    Feng, Antoulas and Benner (2017), ESAIM: M2AN 51, 2129, for the choice of points by the residual.
+    """
+
+    def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
+        self.stiffness, self.right = stiffness, right
+        self.basis = FieldBasis(stiffness, pattern, right)
+        self.n_factorizations = 0
+        self._visited = np.zeros(len(stiffness.frequency), dtype=bool)
+        self._line = len(self._visited) // 2
+        self._exact: NDArray[Any] | None = None
+
+    @property
+    def n_lines(self) -> int:
+        return len(self._visited)
+
+    @property
+    def n_basis(self) -> int:
+        return self.basis.size
+
+    def verified(self, error_of: ErrorOf) -> float | None:
+        """Grow the basis until its fields at the line with the largest residual err by less than a third of 1.
+
+        Returns
+        -------
+        float or None
+            The error there; None where the lines are few, or it takes more than a third of them: solve for each then.
+
+        Raises
+        ------
+        SingularModelError
+            If Z cannot be factorized at a line that is chosen.
+        """
+        most = min(len(self.right), max(_MOST_COLUMNS, _MOST_EACH * self.right.shape[1]))
+        while self.n_lines >= FEWEST_LINES:
+            solver = None
+            if self._exact is None:
+                if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
+                    return None
+                solver = self._solver()
+                self._exact = solver.solve(self.right)
+            if self.n_basis:
+                error = error_of(self._line, self._exact, self.fields(self._line))
+                if error <= _SAFE:
+                    return error
+            self.basis.grow(solver or self._solver(), self._exact)
+            self._visited[self._line], self._exact = True, None
+            self._line = int(np.argmax(np.where(self._visited, -1.0, self.basis.residuals)))
+        return None
+
+    def fields(self, line: int) -> NDArray[Any]:
+        """Fields of the basis at a line, (n_dofs, n_columns)."""
+        return self.basis.fields(line)
+
+    def _solver(self) -> Any:
+        self.n_factorizations += 1
+        return self.stiffness.solver(self._line)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +134,13 @@ def reduced_sweep(
     sensors: sparse.sparray,
     tolerance: float = 1e-6,
 ) -> ReducedSweep:
-    """Readings S' Z^-1 F at every line by Galerkin projection on solutions at few lines, to a verified `tolerance`.
+    """Readings S' Z^-1 F at every line by `FieldSweep`, to a verified `tolerance`.
 
-    The basis holds, for each line that was factorized, Z^-1 F and further products with Z^-1 M there (rational Krylov).
-    The next line is the one with the largest residual |F - Z x| / |F|; it is solved in full, which verifies the
-    reduced readings there, and serves the basis if they are off. Where that takes more than a third of the lines, all
-    are solved for.
+    Where that takes more than a third of the lines, all are solved for.
 
     Parameters
     ----------
     stiffness : DynamicStiffness
-        Law 0 is the mass matrix.
     pattern : (indices, indptr)
         Of its entries, compressed columns.
     loads : (n_dofs, n_loads) float array
@@ -73,89 +152,18 @@ def reduced_sweep(
     ------
     SingularModelError
         If Z cannot be factorized at a line that is chosen.
-
-    References
-    ----------
-    Grimme (1997), Krylov projection methods for model reduction, PhD thesis, University of Illinois, chapter 5;
-    Feng, Antoulas and Benner (2017), ESAIM: M2AN 51, 2129, for the choice of points by the residual.
     """
-    n_lines = len(stiffness.frequency)
-    laws = {
-        law: sparse.csr_array((row, *pattern), (loads.shape[0],) * 2)
-        for law, row in enumerate(stiffness.data)
-        if row.any()
-    }
-    basis = _Basis(laws, loads, sensors)
-    line, solved = n_lines // 2, 0
-    values = np.empty((n_lines, sensors.shape[1], loads.shape[1]), dtype=np.complex128)
-    residuals = np.full(n_lines, np.inf)
-    visited = np.zeros(n_lines, dtype=bool)
-    while n_lines >= FEWEST_LINES and solved < max(3, n_lines // 3) and basis.size < _MOST_COLUMNS:
-        solver = stiffness.solver(line)
-        fields = solver.solve(loads)
-        solved, visited[line] = solved + 1, True
-        exact = sensors.T @ fields
-        error = float(np.abs(values[line] - exact).max() / np.abs(exact).max()) if basis.size else np.inf
-        if error <= _SAFE * tolerance:
-            values[line] = exact
-            return ReducedSweep(values, solved, basis.size, error)
-        basis.grow(solver, fields)
-        for other in range(n_lines):
-            values[other], residuals[other] = basis.solution(stiffness.coefficients[other])
-        line = int(np.argmax(np.where(visited, -1.0, residuals)))
-    for other in range(n_lines):
-        values[other] = sensors.T @ stiffness.solver(other).solve(loads)
-    return ReducedSweep(values, solved + n_lines, 0, float("nan"))
+    sweep = FieldSweep(stiffness, pattern, loads)
+    error = sweep.verified(lambda _, exact, found: reading_error(sensors.T @ exact, sensors.T @ found) / tolerance)
+    values = np.empty((sweep.n_lines, sensors.shape[1], loads.shape[1]), dtype=np.complex128)
+    if error is not None:
+        values[:] = sweep.basis.read(sensors)
+        return ReducedSweep(values, sweep.n_factorizations, sweep.n_basis, error * tolerance)
+    for line in range(sweep.n_lines):
+        values[line] = sensors.T @ stiffness.solver(line).solve(loads)
+    return ReducedSweep(values, sweep.n_factorizations + sweep.n_lines, 0, float("nan"))
 
 
-class _Basis:
-    """A real orthonormal basis, and the matrices projected on it."""
-
-    def __init__(self, laws: dict[int, sparse.csr_array], loads: FloatArray, sensors: sparse.sparray) -> None:
-        self.laws, self.loads, self.sensors = laws, loads, sensors
-        self.vectors: FloatArray = np.zeros((loads.shape[0], 0))
-        self.products: dict[int, FloatArray] = dict.fromkeys(laws, self.vectors)
-        self.projected: dict[int, FloatArray] = {}
-
-    @property
-    def size(self) -> int:
-        return self.vectors.shape[1]
-
-    def grow(self, solver: Any, fields: NDArray[Any]) -> None:
-        """Take in the solution at one line and its moments there."""
-        moments = [fields]
-        for _ in range(_MOMENTS if _MASS in self.laws else 0):
-            last = moments[-1] / np.linalg.norm(moments[-1], axis=0)
-            moments.append(solver.solve(self.laws[_MASS] @ last))
-        found = np.concatenate(moments, axis=1)
-        parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found
-        new = _orthonormal(self.vectors, parts)
-        self.vectors = np.concatenate([self.vectors, new], axis=1)
-        for law, matrix in self.laws.items():
-            self.products[law] = np.concatenate([self.products[law], matrix @ new], axis=1)
-            self.projected[law] = self.vectors.T @ self.products[law]
-
-    def solution(self, coefficients: ComplexArray) -> tuple[NDArray[Any], float]:
-        """Readings at a line, and the largest relative residual of its loads."""
-        small: NDArray[Any] = np.zeros((self.size, self.size), dtype=np.complex128)
-        for law, matrix in self.projected.items():
-            small += coefficients[law] * matrix
-        x = np.linalg.solve(small, self.vectors.T @ self.loads)
-        rest: NDArray[Any] = self.loads.astype(np.complex128)
-        for law, product in self.products.items():
-            if coefficients[law] != 0:
-                rest -= product @ (coefficients[law] * x)
-        size = np.linalg.norm(rest, axis=0) / np.linalg.norm(self.loads, axis=0)
-        return self.sensors.T @ (self.vectors @ x), float(size.max(initial=0.0))
-
-
-def _orthonormal(known: FloatArray, vectors: FloatArray) -> FloatArray:
-    """The part of the space of `vectors` that is not in the orthonormal `known`, as orthonormal columns."""
-    size = np.linalg.norm(vectors, axis=0)
-    rest = vectors[:, size > 0] / size[size > 0]
-    for _ in range(2):
-        rest = rest - known @ (known.T @ rest)
-    left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-    new = left[:, singular > _NEW * max(1.0, singular.max(initial=0.0))]
-    new = new - known @ (known.T @ new)
-    return np.linalg.qr(new)[0]
+def reading_error(exact: NDArray[Any], found: NDArray[Any]) -> float:
+    """Largest difference in parts of the largest reading."""
+    return float(np.abs(found - exact).max() / np.abs(exact).max())

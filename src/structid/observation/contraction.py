@@ -7,7 +7,7 @@ line only its entries change. A parameter with one element and one with a thousa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.structure.blocks import Blocks, ElementMatrices
+from structid.structure.blocks import Blocks, ElementMatrices, index_kind
 
 #: Most entries of forces that are held at once.
 _CHUNK_ENTRIES = 4_000_000
@@ -92,31 +92,74 @@ class ParameterForces:
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
     """The `ParameterForces` of element matrices with weights that depend on parameters."""
-    found = [_force_map(part, n_dofs) for part in parts]
-    pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *(np.unique(key) for key, _, _ in found)]))
+    keys = [key for part in parts for key in _force_keys(part, n_dofs)]
+    pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
     shape = (len(pattern), n_dofs)
     maps = []
     for kind in range(1 + max((part.kind for part in parts), default=-1)):
-        own = [entries for entries, part in zip(found, parts, strict=True) if part.kind == kind]
-        key, column, value = (np.concatenate([entries[i] for entries in own]) for i in range(3))
-        maps.append(sparse.coo_array((value, (np.searchsorted(pattern, key), column)), shape).tocsr())
+        own = [piece for part in parts if part.kind == kind for piece in _force_maps(part, pattern, n_dofs)]
+        if own:
+            row, column, value = (np.concatenate([piece[i] for piece in own]) for i in range(3))
+            maps.append(sparse.coo_array((value, (row, column)), shape).tocsr())
+        else:
+            maps.append(sparse.csr_array(shape))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(pattern // n_dofs, minlength=n_params))])
-    return ParameterForces(pattern % n_dofs, indptr, tuple(maps), n_dofs)
+    kind_of = index_kind(max(n_dofs, len(pattern)))
+    return ParameterForces((pattern % n_dofs).astype(kind_of), indptr.astype(kind_of), tuple(maps), n_dofs)
 
 
-def _force_map(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
+def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Element, parameter and slope of every weight that depends on a parameter, in stretches that fit in memory."""
+    element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
+    local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
+    step = max(1, _CHUNK_ENTRIES // max(1, local))
+    for first in range(0, len(element), step):
+        chosen = slice(first, first + step)
+        yield element[chosen], part.slope.indices[chosen].astype(np.int64), part.slope.data[chosen]
+
+
+def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
+    """Parameter times n_dofs plus degree of freedom wherever there are forces, each once in a stretch."""
+    if not isinstance(part.blocks, Blocks):
+        yield np.unique(_matrix_entries(part, n_dofs)[0])
+        return
+    acts = part.blocks.local.any(axis=2) & (part.blocks.dofs >= 0)
+    for element, parameter, _ in _pairs(part):
+        yield np.unique((parameter[:, None] * n_dofs + part.blocks.dofs[element])[acts[element]])
+
+
+def _force_maps(
+    part: WeightedElements, pattern: IntArray, n_dofs: int
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Row in the `pattern` of keys, column and value of d(sum of weights B_e)/dp, summed within each stretch."""
+    if not isinstance(part.blocks, Blocks):
+        key, column, value = _matrix_entries(part, n_dofs)
+        yield np.searchsorted(pattern, key), column, value
+        return
+    kind = index_kind(max(len(pattern), n_dofs))
+    for element, parameter, slope in _pairs(part):
+        key = parameter[:, None] * n_dofs + part.blocks.dofs[element]
+        row = np.minimum(np.searchsorted(pattern, key.ravel()), len(pattern) - 1).astype(kind)
+        _, column, kept = part.blocks.stored(element)
+        ends = np.concatenate([[0], np.cumsum(kept.sum(axis=2))]).astype(kind)
+        values = (part.blocks.local[element] * slope[:, None, None])[kept]
+        each = sparse.csr_array((values, column, ends), (key.size, n_dofs))
+        sums = sparse.csc_array((np.ones(key.size), row, np.arange(key.size + 1, dtype=kind)), (len(pattern), key.size))
+        forces = (sums.tocsr() @ each).tocoo()
+        yield forces.row, forces.col, forces.data
+
+
+def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value of every entry."""
     row, column, element, value = part.blocks.entries()
     counts = np.diff(part.slope.indptr)
-    keys, columns, values = [], [], []
+    keys, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for k in range(int(counts.max(initial=0))):
         own = counts[element] > k
         at = part.slope.indptr[element[own]] + k
         keys.append(part.slope.indices[at].astype(np.int64) * n_dofs + row[own])
         columns.append(column[own])
         values.append(part.slope.data[at] * value[own])
-    if not keys:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
     return np.concatenate(keys), np.concatenate(columns), np.concatenate(values)
 
 

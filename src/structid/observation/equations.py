@@ -6,7 +6,9 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.errors import InputError
-from structid.observation.response import law_coefficients, sliding_amplitudes, weight_slope
+from structid.observation.laws import law_coefficients
+from structid.observation.sensitive import weight_slope
+from structid.observation.sliding import sliding_amplitudes
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.structure import Structure

@@ -60,12 +60,12 @@ class FrfProblem:
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
         first, which carries far. None begins with ways for a start that is near.
-    factorizer : {"pardiso", "superlu"}, optional
+    factorizer : {"pardiso", "mumps", "superlu"}, optional
         Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
         names, or the fastest that is installed.
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
-        factorizations; it pays for solids and many lines. Derivatives are not reduced. See `reduced_sweep`.
+        factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
     """
 
     structure: Structure
@@ -222,8 +222,11 @@ class FrfProblem:
     def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
         """The same for the lines of `record`, which has the same channels, with physical parameters."""
         own, rest = self._split(physical)
+        if self.channels is None and record is self.record and not self.measured_sliding:
+            return self.model.values_at(own)
         if self.channels is None:
-            return response(self.structure, self.parameters, record).values_at(own)
+            again = response(self.structure, self.parameters, record, False, self.factorizer, self.reduced)
+            return again.values_at(own)
         decay = self.channels.decay(rest)
         there = record if decay is None else replace(record, decay=record.laplace.real + decay)
         model = response(self.structure, self.parameters, there)
@@ -296,17 +299,25 @@ class FrfProblem:
             )
         physical, slope = self.physical(theta), self.slope(theta)
         at = free_response(self.model, physical, self._whitening, stored_bytes)
-        residual, prior = self.parameters.sparse_prior_rows(physical)
+        residual, prior = self.sparse_prior(theta)
         data, _ = self._whitened(at.values, None)
         return FreeLinearization(
             residual=np.concatenate([stack_real(data.ravel()), residual]),
             forward=lambda v: at.forward(slope * v),
             adjoint=lambda u: slope * at.adjoint(u),
             data_squares=slope**2 * at.squares,
-            prior=sparse.csr_array(prior @ sparse.diags_array(slope)),
+            prior=prior,
             words=at.words,
             jacobian=None if at.jacobian is None else at.jacobian * slope,
         )
+
+    def sparse_prior(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """Residual (n_rows,) of the priors and its derivative, sparse (n_rows, n_params)."""
+        if self.channels is not None or self.start_prior is not None:
+            residual, dense = self._prior(theta)
+            return residual, sparse.csr_array(dense)
+        residual, rows = self.parameters.sparse_prior_rows(self.physical(theta))
+        return residual, sparse.csr_array(rows @ sparse.diags_array(self.slope(theta)))
 
     def _whitening(self, h: ComplexArray, lines: slice) -> Whitening:
         """How the whitened residual at some lines changes with the response h there."""

@@ -2,53 +2,51 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakValueDictionary
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics import harmonic_fields
-from structid.dynamics.factorization import Analysis, factorizer
+from structid.dynamics.factorization import VARIABLE, Analysis, factorizer
 from structid.dynamics.receptance import DENSE_UP_TO, DynamicStiffness, single_blas
-from structid.dynamics.reduced_sweep import reduced_sweep
+from structid.dynamics.reduced_sweep import FieldSweep, reduced_sweep
+from structid.observation.block_sensitivity import BlockSensitivity
+from structid.observation.contacts import Contact, sliding_contacts
 from structid.observation.contraction import ParameterForces, parameter_forces
 from structid.observation.friction import add_amplitude_change, balanced_amplitudes
 from structid.observation.laws import distinct_columns, law_coefficients
+from structid.observation.reduced_response import LastSweep, sweep_error
 from structid.observation.sensitive import (
     SensitiveElements,
     WeightedParts,
     sensitive_elements,
-    weight_slope,
+    steering_values,
     weighted_elements,
 )
-from structid.observation.sliding import require_one_load, sliding_amplitudes
+from structid.observation.sliding import sliding_amplitudes
 from structid.parameters import Parameters
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.structure import Friction, Structure
 from structid.structure.assembly import Assembly, assembly
 
-_CHUNK_BYTES = 48_000_000
 _STUCK = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class _Contact:
-    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
-
-    law: int
-    value: int
+#: Large models in use, by the identity of what they are made of, which they hold.
+_SHARED: WeakValueDictionary[tuple[object, ...], Response] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
     """Frequency response of a parametrized structure at fixed frequencies, sensors and loads.
 
-    Made by `response`; `values_at` and `derivatives_at` are pure functions of the physical parameters. The last
-    outputs are the sliding motions of `contacts`, which are not handed out.
+    Made by `response`; its methods are pure functions of the physical parameters. The last outputs are the sliding
+    motions of `contacts`, which are not handed out.
     """
 
     assembled: Assembly
@@ -60,7 +58,7 @@ class Response:
     outputs: tuple[IntArray, FloatArray]
     inputs: tuple[IntArray, FloatArray]
     sensitive: tuple[SensitiveElements, ...]
-    contacts: tuple[_Contact, ...]
+    contacts: tuple[Contact, ...]
     factorizer: str | None = None
     reduced: float | None = None
 
@@ -111,6 +109,7 @@ class Response:
         self, physical: FloatArray, coefficients: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Readings under the loads, their derivatives, and readings under forces at the contacts, line by line."""
+        sweep = self._reduced_sweep(physical)
         n_lines, n_sensors, n_inputs = len(self.frequency), len(self.outputs[0]), len(self.inputs[0])
         values = np.empty((n_lines, n_sensors, n_inputs), dtype=np.complex128)
         derivative = np.empty((*values.shape, self.parameters.n_params), dtype=np.complex128)
@@ -118,18 +117,22 @@ class Response:
         forces, factors = self.forces_at(physical, coefficients)
         used, place = np.unique(self.inputs[0], return_inverse=True)
         n_sides = self.columns.shape[1]
-        direct = not self.contacts and self.parameters.n_params * len(used) < n_sides - len(used)
+        few = not self.contacts and self.parameters.n_params * len(used) < n_sides - len(used)
+        direct = few and sweep is None
         right = self.columns[:, used].toarray() if direct else self.columns.toarray()
-        stiffness = self.stiffness(physical, coefficients)
+        stiffness = sweep.stiffness if sweep is not None else self.stiffness(physical, coefficients)
         with single_blas():
             for line in range(n_lines):
-                solver = stiffness.solver(line)
-                fields = solver.solve(right)
-                read = self.sensors.T @ fields
+                if sweep is not None:
+                    fields = sweep.fields(line)
+                else:
+                    solver = stiffness.solver(line)
+                    fields = solver.solve(right)
+                read = self._reader @ fields
                 if direct:
                     values[line] = read[:, place] * self.inputs[1]
                     moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
-                    changes = list(np.swapaxes((self.sensors.T @ moved).reshape(n_sensors, len(used), -1), 0, 1))
+                    changes = list(np.swapaxes((self._reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
                 else:
                     values[line] = read[:, self.inputs[0]] * self.inputs[1]
                     reach[line] = (read[:, self.outputs[0]] * self.outputs[1])[:, self.n_outputs :]
@@ -144,19 +147,33 @@ class Response:
         """The forces (dZ/dp) x of all parameters, and the factors of their maps at every line: (n_frequencies, n_maps)."""
         found, factors = self.parts_at(physical, coefficients)
         known = self._known_forces.get("last")
-        if known is None or not known[0].same_slopes(found):
+        if known is None or (known[0] is not found and not known[0].same_slopes(found)):
             forces = parameter_forces(found.parts, self.parameters.n_params, self.assembled.structure.n_dofs)
             known = self._known_forces["last"] = found, forces
         return known[1], factors
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
         """The element matrices that the parameters weigh, and the factor of each kind at every line."""
-        found = weighted_elements(self.assembled.structure, self.parameters, self.sensitive, physical)
+        key = self.parameters.values(physical)[self._steering].tobytes()
+        if key not in self._known_parts:
+            self._known_parts.clear()
+            structure = self.assembled.structure
+            self._known_parts[key] = weighted_elements(structure, self.parameters, self.sensitive, physical)
+        found = self._known_parts[key]
         factors = np.zeros((len(self.frequency), len(found.uses)), dtype=np.complex128)
         for kind, uses in enumerate(found.uses):
             for law, scale in uses:
                 factors[:, kind] += coefficients[:, self.assembled.laws.index(law)] * scale
         return found, factors
+
+    @cached_property
+    def _steering(self) -> IntArray:
+        return steering_values(self.assembled.structure, self.parameters, self.sensitive)
+
+    @cached_property
+    def _known_parts(self) -> dict[bytes, WeightedParts]:
+        """The last `WeightedParts`, by the values that they depend on."""
+        return {}
 
     @cached_property
     def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
@@ -177,11 +194,11 @@ class Response:
     def _sensitivity(
         self, physical: FloatArray, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray
     ) -> ComplexArray:
-        derivative = np.zeros((x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
-        weights = self.parameters.values(physical)
-        for group in self.sensitive:
-            self._add_group(derivative, group, weights, coefficients, x, y)
-        return derivative
+        return self._block_sensitivity.at(self.parameters.values(physical), coefficients, x, y)
+
+    @cached_property
+    def _block_sensitivity(self) -> BlockSensitivity:
+        return BlockSensitivity(self.assembled.structure, self.assembled.laws, self.parameters, self.sensitive)
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
         """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
@@ -217,45 +234,6 @@ class Response:
         drive = readings[:, :, np.searchsorted(used, self.inputs[0])] * self.inputs[1]
         return drive[:, :, 0], readings[:, :, np.searchsorted(used, columns)] * signs
 
-    def _add_group(
-        self,
-        derivative: ComplexArray,
-        group: SensitiveElements,
-        weights: FloatArray,
-        coefficients: ComplexArray,
-        x: ComplexArray,
-        y: ComplexArray,
-    ) -> None:
-        """Subtract y' (dZ/dp) x of one family of element matrices, in stretches of lines that fit in memory."""
-        contributions = self.assembled.structure.contributions
-        slopes = [(contributions[m], self._slope(m, group, weights)) for m in group.members]
-        n_lines, _, n_inputs = x.shape
-        n_outputs = y.shape[2]
-        per_line = 16 * len(group.rows) * (n_outputs + 2 * n_inputs) * 12
-        step = max(1, _CHUNK_BYTES // per_line)
-        for first in range(0, n_lines, step):
-            part = slice(first, min(first + step, n_lines))
-            forms = group.blocks.bilinear(y[part], x[part])
-            flat = np.moveaxis(forms, 1, -1).reshape(-1, len(group.rows))
-            for contribution, slope in slopes:
-                law = self.assembled.laws.index(contribution.law)
-                change = (slope.T @ flat.T).T.reshape(-1, n_outputs, n_inputs, slope.shape[1])
-                derivative[part] -= coefficients[part, law, None, None, None] * change
-
-    def _slope(self, member: int, group: SensitiveElements, weights: FloatArray) -> sparse.csr_array:
-        """`weight_slope` of a contribution, kept where it does not depend on the values."""
-        part = self.assembled.structure.contributions[member]
-        if part.is_product:
-            return weight_slope(part, self.parameters, weights)[group.rows]
-        if member not in self._fixed_slopes:
-            self._fixed_slopes[member] = weight_slope(part, self.parameters, weights)[group.rows]
-        return self._fixed_slopes[member]
-
-    @cached_property
-    def _fixed_slopes(self) -> dict[int, sparse.csr_array]:
-        """Of contributions whose weights are linear in the parameters, filled as they are asked for."""
-        return {}
-
     def _fields(self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array) -> ComplexArray:
         fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
         for part, found in self._solved(physical, coefficients, loads):
@@ -278,7 +256,32 @@ class Response:
 
     def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, ComplexArray]]:
         """Motion (n, n_dofs, n_columns) under unit loads at all `columns` for stretches of lines, one after another."""
-        return self._solved(physical, self._coefficients(physical), self.columns)
+        sweep = self._reduced_sweep(physical)
+        if sweep is None:
+            return self._solved(physical, self._coefficients(physical), self.columns)
+        return ((slice(line, line + 1), sweep.fields(line)[None]) for line in range(sweep.n_lines))
+
+    def _reduced_sweep(self, physical: FloatArray) -> FieldSweep | None:
+        """Fields of all `columns` from few factorizations, verified; None where each line is to be solved for."""
+        if self.reduced is None or not self.is_large or self.contacts:
+            return None
+
+        def begun() -> FieldSweep:
+            stiffness = self.stiffness(physical, self.fixed_coefficients)
+            return FieldSweep(stiffness, self._pattern, self.columns.toarray())
+
+        forces = self.forces_at(physical, self.fixed_coefficients)
+        error_of = sweep_error(self.reduced, self.sensors, np.unique(self.inputs[0]), forces)
+        return self.last_sweep.verified(physical, begun, error_of)
+
+    @cached_property
+    def last_sweep(self) -> LastSweep:
+        """The last reduced sweep, where `reduced` asks for them."""
+        return LastSweep()
+
+    @property
+    def _pattern(self) -> tuple[IntArray, IntArray]:
+        return self.assembled.indices, self.assembled.indptr
 
     def stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
         """The dynamic stiffness of a large model, with the factors of each law at every line."""
@@ -288,15 +291,21 @@ class Response:
     @cached_property
     def analysis(self) -> Analysis:
         """What the factorizer knows of the sparsity pattern; it serves all lines and iterations."""
-        return factorizer(self.factorizer).analyse(self.assembled.indices, self.assembled.indptr)
+        loaded = np.diff(self.columns.tocsr().indptr) > 0
+        return factorizer(self.factorizer).analyse(*self._pattern, loaded)
 
     def _readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What the sensors and contacts read under some of the columns, (n_frequencies, n_sensors, n_columns)."""
-        if self.is_large and self.reduced is not None:
-            loads, pattern = self.columns[:, columns].toarray(), (self.assembled.indices, self.assembled.indptr)
-            at = self.stiffness(physical, coefficients)
+        known = self.last_sweep.readings.get(physical.tobytes())
+        if known is None:
+            sweep = self._reduced_sweep(physical)
+            known = None if sweep is None else self.last_sweep.read(sweep, self.sensors)
+        if known is not None:
+            return known[:, :, columns]
+        if self.is_large and self.reduced is not None and self.contacts:
+            loads, at = self.columns[:, columns].toarray(), self.stiffness(physical, coefficients)
             with single_blas():
-                return reduced_sweep(at, pattern, loads, self.sensors, self.reduced).values
+                return reduced_sweep(at, self._pattern, loads, self.sensors, self.reduced).values
         readings = np.empty((len(self.frequency), len(self.outputs[0]), len(columns)), dtype=np.complex128)
         for part, fields in self._solved(physical, coefficients, self.columns[:, columns]):
             readings[part] = self.read(fields)
@@ -308,10 +317,14 @@ class Response:
         index, sign = self.outputs
         return sparse.csc_array(self.columns[:, index] @ sparse.diags_array(sign))
 
+    @cached_property
+    def _reader(self) -> sparse.csr_array:
+        return sparse.csr_array(self.sensors.T)
+
     def read(self, x: ComplexArray) -> ComplexArray:
         """Sensor readings of fields x, (n_frequencies, n_outputs, n_inputs)."""
         flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
-        return np.moveaxis((self.sensors.T @ flat).reshape(len(self.outputs[0]), x.shape[0], x.shape[2]), 0, 1)
+        return np.moveaxis((self._reader @ flat).reshape(len(self.outputs[0]), x.shape[0], x.shape[2]), 0, 1)
 
 
 def response(
@@ -333,7 +346,7 @@ def response(
         Its values serve only for measured sliding amplitudes.
     measured_sliding : bool
         Whether friction elements that name sensors slide with the amplitude that those measured.
-    factorizer : {"pardiso", "superlu"}, optional
+    factorizer : {"pardiso", "superlu", "mumps"}, optional
         Of large models; see `structid.dynamics.factorization.factorizer`.
     reduced : float, optional
         Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
@@ -342,11 +355,31 @@ def response(
     ------
     InputError
         If a sensor or load is not part of the structure, or there is friction and the record has several loads.
+
+    Notes
+    -----
+    Large models without friction are shared while in use: assembly, factorizer's memory and last fields.
     """
+    if structure.n_dofs <= DENSE_UP_TO or any(isinstance(element, Friction) for element in structure.elements):
+        return _made(structure, unknown, record, measured_sliding, factorizer, reduced)
+    lines = record.laplace.tobytes(), record.kind, record.outputs, record.inputs
+    key = (id(structure), id(unknown), *lines, factorizer or os.environ.get(VARIABLE), reduced)
+    known = _SHARED.get(key)
+    return known or _SHARED.setdefault(key, _made(structure, unknown, record, measured_sliding, factorizer, reduced))
+
+
+def _made(
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord,
+    measured_sliding: bool,
+    factorizer: str | None,
+    reduced: float | None,
+) -> Response:
     assembled = assembly(structure)
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     fixed = law_coefficients(assembled.laws, record.laplace, measured)
-    contacts, slides = _contacts(structure, assembled.laws, record, set(measured))
+    contacts, slides = sliding_contacts(structure, assembled.laws, record, set(measured))
     loads, sensors = structure.selection(record.inputs), structure.selection(record.outputs)
     columns, places = distinct_columns(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     n_inputs = len(record.inputs)
@@ -365,18 +398,3 @@ def response(
         factorizer=factorizer,
         reduced=reduced,
     )
-
-
-def _contacts(
-    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
-) -> tuple[tuple[_Contact, ...], sparse.csc_array]:
-    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
-    contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
-    for element in structure.elements:
-        if isinstance(element, Friction) and element.name not in measured:
-            require_one_load(element, record)
-            value = next(p.values.start for p in structure.properties if p.element == element.name)
-            contacts.append(_Contact(laws.index(f"friction:{element.name}"), value))
-            slide = structure.selection(element.first)
-            columns.append(slide if element.second is None else slide - structure.selection(element.second))
-    return tuple(contacts), sparse.csc_array(sparse.hstack(columns))

@@ -91,6 +91,20 @@ class WeightedParts:
         return all(np.array_equal(a, b) for a, b in zip(self.variable, other.variable, strict=True))
 
 
+def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
+    """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
+    design, marks = unknown.design.tocsr(), np.zeros(len(unknown.offset), dtype=bool)
+    for member in (member for group in sensitive for member in group.members):
+        item = structure.contributions[member]
+        factors = [] if item.factor is None else [item.factor]
+        factors += [] if item.thickness is None else [item.thickness.value]
+        for place in factors:
+            marks[place] = True
+            if design[place].nnz:
+                marks[item.value] = True
+    return np.flatnonzero(marks)
+
+
 def weighted_elements(
     structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...], physical: FloatArray
 ) -> WeightedParts:

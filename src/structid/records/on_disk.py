@@ -236,11 +236,12 @@ def _record(
         raise InputError(f"{path}: must hold an array of samples by {count} channels, got shape {shape}; name them all")
     if 0 in shape:
         raise InputError(f"{path}: holds no sample; the record is empty")
-    seen = set()
-    for key in zip(quantities, channels, strict=True):
-        if (key[0], key[1].unsigned) in seen:
-            raise InputError(f"{path}: {key[0]} {key[1].unsigned} is there twice; leave one of the channels out")
-        seen.add((key[0], key[1].unsigned))
+    seen: set[tuple[str, int, str]] = set()
+    for quantity, dof in zip(quantities, channels, strict=True):
+        key = (quantity, dof.node, dof.direction)
+        if key in seen:
+            raise InputError(f"{path}: {quantity} {dof.unsigned} is there twice; leave one of the channels out")
+        seen.add(key)
     first = shape[1] == count
     plain = None if factors is None or (factors == 1).all() else factors
     return OnDiskRecord(path, array, channels, quantities, rate, shape[0] if first else shape[1], first, plain)
