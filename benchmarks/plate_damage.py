@@ -111,7 +111,8 @@ def made(given: argparse.Namespace) -> tuple[np.ndarray, np.ndarray]:
     (given.out / "plate.msh").write_text(mesh_text(place, cells, number[0]), encoding="utf-8")
     mesh = sid.read_mesh(given.out / "plate.msh")
     generator = np.random.default_rng(given.seed)
-    wanted = {9000 + k: tuple(at) for k, at in enumerate(generator.uniform(0.1, 0.95, (given.sensors, 2)) * SIZE)}
+    first = 9000 if len(place) < 9000 else 900_000
+    wanted = {first + k: tuple(at) for k, at in enumerate(generator.uniform(0.1, 0.95, (given.sensors, 2)) * SIZE)}
     points = "\n".join(f"{label} = [{at[0]:.4f}, {at[1]:.4f}]" for label, at in wanted.items())
     (given.out / "study.toml").write_text(STUDY.format(points=points + "\n"), encoding="utf-8")
     plate = sid.Plate(
