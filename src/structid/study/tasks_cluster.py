@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import platform
+import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
@@ -177,8 +178,18 @@ def _connected(address: str, seconds: float) -> Any:
     except (OSError, ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
-        why = str(error).splitlines()[0] if str(error) else "it is there, but does not speak as one"
+        why = str(error).splitlines()[0] if str(error) else _silence(address)
         raise InputError(f"scheduler {address}: does not answer within {seconds:g} s ({why}); {remedy}") from error
+
+
+def _silence(address: str) -> str:
+    """Why an address did not answer in time: nobody is there, or somebody who does not speak as a scheduler."""
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=2.0):
+            return "it is there, but does not speak as one"
+    except (OSError, ValueError) as error:
+        return f"nobody is there: {error}"
 
 
 async def _kind(address: str, seconds: float) -> str:

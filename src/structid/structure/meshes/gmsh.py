@@ -100,6 +100,8 @@ def read(path: Path, factor: float) -> Mesh:
             take(content, numbers)
             if not data[numbers.place :].lstrip().startswith(b"$End" + name):
                 raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_REMEDY}")
+    except FileError:
+        raise
     except (ValueError, IndexError, KeyError) as error:
         raise FileError(f"{path}: cannot be read as gmsh ({error}); {_REMEDY}") from error
     return _mesh(path, content, factor)
