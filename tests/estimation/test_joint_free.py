@@ -100,3 +100,11 @@ def test_problem_without_such_a_form_is_named():
 
     with pytest.raises(InputError, match="problem 1 does not"):
         JointProblem((Dense(),)).linearize_free(np.zeros(60))
+
+
+def test_words_on_the_parameters_are_gathered_once():
+    """Gathered again for every parameter, they would cost the square of their number."""
+    joint = pair()
+    assert joint.units is joint.units
+    assert joint.kinds is joint.kinds
+    assert joint.names is joint.names

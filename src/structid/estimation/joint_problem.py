@@ -80,11 +80,11 @@ class JointProblem:
         place = {name: i for i, name in enumerate(self.names)}
         return tuple(np.array([place[name] for name in problem.names], dtype=int) for problem in self.problems)
 
-    @property
+    @cached_property
     def kinds(self) -> tuple[str, ...]:
         return self._first_words([problem.kinds for problem in self.problems])
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         return self._first_words([problem.units for problem in self.problems])
 
