@@ -113,6 +113,7 @@ def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(0))
     problem = ModalProblem(structure, unknown, record, use_damping=damping)
     theta = problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(12)
+    assert problem.linearize(theta).jacobian.shape == (problem.n_data + 1, 12)
     require_exact_slope(problem, theta)
 
 

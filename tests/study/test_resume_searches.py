@@ -76,6 +76,7 @@ def test_output_error_on_processes_has_the_bits_of_one(histories):
     pool = Processes(2, StudyPlace(str(study.path.resolve()), tuple(sorted(study.digests.items()))))
     found = run_study(study, None, LongRun(pool)).identification.estimate
     pool.close()
+    assert found.n_starts == whole.n_starts
     same_estimate(found, whole)
 
 

@@ -23,6 +23,8 @@ from structid.estimation.levenberg_marquardt_free import (
 from structid.estimation.minimum import Keeper, Progress
 from structid.estimation.problem import parameter_sizes
 
+#: x of a system of equations for its right-hand side.
+Solver = Callable[[FloatArray], FloatArray]
 _SOLVED = 1e-5
 _KNOWN = "the search converged, and data and priors together hold every parameter"
 _UNKNOWN = (
@@ -176,18 +178,19 @@ def free_estimate(
     found = free_levenberg_marquardt(problem, method, theta, progress, keeper)
     at, slope = found.linearization, problem.slope(found.theta)
     values, generator = problem.physical(found.theta), np.random.default_rng(seed)
-    sampled, determined, missed = counted_draws(at, draws, generator)
+    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
+    sampled, determined, missed = counted_draws(at, draws, generator, precondition)
     data = at.residual[: at.n_data]
     chi_square = _squared(data)
     freedom = max(at.n_data - np.nan_to_num(determined), 1.0)
     misses = bool(special.gammaincc(freedom / 2, chi_square / 2) < misfit_probability)
     if misses and len(sampled):
-        sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at))
+        sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at), precondition)
         sampled, missed = sampled[np.isfinite(sampled).all(axis=1)], missed + more
     std = np.sqrt((sampled**2).mean(axis=0)) if len(sampled) > 1 else np.full(len(slope), np.nan)
     error = np.full(len(slope), 1 / np.sqrt(2 * len(sampled)) if len(sampled) > 1 else np.nan)
     for place in () if misses else places:
-        std[place], error[place] = solved_std(at, place), 0.0
+        std[place], error[place] = solved_std(at, place, precondition), 0.0
     std[at.squares <= 0] = np.nan
     std = std * np.abs(slope)
     seen = std <= parameter_sizes(problem, values)
@@ -247,6 +250,7 @@ def posterior_draws(
     count: int,
     generator: np.random.Generator,
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
+    precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
     """Draws of what errors of the data and the priors do to the answer, (count, n_params), and how many failed (NaN).
 
@@ -259,6 +263,8 @@ def posterior_draws(
     generator : numpy.random.Generator
     errors : callable, optional
         Errors of the data rows, (n_data,), such as `error_draws` gives.
+    precondition : callable, optional
+        The `preconditioner` without damping, where it is made already.
 
     References
     ----------
@@ -268,7 +274,7 @@ def posterior_draws(
     made = np.empty((count, at.n_params))
     if not count:
         return made, 0
-    precondition, missed = preconditioner(at, np.zeros(at.n_params)), 0
+    precondition, missed = precondition or preconditioner(at, np.zeros(at.n_params)), 0
     for row in made:
         unit = generator.standard_normal(len(at.residual))
         if errors is not None:
@@ -280,12 +286,14 @@ def posterior_draws(
     return made, missed
 
 
-def counted_draws(at: FreeLinearization, count: int, generator: np.random.Generator) -> tuple[FloatArray, float, int]:
+def counted_draws(
+    at: FreeLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
+) -> tuple[FloatArray, float, int]:
     """Posterior draws that converged, how many combinations the data determine, and how many draws did not converge.
 
     The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
     """
-    made, missed = posterior_draws(at, count, generator)
+    made, missed = posterior_draws(at, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]
     determined = float(np.mean([_squared(at.forward(draw)) for draw in sound])) if len(sound) else float("nan")
     return sound, determined, missed
@@ -311,11 +319,10 @@ def error_draws(problem: FreeProblem, at: FreeLinearization) -> Callable[[np.ran
     return lambda generator: residual * (raised * generator.standard_normal(count))[block]
 
 
-def solved_std(at: FreeLinearization, place: int) -> float:
+def solved_std(at: FreeLinearization, place: int, precondition: Solver | None = None) -> float:
     """sqrt of entry `place` of the diagonal of (J'J)^-1, NaN where the equations could not be solved."""
     unit = np.zeros(at.n_params)
     unit[place] = 1.0
-    column, _, left = conjugate_gradients(
-        at.information, unit, preconditioner(at, np.zeros(at.n_params)), _SOLVED, 2000
-    )
+    precondition = precondition or preconditioner(at, np.zeros(at.n_params))
+    column, _, left = conjugate_gradients(at.information, unit, precondition, _SOLVED, 2000)
     return float(np.sqrt(column[place])) if left <= _SOLVED and column[place] > 0 else float("nan")

@@ -149,7 +149,7 @@ class JointProblem:
             first += problem.n_data
         return None if independent else total
 
-    def stage_plans(self) -> tuple[tuple[tuple[str, Problem], ...], ...]:
+    def stage_plans(self) -> tuple[tuple[tuple[str, JointProblem], ...], ...]:
         """Ways to the answer: the ways of each problem, joined stage by stage.
 
         A problem with fewer ways or stages than another stays in its last one, and one without any is as it is.
@@ -168,7 +168,7 @@ class JointProblem:
             return None
         return JointProblem(tuple(part or whole for part, whole in zip(parts, self.problems, strict=True)))
 
-    def _joined_stage(self, paths: Sequence[Sequence[tuple[str, Problem]]], stage: int) -> tuple[str, Problem]:
+    def _joined_stage(self, paths: Sequence[Sequence[tuple[str, Problem]]], stage: int) -> tuple[str, JointProblem]:
         names, problems = [], []
         for problem, path in zip(self.problems, paths, strict=True):
             name, at = path[min(stage, len(path) - 1)] if path else ("", problem)

@@ -20,7 +20,8 @@ _FACES = {
     8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
 _SOLID_CORNERS = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
-_AREA_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
+#: Corners of a flat cell by its number of nodes.
+AREA_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ def _shapes(element: ElementSet) -> list[tuple[int, IntArray]]:
     if isinstance(element, Solid):
         return outer_faces(rows)
     return [
-        (index, row[: _AREA_CORNERS.get(len(row), len(row))])
+        (index, row[: AREA_CORNERS.get(len(row), len(row))])
         for index, row in enumerate(rows)
         if len(row) > 1 and len(np.unique(row)) == len(row)
     ]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.report.element_outlines import outer_faces
+from structid.report.element_outlines import AREA_CORNERS, outer_faces
 from structid.report.picture import Mark
 from structid.report.projection import SPACE_AXES
 from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
@@ -15,7 +15,6 @@ from structid.structure.elements import ElementSet
 
 #: Size of a flat cell as drawn, so that a gap shows between neighbours.
 _SHRUNK = 0.94
-_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
 #: Nodes times faces beyond which no node of cells is drawn.
 _MOST_PAIRS = 20_000_000
 #: Marks beyond which names of element sets are not moved to where they are seen best.
@@ -48,7 +47,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
     for element in structure.elements:
         if is_cells(element) and not isinstance(element, Solid):
             rows = (row[row >= 0] for row in element.nodes)
-            faces += [(element, index, row[: _CORNERS[len(row)]]) for index, row in enumerate(rows)]
+            faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
     found: list[tuple[float, Mark]] = []
     for element, index, nodes in faces:
         labels = tuple(int(n) for n in nodes)

@@ -23,6 +23,7 @@ from structid.study.identification import titles
 from structid.study.identified import AnySetup
 from structid.study.model_modes import structure_modes
 from structid.study.ratios import common_scale, scale_words
+from structid.study.regularizing import coupled
 from structid.study.run import Start, is_free, started
 from structid.study.search import RecordProblem, by_name, together
 from structid.study.study import Study
@@ -189,10 +190,16 @@ class _Predicted:
 
 def _dense_part(ready: Start) -> _Predicted:
     study = ready.study
-    problem = target(ready.problems, [s.time for s in ready.setups], study.options.exclude)
+    first = ready.problems[0]
+    given = [
+        penalty(first.structure, first.parameters, term).scaled(term.strength)
+        for term in study.options.regularization
+        if isinstance(term, Smoothness) and not isinstance(term.strength, str)
+    ]
+    problem = target(coupled(ready.problems, given), [s.time for s in ready.setups], study.options.exclude)
     theta = np.asarray(problem.theta_start)
     at = problem.linearize(theta)
-    covariance = cramer_rao_bound(problem, _held(ready, problem, at))
+    covariance = cramer_rao_bound(problem, at)
     std = np.sqrt(np.diag(covariance))
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
@@ -222,21 +229,6 @@ def _start_values(study: Study) -> FloatArray:
 def _mass_gradient(study: Study) -> FloatArray:
     gradient = study.structure.mass_gradient(study.options.direction, _start_values(study))
     return np.asarray(gradient @ study.parameters.design)
-
-
-def _held(ready: Start, problem: Problem, at: Linearization) -> Linearization:
-    """`at` with the rows of the regularizations whose strength is given."""
-    first = ready.problems[0]
-    theta = np.asarray(problem.theta_start)
-    physical, slope = problem.physical(theta), problem.slope(theta)
-    n, parts = first.parameters.n_params, [at.jacobian]
-    for term in ready.study.options.regularization:
-        if isinstance(term, Smoothness) and not isinstance(term.strength, str):
-            rows = penalty(first.structure, first.parameters, term).scaled(term.strength).rows(physical[:n])[1]
-            wide = np.zeros((len(rows), len(theta)))
-            wide[:, :n] = rows * slope[:n]
-            parts.append(wide)
-    return replace(at, jacobian=np.concatenate(parts))
 
 
 def _pairs(ready: Start) -> list[tuple[AnySetup, RecordProblem]]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from structid.arrays import FloatArray, locked
 from structid.estimation import JointProblem
 from structid.estimation.free_estimate import counted_draws
-from structid.observation import FrfProblem
 from structid.parameters import Smoothness, penalty, term_name
+from structid.study.regularizing import coupled
 from structid.study.run import Start
 
 #: Strength that stands for one that the data will choose: neighbours within 10 %.
@@ -45,13 +45,11 @@ class FreePrediction:
 
 def free_prediction(ready: Start) -> FreePrediction:
     """The prediction for a study that `is_free`."""
-    problems = tuple(problem for problem in ready.problems if isinstance(problem, FrfProblem))
-    problem = problems[0]
+    first = ready.problems[0]
     terms = [term for term in ready.study.options.regularization if isinstance(term, Smoothness)]
     strengths = [USUAL_STRENGTH if isinstance(term.strength, str) else float(term.strength) for term in terms]
-    unknown = problem.parameters
-    rows = [penalty(problem.structure, unknown, term).scaled(s) for term, s in zip(terms, strengths, strict=True)]
-    whole = JointProblem((replace(problem, parameters=unknown.coupled(*rows)), *problems[1:]))
+    rows = [penalty(first.structure, first.parameters, t).scaled(s) for t, s in zip(terms, strengths, strict=True)]
+    whole = JointProblem(coupled(ready.problems, rows))
     theta = np.asarray(whole.theta_start)
     at = whole.linearize_free(theta)
     draws, determined, _ = counted_draws(at, _DRAWS, np.random.default_rng(ready.study.options.seed))

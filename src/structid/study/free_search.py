@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ from structid.parameters import Coupling, Smoothness, penalty, term_name
 from structid.structure import Friction
 from structid.study.identification import IdentifyOptions, prepared_problem, record_fit, titles
 from structid.study.identified import RecordFit, Setup
-from structid.study.regularizing import Held
+from structid.study.regularizing import Held, coupled
 from structid.study.result import Provenance
 from structid.study.search import RecordProblem, alike, together
 from structid.study.study import Study
@@ -130,7 +130,7 @@ def identify_free(
     first = problems[0]
     terms = [term for term in options.regularization if isinstance(term, Smoothness)]
     unit = tuple(penalty(first.structure, first.parameters, term) for term in terms)
-    made = partial(_coupled, problems, unit)
+    made = partial(_smoothed, problems, unit)
     settled = _settled(made, unit, terms, options, progress, work)
     whole = made(settled.strengths)
     found = free_estimate(
@@ -158,11 +158,9 @@ def _of_responses(problems: Sequence[RecordProblem]) -> tuple[FrfProblem, ...]:
     return tuple(problem for problem in problems if isinstance(problem, FrfProblem))
 
 
-def _coupled(problems: Sequence[FrfProblem], unit: Sequence[Coupling], strengths: Sequence[float]) -> JointProblem:
-    """All records, the smoothness with the parameters of the first."""
-    first = problems[0]
+def _smoothed(problems: Sequence[RecordProblem], unit: Sequence[Coupling], strengths: Sequence[float]) -> JointProblem:
     rows = [coupling.scaled(strength) for coupling, strength in zip(unit, strengths, strict=True)]
-    return JointProblem((replace(first, parameters=first.parameters.coupled(*rows)), *problems[1:]))
+    return JointProblem(coupled(problems, rows))
 
 
 def _settled(
@@ -182,8 +180,7 @@ def _settled(
     if options.pole_free_start:
         for name, stage in made(strengths).stage_plans()[0]:
             told = _named(progress, name)
-            if isinstance(stage, JointProblem):
-                theta = free_levenberg_marquardt(stage, _STAGED, theta, told, work.keeper(stage)).theta
+            theta = free_levenberg_marquardt(stage, _STAGED, theta, told, work.keeper(stage)).theta
     if None not in given:
         return SettledStrengths(strengths, (np.nan,) * len(given), theta, True, 0)
     told, keeper = _named(progress, "strength of smoothness"), work.keeper(unheld)

@@ -107,10 +107,11 @@ def regularized(
         _held(term, part.residual, strength, found.converged)
         for term, part, strength in zip(search.terms, found.model.penalties, found.strengths, strict=True)
     )
-    return _coupled(problems, search.couplings(found.strengths)), held
+    return coupled(problems, search.couplings(found.strengths)), held
 
 
-def _coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) -> tuple[RecordProblem, ...]:
+def coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) -> tuple[RecordProblem, ...]:
+    """The problems with `couplings`, which stand with the parameters of the first."""
     first = problems[0]
     return (replace(first, parameters=first.parameters.coupled(*couplings)), *problems[1:])
 
@@ -156,7 +157,7 @@ class _Search:
         return tuple(c.scaled(s) for c, s in zip(self.unit, strengths, strict=True))
 
     def with_strengths(self, strengths: Strengths) -> Problem:
-        return together(_coupled(self.problems, self.couplings(strengths)))
+        return together(coupled(self.problems, self.couplings(strengths)))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
