@@ -11,185 +11,63 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, uint64
 
+from structid.estimation.householder_kernels import MATHS
+from structid.estimation.product_kernels import four_by_four, four_by_three, own_four, own_three, three_by_three
+
+#: Numbers that the products of a few rows need room for.
+ROOM = 48
 #: Largest sum of squares of the inverse of a triangle with unit columns that comes from products.
 MOST = 512.0
-_compiled = njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+_compiled = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 
 
 @_compiled
-def own_of_four(b, o, width, count, g, k):
-    o1, o2, o3 = o + width, o + width + width, o + width + width + width
-    a00 = a01 = a02 = a03 = a11 = a12 = a13 = a22 = a23 = a33 = 0.0
-    for t in range(count):
-        y0, y1, y2, y3 = b[o + t], b[o1 + t], b[o2 + t], b[o3 + t]
-        a00 += y0 * y0
-        a01 += y0 * y1
-        a02 += y0 * y2
-        a03 += y0 * y3
-        a11 += y1 * y1
-        a12 += y1 * y2
-        a13 += y1 * y3
-        a22 += y2 * y2
-        a23 += y2 * y3
-        a33 += y3 * y3
-    g[k, k] += a00
-    g[k, k + 1] += a01
-    g[k, k + 2] += a02
-    g[k, k + 3] += a03
-    g[k + 1, k + 1] += a11
-    g[k + 1, k + 2] += a12
-    g[k + 1, k + 3] += a13
-    g[k + 2, k + 2] += a22
-    g[k + 2, k + 3] += a23
-    g[k + 3, k + 3] += a33
+def _put(g, k, j, n, m, s):
+    """Add the n by m products `s` at (k, j)."""
+    for row in range(n):
+        for column in range(m):
+            g[k + row, j + column] += s[row * m + column]
 
 
 @_compiled
-def own_of_three(b, o, width, count, g, k):
-    o1, o2 = o + width, o + width + width
-    a00 = a01 = a02 = a11 = a12 = a22 = 0.0
-    for t in range(count):
-        y0, y1, y2 = b[o + t], b[o1 + t], b[o2 + t]
-        a00 += y0 * y0
-        a01 += y0 * y1
-        a02 += y0 * y2
-        a11 += y1 * y1
-        a12 += y1 * y2
-        a22 += y2 * y2
-    g[k, k] += a00
-    g[k, k + 1] += a01
-    g[k, k + 2] += a02
-    g[k + 1, k + 1] += a11
-    g[k + 1, k + 2] += a12
-    g[k + 2, k + 2] += a22
+def _put_own(g, k, n, s):
+    """Add the products of n rows with one another, `s`, upper half column after column, at (k, k)."""
+    at = 0
+    for column in range(n):
+        for row in range(column + 1):
+            g[k + row, k + column] += s[at]
+            at += 1
 
 
 @_compiled
-def four_with_three(b, o, x, width, count, g, k, j):
-    """Products of rows k to k + 3, which start at `o`, with rows j to j + 2, at `x`."""
-    o1, o2, o3 = o + width, o + width + width, o + width + width + width
-    x1, x2 = x + width, x + width + width
-    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = a30 = a31 = a32 = 0.0
-    for t in range(count):
-        y0, y1, y2, y3 = b[o + t], b[o1 + t], b[o2 + t], b[o3 + t]
-        z0, z1, z2 = b[x + t], b[x1 + t], b[x2 + t]
-        a00 += y0 * z0
-        a01 += y0 * z1
-        a02 += y0 * z2
-        a10 += y1 * z0
-        a11 += y1 * z1
-        a12 += y1 * z2
-        a20 += y2 * z0
-        a21 += y2 * z1
-        a22 += y2 * z2
-        a30 += y3 * z0
-        a31 += y3 * z1
-        a32 += y3 * z2
-    g[k, j] += a00
-    g[k, j + 1] += a01
-    g[k, j + 2] += a02
-    g[k + 1, j] += a10
-    g[k + 1, j + 1] += a11
-    g[k + 1, j + 2] += a12
-    g[k + 2, j] += a20
-    g[k + 2, j + 1] += a21
-    g[k + 2, j + 2] += a22
-    g[k + 3, j] += a30
-    g[k + 3, j + 1] += a31
-    g[k + 3, j + 2] += a32
+def multiply(b, base, width, count, g, n, s):
+    """Add the products of the n rows of `b` from `base` to the upper half of `g`: rows by fours, the last by threes.
 
-
-@_compiled
-def four_with_four(b, o, x, width, count, g, k, j):
-    o1, o2, o3 = o + width, o + width + width, o + width + width + width
-    x1, x2, x3 = x + width, x + width + width, x + width + width + width
-    a00 = a01 = a02 = a03 = a10 = a11 = a12 = a13 = a20 = a21 = a22 = a23 = a30 = a31 = a32 = a33 = 0.0
-    for t in range(count):
-        y0, y1, y2, y3 = b[o + t], b[o1 + t], b[o2 + t], b[o3 + t]
-        z0, z1, z2, z3 = b[x + t], b[x1 + t], b[x2 + t], b[x3 + t]
-        a00 += y0 * z0
-        a01 += y0 * z1
-        a02 += y0 * z2
-        a03 += y0 * z3
-        a10 += y1 * z0
-        a11 += y1 * z1
-        a12 += y1 * z2
-        a13 += y1 * z3
-        a20 += y2 * z0
-        a21 += y2 * z1
-        a22 += y2 * z2
-        a23 += y2 * z3
-        a30 += y3 * z0
-        a31 += y3 * z1
-        a32 += y3 * z2
-        a33 += y3 * z3
-    g[k, j] += a00
-    g[k, j + 1] += a01
-    g[k, j + 2] += a02
-    g[k, j + 3] += a03
-    g[k + 1, j] += a10
-    g[k + 1, j + 1] += a11
-    g[k + 1, j + 2] += a12
-    g[k + 1, j + 3] += a13
-    g[k + 2, j] += a20
-    g[k + 2, j + 1] += a21
-    g[k + 2, j + 2] += a22
-    g[k + 2, j + 3] += a23
-    g[k + 3, j] += a30
-    g[k + 3, j + 1] += a31
-    g[k + 3, j + 2] += a32
-    g[k + 3, j + 3] += a33
-
-
-@_compiled
-def three_with_three(b, o, x, width, count, g, k, j):
-    o1, o2 = o + width, o + width + width
-    x1, x2 = x + width, x + width + width
-    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = 0.0
-    for t in range(count):
-        y0, y1, y2 = b[o + t], b[o1 + t], b[o2 + t]
-        z0, z1, z2 = b[x + t], b[x1 + t], b[x2 + t]
-        a00 += y0 * z0
-        a01 += y0 * z1
-        a02 += y0 * z2
-        a10 += y1 * z0
-        a11 += y1 * z1
-        a12 += y1 * z2
-        a20 += y2 * z0
-        a21 += y2 * z1
-        a22 += y2 * z2
-    g[k, j] += a00
-    g[k, j + 1] += a01
-    g[k, j + 2] += a02
-    g[k + 1, j] += a10
-    g[k + 1, j + 1] += a11
-    g[k + 1, j + 2] += a12
-    g[k + 2, j] += a20
-    g[k + 2, j + 1] += a21
-    g[k + 2, j + 2] += a22
-
-
-@_compiled
-def multiply(b, base, width, count, g, n):
-    """Add the products of the n rows of `b` from `base` to the upper half of `g`: rows by fours, the last by threes."""
+    `s` is `ROOM` numbers to work in.
+    """
     threes = (4 - n % 4) % 4
     fours = (n - 3 * threes) // 4
     j = 0
     for later in range(fours + threes):
         x = base + uint64(j) * width
         if later < fours:
-            own_of_four(b, x, width, count, g, j)
+            own_four(b, x, width, count, s)
+            _put_own(g, j, 4, s)
         else:
-            own_of_three(b, x, width, count, g, j)
+            own_three(b, x, width, count, s)
+            _put_own(g, j, 3, s)
         k = 0
         for earlier in range(later):
             o = base + uint64(k) * width
             if later < fours:
-                four_with_four(b, o, x, width, count, g, k, j)
+                four_by_four(b, o, x, width, count, s)
+                _put(g, k, j, 4, 4, s)
             elif earlier < fours:
-                four_with_three(b, o, x, width, count, g, k, j)
+                four_by_three(b, o, x, width, count, s)
+                _put(g, k, j, 4, 3, s)
             else:
-                three_with_three(b, o, x, width, count, g, k, j)
+                three_by_three(b, o, x, width, count, s)
+                _put(g, k, j, 3, 3, s)
             k += 4 if earlier < fours else 3
         j += 4 if later < fours else 3
 
@@ -269,7 +147,7 @@ def cholesky(g, q):
 
 
 @_compiled
-def begin_products(r, q, p, g, b, base, width):
+def begin_products(r, q, p, g, b, base, width, s):
     """Set `p` to the parameters of the triangle `r`, and `g` to the products of its rows less p times them."""
     last, count = r.shape[0] - 1, uint64(q + 1)
     solve(r, q, last, p)
@@ -279,7 +157,7 @@ def begin_products(r, q, p, g, b, base, width):
             b[o + uint64(t)] = r[t if t < q else last, k if k < q else last]
     take_away(b, base, width, count, q, p)
     g[:] = 0.0
-    multiply(b, base, width, count, g, q + 1)
+    multiply(b, base, width, count, g, q + 1, s)
 
 
 @_compiled

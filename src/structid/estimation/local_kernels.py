@@ -11,6 +11,7 @@ from numba import njit, uint64
 
 from structid.estimation.gram_kernels import (
     MOST,
+    ROOM,
     begin_products,
     cholesky,
     end_products,
@@ -20,11 +21,13 @@ from structid.estimation.gram_kernels import (
     weakness,
 )
 from structid.estimation.householder_kernels import APART, MATHS, reflect
+from structid.estimation.product_kernels import WIDEST
 from structid.estimation.vector_kernels import fill_one, fill_three, fill_two
+from structid.estimation.whitened_kernels import fold_whitened
 
-_WIDE, _FEWEST = 9, 96  # columns of a block and samples of a stretch that are tried by products
+_FEWEST = 96  # samples of a stretch that are tried by products
 #: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
-PARTS = "2231b890b6e9efea"
+PARTS = "6fc249abfc3f39ad"
 _part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 _compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 
@@ -64,9 +67,9 @@ def _rows(b, block, width, begin, count, d, size, q, side, starts, which, data, 
 
 
 @_part
-def _started(r, q, stretch, p, g, v, b, base, width):
+def _started(r, q, stretch, p, g, v, b, base, width, s):
     """Whether to try products on this stretch: 0 no, 1 yes, from this triangle, 2 yes, from none."""
-    if stretch < _FEWEST or stretch < 4 * q or q < _WIDE:
+    if stretch < _FEWEST or stretch < 4 * q or q < WIDEST:
         return 0
     empty = True
     for k in range(r.shape[0]):
@@ -78,15 +81,15 @@ def _started(r, q, stretch, p, g, v, b, base, width):
         return 2
     if not weakness(r, q, v) <= MOST:
         return 0
-    begin_products(r, q, p, g, b, base, width)
+    begin_products(r, q, p, g, b, base, width, s)
     return 1
 
 
 @_part
-def _guessed(b, base, width, count, q, p, g):
+def _guessed(b, base, width, count, q, p, g, s):
     """Parameters of the first rows, for right-hand sides to begin with; whether there are any."""
     few = uint64(2 * q + 15) // uint64(8) * uint64(8)
-    multiply(b, base, width, min(count, few), g, q + 1)
+    multiply(b, base, width, min(count, few), g, q + 1, s)
     found = cholesky(g, q)
     if found:
         solve(g, q, q, p)
@@ -116,6 +119,7 @@ def fold_fields(
     block, pace = uint64(side) * width, uint64(n_times)
     b = np.empty(most * side * (room + APART))
     p, g, v = np.zeros((most, side)), np.zeros((most, side, side)), np.zeros((3, side))
+    s, one = np.zeros(ROOM), np.eye(side)
     way, todo = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.bool_)
     for begin in range(0, n_times, outer):
         stop = min(begin + outer, n_times)
@@ -125,7 +129,7 @@ def fold_fields(
             next_new, end_new = (news[h + 1], news[h + 2]) if h + 1 < last else (0, 0)
             for j in range(size):
                 base = uint64(j) * block
-                way[j] = _started(triangles[d + j], q, stop - begin, p[j], g[j], v, b, base, width)
+                way[j] = _started(triangles[d + j], q, stop - begin, p[j], g[j], v, b, base, width, s)
                 todo[j] = True
             again = True
             while again:
@@ -139,13 +143,17 @@ def fold_fields(
                     for j in range(size):
                         base = uint64(j) * block
                         if way[j] == 2:
-                            way[j] = 1 if _guessed(b, base, width, count, q, p[j], g[j]) else 3
+                            way[j] = 1 if _guessed(b, base, width, count, q, p[j], g[j], s) else 3
                         if not todo[j] or way[j] == 3:
                             continue
                         if way[j] == 1:
                             take_away(b, base, width, count, q, p[j])
-                            multiply(b, base, width, count, g[j], q + 1)
-                        else:
+                            multiply(b, base, width, count, g[j], q + 1, s)
+                        elif not (
+                            2 <= q < WIDEST
+                            and count >= 8 * (q + 1)
+                            and fold_whitened(triangles[d + j], q, b, base, width, count, g[j], one)
+                        ):
                             reflect(triangles[d + j], b[j * int(block) :], q, width, count)
                 for j in range(size):
                     if not todo[j] or way[j] == 0:

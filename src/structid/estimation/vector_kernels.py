@@ -7,94 +7,49 @@ together, and meanwhile the cache is asked for the fields that the next rows wil
 
 from __future__ import annotations
 
-from llvmlite import binding, ir
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-_F64, _I64, _I32 = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
-_FLAGS = ("contract", "reassoc", "nsz")
-_LANES = 8 if binding.get_host_cpu_features().get("avx512f") else 4
+from structid.estimation.vector_code import F64, I32, I64, WIDE, Loop, lanes, place, plus_product, read, spread, zero
+
 _VECTORS = 4
 _LINE = 8  # doubles of a cache line
 
 
-class _Loop:
-    """for i from `start`, by `step`, while i + step <= stop, with values carried from one turn to the next."""
-
-    def __init__(self, builder, start, stop, step, carried=()):
-        self.builder, before = builder, builder.block
-        self.head, self.body, self.end = (builder.append_basic_block(name) for name in ("head", "body", "end"))
-        builder.branch(self.head)
-        builder.position_at_end(self.head)
-        self.index = builder.phi(_I64)
-        self.index.add_incoming(start, before)
-        self.carried = [builder.phi(value.type) for value in carried]
-        for phi, value in zip(self.carried, carried, strict=True):
-            phi.add_incoming(value, before)
-        self.following = builder.add(self.index, _I64(step))
-        builder.cbranch(builder.icmp_unsigned("<=", self.following, stop), self.body, self.end)
-        builder.position_at_end(self.body)
-
-    def close(self, carried=()):
-        here = self.builder.block
-        self.builder.branch(self.head)
-        self.index.add_incoming(self.following, here)
-        for phi, value in zip(self.carried, carried, strict=True):
-            phi.add_incoming(value, here)
-        self.builder.position_at_end(self.end)
-
-
-def _spread(builder, value, kind):
-    """One number in all lanes."""
-    if kind == _F64:
-        return value
-    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, _I32(0))
-    zeros = ir.Constant(ir.VectorType(_I32, kind.count), None)
-    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
-
-
-def _place(builder, base, at, kind):
-    return builder.bitcast(builder.gep(base, [at]), kind.as_pointer())
-
-
 def _offset(builder, which, index, pace, first):
     """Where the samples of field which[index] begin."""
-    field = builder.zext(builder.load(builder.gep(which, [index])), _I64)
+    field = builder.zext(builder.load(builder.gep(which, [index])), I64)
     return builder.add(builder.mul(field, pace), first)
 
 
 def _ask(builder, fields, at):
     """Have the cache line of fields[at] brought into the second-level cache."""
-    place = builder.bitcast(builder.gep(fields, [at]), ir.IntType(8).as_pointer())
-    kind = ir.FunctionType(ir.VoidType(), [place.type, _I32, _I32, _I32])
+    line = place(builder, fields, at, ir.IntType(8))
+    kind = ir.FunctionType(ir.VoidType(), [line.type, I32, I32, I32])
     prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-    builder.call(prefetch, [place, _I32(0), _I32(2), _I32(1)])
+    builder.call(prefetch, [line, I32(0), I32(2), I32(1)])
 
 
 def _sums(builder, kind, vectors, outs, at, arrays, entries, pace, first):
     """Rows at `outs` of b, `vectors` of samples from `at`: data times fields, summed in registers."""
     b, fields, which, data = arrays
     starts, count = entries
-    step = 1 if kind == _F64 else kind.count
-    zero = ir.Constant(kind, 0.0 if kind == _F64 else None)
-    loop = _Loop(builder, _I64(0), count, 1, [zero] * (len(outs) * vectors))
+    loop = Loop(builder, I64(0), count, 1, [zero(kind)] * (len(outs) * vectors))
     source = builder.add(_offset(builder, which, builder.add(starts[0], loop.index), pace, first), at)
-    read = [
-        builder.load(_place(builder, fields, builder.add(source, _I64(v * step)), kind), align=8)
-        for v in range(vectors)
-    ]
+    steps = [I64(v * lanes(kind)) for v in range(vectors)]
+    samples = [read(builder, fields, builder.add(source, step), kind) for step in steps]
     sums = []
     for row, start in enumerate(starts):
-        factor = _spread(builder, builder.load(builder.gep(data, [builder.add(start, loop.index)])), kind)
+        factor = spread(builder, builder.load(builder.gep(data, [builder.add(start, loop.index)])), kind)
         for v in range(vectors):
-            product = builder.fmul(factor, read[v], flags=_FLAGS)
-            sums.append(builder.fadd(loop.carried[row * vectors + v], product, flags=_FLAGS))
+            sums.append(plus_product(builder, loop.carried[row * vectors + v], factor, samples[v]))
     loop.close(sums)
     for row, out in enumerate(outs):
-        for v in range(vectors):
-            place = _place(builder, b, builder.add(builder.add(out, at), _I64(v * step)), kind)
-            builder.store(loop.carried[row * vectors + v], place, align=8)
+        for v, step in enumerate(steps):
+            to = place(builder, b, builder.add(builder.add(out, at), step), kind)
+            builder.store(loop.carried[row * vectors + v], to, align=8)
 
 
 def _filling(rows):
@@ -115,15 +70,15 @@ def _filling(rows):
             outs = [x]
             while len(outs) < rows:
                 outs.append(builder.add(outs[-1], block))
-            wide, at = ir.VectorType(_F64, _LANES), _I64(0)
-            for vectors, kind in ((_VECTORS, wide), (1, wide), (1, _F64)):
-                step = vectors * (1 if kind == _F64 else _LANES)
-                samples = _Loop(builder, at, count, step)
+            at = I64(0)
+            for vectors, kind in ((_VECTORS, WIDE), (1, WIDE), (1, F64)):
+                step = vectors * lanes(kind)
+                samples = Loop(builder, at, count, step)
                 if vectors > 1:
-                    asked = _Loop(builder, begin, end, 1)
+                    asked = Loop(builder, begin, end, 1)
                     source = builder.add(_offset(builder, new, asked.index, pace, first), samples.index)
                     for line in range(0, step, _LINE):
-                        _ask(builder, fields, builder.add(source, _I64(line)))
+                        _ask(builder, fields, builder.add(source, I64(line)))
                     asked.close()
                 arrays, entries = (b, fields, which, data), (args[9 : 9 + rows], n)
                 _sums(builder, kind, vectors, outs, samples.index, arrays, entries, pace, first)
