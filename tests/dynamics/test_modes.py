@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.sparse.linalg import eigsh
 
 from structid.dynamics import modes
-from structid.structure import Beam, Structure
+from structid.dynamics.modes import _low_shift
+from structid.structure import Beam, Plate, Structure
 
 
 def test_damping_ratios_of_a_single_mass():
@@ -35,3 +37,37 @@ def test_sparse_path_equals_dense_path():
     assert 2 * np.pi * found.frequency == pytest.approx([3.516015, 22.03449, 61.69721, 120.9019], rel=1e-5)
     gram = found.mode_shapes.T @ (structure.matrix("inertia") @ found.mode_shapes)
     assert gram == pytest.approx(np.eye(4), abs=1e-8)
+
+
+def grid_of_plates(n):
+    """A free square plate in bending of n x n elements, its matrices."""
+    points = {i * (n + 1) + j: (i / n, j / n) for i in range(n + 1) for j in range(n + 1)}
+    first = np.add.outer(np.arange(n) * (n + 1), np.arange(n)).ravel()
+    corners = np.stack([first, first + n + 1, first + n + 2, first + 1], axis=1)
+    plate = Plate("plate", corners, 70e9, 2700.0, 2e-3, poisson=0.3)
+    structure = Structure(points, [plate], [], active=["Z", "RX", "RY"])
+    return structure.matrix("inertia"), structure.matrix("elastic")
+
+
+def test_shift_goes_down_to_the_lowest_eigenvalues_of_a_fine_mesh():
+    """From the mean of all eigenvalues, 150 times the eighth of this plate, to their neighbourhood."""
+    mass, stiffness = grid_of_plates(40)
+    found = modes(mass, stiffness, n_modes=12)
+    assert (found.frequency[:3] <= 1e-3).all()
+    eighth = (2 * np.pi * found.frequency[7]) ** 2
+    shift, _ = _low_shift(stiffness, mass)
+    assert 0.3 * eighth <= -shift <= 15 * eighth
+    expected = eigsh(stiffness, 12, mass, sigma=-eighth, return_eigenvectors=False)
+    assert 2 * np.pi * found.frequency[3:] == pytest.approx(np.sqrt(np.sort(expected)[3:]), rel=1e-7)
+
+
+def test_more_mechanisms_than_the_shift_looks_at():
+    """Ten free beams: twenty modes at 0 Hz, then the first bending mode of each."""
+    n = 40
+    starts = [(n + 1) * k for k in range(10)]
+    lines = [[s + i, s + i + 1] for s in starts for i in range(n)]
+    points = {s + i: i / n for s in starts for i in range(n + 1)}
+    structure = Structure(points, [Beam("beam", lines, 1.0, 1.0)], [], active=["Y", "RZ"])
+    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=30)
+    assert (found.frequency[:20] <= 1e-3).all()
+    assert 2 * np.pi * found.frequency[20:] == pytest.approx(np.full(10, 22.37329), rel=1e-5)

@@ -12,6 +12,10 @@ from structid.arrays import FloatArray
 from structid.dynamics.factorization import factorizer
 
 _DENSE_UP_TO = 600
+#: Vectors, and times the shifted inverse is applied to them, that show where the lowest eigenvalues lie.
+_BLOCK, _ITERATIONS = 8, 3
+#: Part of the shift that the largest eigenvalue in sight must reach; part of the first shift that mechanisms are left.
+_NEAR, _LEAST = 0.5, 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +61,7 @@ def modes(
         eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
     else:
         count = min(n_modes or 20, n - 2)
-        shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
-        inverse = _shifted_inverse(sparse.csc_array(stiffness - shift * mass))
+        shift, inverse = _low_shift(stiffness, mass)
         eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=np.ones(n), OPinv=inverse)
         order = np.argsort(eigenvalues)
         eigenvalues, shapes = eigenvalues[order], shapes[:, order]
@@ -73,13 +76,40 @@ def modes(
     return Modes(omega / (2 * np.pi), ratio, shapes)
 
 
+def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
+    """A shift just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
+
+    A mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
+    millions of times above the lowest, which Lanczos then cannot tell apart. A few inverse iterations of a small block
+    show how far below they lie, and the shift follows until it is near them.
+    """
+    shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
+    least = _LEAST * shift
+    block = np.random.default_rng(0).standard_normal((stiffness.shape[0], _BLOCK))
+    while True:
+        inverse = _shifted_inverse(sparse.csc_array(stiffness - shift * mass))
+        if inverse is None:
+            return shift, None
+        for _ in range(_ITERATIONS):
+            block = linalg.qr(inverse.matmat(mass @ block), mode="economic")[0]
+        low = linalg.eigh(block.T @ (stiffness @ block), block.T @ (mass @ block), eigvals_only=True)[-1]
+        if low >= -_NEAR * shift or shift == least:
+            return shift, inverse
+        shift = min(-low, least)
+
+
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
     """The inverse of the shifted stiffness by the factorizer in use; None where its diagonal is not complete."""
     shifted.sort_indices()
     if not shifted.diagonal().all():
         return None
     factor = factorizer().analyse(shifted.indices, shifted.indptr).factor(shifted.data)
-    return LinearOperator(shifted.shape, matvec=lambda x: factor.solve(x.reshape(-1, 1))[:, 0], dtype=np.float64)
+    return LinearOperator(
+        shifted.shape,
+        matvec=lambda x: factor.solve(x.reshape(-1, 1))[:, 0],
+        matmat=factor.solve,
+        dtype=np.float64,
+    )
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
