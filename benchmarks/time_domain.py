@@ -107,6 +107,23 @@ def streaming(rows: Callable[[], Rows], n_times: int, work: Kernels, clock: Call
     return measure
 
 
+def as_matmul(rows: Callable[[], Rows], n_times: int, side: int = 512):
+    """The pass against numpy.matmul of square matrices with as many multiplications: rows made, and their products."""
+
+    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
+        columns, operator, n_params = rows()
+        fields, square = rng.standard_normal((operator.shape[1], n_times)), rng.standard_normal((side, side))
+        widths = (columns >= 0).sum(axis=1) + 1
+        multiplications = n_times * (operator.nnz + (widths * (widths + 1) / 2).sum())
+        times = round(multiplications / side**3)
+        empty, maker = no_rows(columns, n_params), row_maker(operator, columns)
+        return ratios(
+            lambda: empty.reduced(maker, fields, ONE), lambda: [square @ square for _ in range(times)], repeats
+        )
+
+    return measure
+
+
 def against_dense(n: int, n_times: int):
     """numpy.linalg.lstsq of the dense regression, already made, against pass and solution together."""
 
@@ -228,6 +245,13 @@ MEASUREMENTS = [
         "hex mesh pass / numpy.sum, 3528 DOFs, m = 600",
         streaming(lambda: mesh_rows((6, 11, 13)), 600, ONE),
         35,
+        False,
+        True,
+    ),
+    (
+        "hex mesh pass / numpy.matmul of as many products",
+        as_matmul(lambda: mesh_rows((6, 11, 13)), 600),
+        1.5,
         False,
         True,
     ),

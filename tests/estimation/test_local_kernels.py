@@ -181,6 +181,18 @@ def two_stretches(first, second, noises, seed):
     return found
 
 
+@pytest.mark.parametrize("n", [6, 12, 24])
+@pytest.mark.parametrize("noise", [1e-6, 1e-3])
+def test_a_small_residual_keeps_its_digits(n, noise):
+    """As the root of a difference of sums of squares it would have ten digits, or four."""
+    rng = np.random.default_rng(11)
+    matrix = rng.standard_normal((800, n))
+    right = matrix @ rng.uniform(1, 2, n) + noise * rng.standard_normal(800)
+    fields, operator = np.column_stack([matrix, right]).T, sparse.csr_array(sparse.eye_array(n + 1))
+    compiled, plain = (reduced(np.arange(n)[None], operator, fields, work).triangles[0] for work in (ONE, NUMPY))
+    assert abs(compiled[-1, -1]) == pytest.approx(abs(plain[-1, -1]), rel=1e-14 / noise)
+
+
 @pytest.mark.parametrize("n", [2, 4, 6, 8])
 def test_a_direction_that_outgrows_the_others_keeps_their_digits(n):
     """Products over a triangle of equal columns would leave half of them."""

@@ -2,8 +2,9 @@
 
 Products cost half the reflections, and no sum waits for another, but they square the condition. Two things keep the
 digits. The right-hand side goes in less what the parameters found so far make of it, so that the residual is summed
-itself and not found as a difference. And the triangle counts only if the inverse of its matrix with unit columns stays
-below `MOST`: a relative error of `MOST` roundings, 1e-13, in the weakest direction. All others go by reflections.
+itself and not found as a difference; the first goes in whole, which is enough where much of it is left. And the triangle
+counts only if the inverse of its matrix with unit columns stays below `MOST`: a relative error of `MOST` roundings,
+1e-13, in the weakest direction. All others go by reflections.
 """
 
 from __future__ import annotations
@@ -12,12 +13,23 @@ import numpy as np
 from numba import njit, uint64
 
 from structid.estimation.householder_kernels import MATHS
-from structid.estimation.product_kernels import four_by_four, four_by_three, own_four, own_three, three_by_three
+from structid.estimation.product_kernels import (
+    EIGHT,
+    four_by_four,
+    four_by_three,
+    inverse_columns,
+    own_four,
+    own_three,
+    three_by_three,
+)
 
 #: Numbers that the products of a few rows need room for.
 ROOM = 48
 #: Largest sum of squares of the inverse of a triangle with unit columns that comes from products.
 MOST = 512.0
+#: Part of the square of a whole right-hand side that must be left when its columns have taken theirs.
+LEFT = 1e-4
+HELD, WEAK, FAINT = 0, 1, 2
 _compiled = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 
 
@@ -74,7 +86,9 @@ def multiply(b, base, width, count, g, n, s):
 
 @_compiled
 def take_away(b, base, width, count, q, p):
-    """The right-hand side, row q of `b`, less p times the rows before it."""
+    """The right-hand side, row q of `b`, less p times the rows before it; `p` of nothing but zeros takes nothing."""
+    if not p[:q].any():
+        return
     x = base + uint64(q) * width
     k = 0
     while k + 6 <= q:
@@ -95,27 +109,33 @@ def take_away(b, base, width, count, q, p):
 
 
 @_compiled
-def weakness(r, q, v):
+def sizes_of(r, q, sizes):
+    """Sums of squares of the columns of the triangle r[:q, :q]."""
+    sizes[:q] = 0.0
+    for i in range(q):
+        for j in range(i, q):
+            sizes[j] += r[i, j] * r[i, j]
+
+
+@_compiled
+def weakness(r, q, sizes, v):
     """Sum of squares of the inverse of the triangle r[:q, :q] with unit columns; infinite where it is singular.
 
-    `v` is (3, q) numbers to work in.
+    `sizes` are the sums of squares of its columns. Columns of the inverse go by eights, their numbers side by side in
+    `v`, 8 q or more of them to work in.
     """
-    total = 0.0
-    for j in range(q):
-        if not abs(r[j, j]) > 0.0:
+    n, side, eight = uint64(q), uint64(r.shape[1]), uint64(EIGHT)
+    for k in range(q):
+        if not abs(r[k, k]) > 0.0:
             return np.inf
-        v[0, j], v[2, j] = 0.0, 1.0 / r[j, j]
-        for i in range(j + 1):
-            v[0, j] += r[i, j] * r[i, j]
-    for j in range(q):
-        for k in range(j, q):
-            v[1, k] = 0.0
-        v[1, j] = 1.0
-        for k in range(j, q):
-            x = v[1, k] * v[2, k]
-            total += x * x * v[0, j]
-            for i in range(k + 1, q):
-                v[1, i] -= x * r[k, i]
+    total, first = 0.0, uint64(0)
+    while first < n:
+        for t in range(eight * first, eight * n):
+            v[t] = 0.0
+        for column in range(first, min(first + eight, n)):
+            v[eight * column + column - first] = np.sqrt(sizes[column])
+        total += inverse_columns(r, side, n, first, v)
+        first += eight
     return total
 
 
@@ -130,19 +150,45 @@ def solve(r, q, right, p):
 
 
 @_compiled
-def cholesky(g, q):
-    """The triangle of [B c] in the place of its products, (q + 1, q + 1); False where B is singular."""
-    for k in range(q + 1):
-        if not g[k, k] > 0.0:
-            g[k, k] = 0.0
-            return k == q
-        one = 1.0 / np.sqrt(g[k, k])
-        for j in range(k, q + 1):
-            g[k, j] *= one
-        for i in range(k + 1, q + 1):
-            w = g[k, i]
-            for j in range(i, q + 1):
-                g[i, j] -= w * g[k, j]
+def _pivot(g, side, n, k, stop):
+    """Row k of the triangle, and rows k + 1 to stop less its products; False where it is singular."""
+    o = k * side
+    if not g[o + k] > 0.0:
+        g[o + k] = 0.0
+        return k + uint64(1) == n
+    one = 1.0 / np.sqrt(g[o + k])
+    for t in range(o + k, o + n):
+        g[t] *= one
+    for i in range(k + uint64(1), stop):
+        share = g[o + i]
+        for j in range(i, n):
+            g[i * side + j] -= share * g[o + j]
+    return True
+
+
+@_compiled
+def cholesky(products, q):
+    """The triangle of [B c] in the place of its products, (q + 1, q + 1); False where B is singular.
+
+    Four rows are made at a time before the rows below give up their products with them.
+    """
+    g, n, side, four = products.ravel(), uint64(q + 1), uint64(products.shape[1]), uint64(4)
+    k = uint64(0)
+    while k + four < n:
+        for row in range(k, k + four):
+            if not _pivot(g, side, n, row, k + four):
+                return False
+        o0, o1 = k * side, k * side + side
+        o2, o3 = o1 + side, o1 + side + side
+        for i in range(k + four, n):
+            w0, w1, w2, w3 = g[o0 + i], g[o1 + i], g[o2 + i], g[o3 + i]
+            for j in range(i, n):
+                g[i * side + j] -= w0 * g[o0 + j] + w1 * g[o1 + j] + (w2 * g[o2 + j] + w3 * g[o3 + j])
+        k += four
+    while k < n:
+        if not _pivot(g, side, n, k, n):
+            return False
+        k += uint64(1)
     return True
 
 
@@ -161,11 +207,19 @@ def begin_products(r, q, p, g, b, base, width, s):
 
 
 @_compiled
-def end_products(r, q, p, g, v):
-    """`r` from the products; False, and r as it was, where they do not hold it well enough."""
+def end_products(r, q, p, g, sizes, v):
+    """`r` from the products; whether they hold it well enough (`HELD`), or what they lack, with r as it was.
+
+    `FAINT`: nearly all of a right-hand side that went in whole was explained; `p` becomes what explains it.
+    """
     last = r.shape[0] - 1
-    if not (cholesky(g, q) and weakness(g, q, v) <= MOST):
-        return False
+    for j in range(q + 1):
+        sizes[j] = g[j, j]
+    if not (cholesky(g, q) and weakness(g, q, sizes, v) <= MOST):
+        return WEAK
+    if g[q, q] * g[q, q] < LEFT * sizes[q] and not p[:q].any():
+        solve(g, q, q, p)
+        return FAINT
     for i in range(q):
         x = g[i, q]
         for k in range(i, q):
@@ -173,4 +227,4 @@ def end_products(r, q, p, g, v):
             r[i, k] = g[i, k]
         r[i, last] = x
     r[last, last] = g[q, q]
-    return True
+    return HELD

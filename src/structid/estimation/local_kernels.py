@@ -10,13 +10,14 @@ import numpy as np
 from numba import njit, uint64
 
 from structid.estimation.gram_kernels import (
+    FAINT,
+    HELD,
     MOST,
     ROOM,
     begin_products,
-    cholesky,
     end_products,
     multiply,
-    solve,
+    sizes_of,
     take_away,
     weakness,
 )
@@ -27,7 +28,7 @@ from structid.estimation.whitened_kernels import fold_whitened
 
 _FEWEST = 96  # samples of a stretch that are tried by products
 #: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
-PARTS = "6fc249abfc3f39ad"
+PARTS = "bd445ba4f9d9c5a6"
 _part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 _compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 
@@ -67,10 +68,13 @@ def _rows(b, block, width, begin, count, d, size, q, side, starts, which, data, 
 
 
 @_part
-def _started(r, q, stretch, p, g, v, b, base, width, s):
-    """Whether to try products on this stretch: 0 no, 1 yes, from this triangle, 2 yes, from none."""
+def _started(r, q, stretch, held, p, g, v, sizes, b, base, width, s):
+    """Whether products are tried on this stretch, with what the triangle holds in them already.
+
+    `held` is whether products made this triangle, so that its condition is known to be good.
+    """
     if stretch < _FEWEST or stretch < 4 * q or q < WIDEST:
-        return 0
+        return False
     empty = True
     for k in range(r.shape[0]):
         for j in range(k, r.shape[0]):
@@ -78,23 +82,22 @@ def _started(r, q, stretch, p, g, v, b, base, width, s):
     if empty:
         g[:] = 0.0
         p[:] = 0.0
-        return 2
-    if not weakness(r, q, v) <= MOST:
-        return 0
+        return True
+    if not held:
+        sizes_of(r, q, sizes)
+        if not weakness(r, q, sizes, v) <= MOST:
+            return False
     begin_products(r, q, p, g, b, base, width, s)
-    return 1
+    return True
 
 
 @_part
-def _guessed(b, base, width, count, q, p, g, s):
-    """Parameters of the first rows, for right-hand sides to begin with; whether there are any."""
-    few = uint64(2 * q + 15) // uint64(8) * uint64(8)
-    multiply(b, base, width, min(count, few), g, q + 1, s)
-    found = cholesky(g, q)
-    if found:
-        solve(g, q, q, p)
-    g[:] = 0.0
-    return found
+def _ended(r, q, p, g, sizes, v):
+    """Whether products hold the triangle, and whether they are to be tried again, for want of parameters to begin with."""
+    found = end_products(r, q, p, g, sizes, v)
+    if found == FAINT:
+        g[:] = 0.0
+    return found == HELD, found == FAINT
 
 
 @_compiled
@@ -118,9 +121,10 @@ def fold_fields(
     width = uint64(room + APART)
     block, pace = uint64(side) * width, uint64(n_times)
     b = np.empty(most * side * (room + APART))
-    p, g, v = np.zeros((most, side)), np.zeros((most, side, side)), np.zeros((3, side))
+    p, g, v, sizes = np.zeros((most, side)), np.zeros((most, side, side)), np.zeros(8 * side), np.zeros(side)
     s, one = np.zeros(ROOM), np.eye(side)
-    way, todo = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.bool_)
+    products, todo = np.zeros(most, dtype=np.bool_), np.zeros(most, dtype=np.bool_)
+    held = np.zeros(heads[last], dtype=np.bool_)
     for begin in range(0, n_times, outer):
         stop = min(begin + outer, n_times)
         for h in range(first, last):
@@ -129,7 +133,9 @@ def fold_fields(
             next_new, end_new = (news[h + 1], news[h + 2]) if h + 1 < last else (0, 0)
             for j in range(size):
                 base = uint64(j) * block
-                way[j] = _started(triangles[d + j], q, stop - begin, p[j], g[j], v, b, base, width, s)
+                products[j] = _started(
+                    triangles[d + j], q, stop - begin, held[d + j], p[j], g[j], v, sizes, b, base, width, s
+                )
                 todo[j] = True
             again = True
             while again:
@@ -142,11 +148,9 @@ def fold_fields(
                     )  # fmt: skip
                     for j in range(size):
                         base = uint64(j) * block
-                        if way[j] == 2:
-                            way[j] = 1 if _guessed(b, base, width, count, q, p[j], g[j], s) else 3
-                        if not todo[j] or way[j] == 3:
+                        if not todo[j]:
                             continue
-                        if way[j] == 1:
+                        if products[j]:
                             take_away(b, base, width, count, q, p[j])
                             multiply(b, base, width, count, g[j], q + 1, s)
                         elif not (
@@ -156,10 +160,10 @@ def fold_fields(
                         ):
                             reflect(triangles[d + j], b[j * int(block) :], q, width, count)
                 for j in range(size):
-                    if not todo[j] or way[j] == 0:
+                    if todo[j] and products[j]:
+                        held[d + j], products[j] = _ended(triangles[d + j], q, p[j], g[j], sizes, v)
+                        todo[j] = not held[d + j]
+                        again |= todo[j]
+                    else:
                         todo[j] = False
-                        continue
-                    todo[j] = way[j] == 3 or not end_products(triangles[d + j], q, p[j], g[j], v)
-                    way[j] = 0
-                    again |= todo[j]
                 end_new = next_new

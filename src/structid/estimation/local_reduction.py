@@ -29,9 +29,9 @@ COMPILED_FROM = 200_000
 _ROW_ENTRIES = 125_000
 _TOGETHER = 3  # blocks whose rows are made at once
 _LONGEST = 640  # samples at a time
-_NARROW_ROWS, _ROWS = 4_800, 16_000  # numbers of the rows of narrow and of wide blocks at a time
+_NARROW_ROWS, _ROWS = 4_800, 8_000  # numbers of the rows of narrow and of wide blocks at a time
 _NARROW = 9  # rows of a block that may go by reflections, which want it near the first-level cache
-_FIELDS = 60_000  # numbers of the fields that the rows of a group are made from
+_NARROW_FIELDS, _FIELDS = 60_000, 300_000  # numbers of the fields that their rows are made from between two triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,10 +235,11 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
 
 def stretches(n_times: int, side: int, reach: float) -> tuple[int, int]:
     """Samples at a time whose rows stay in the cache, and a multiple of them whose `reach` fields do."""
-    most = min(_LONGEST, max(64, (_NARROW_ROWS if side <= _NARROW else _ROWS) // side // 32 * 32))
+    rows, fields = (_NARROW_ROWS, _NARROW_FIELDS) if side <= _NARROW else (_ROWS, _FIELDS)
+    most = min(_LONGEST, max(64, rows // side // 32 * 32))
     parts = max(1, -(-n_times // most))
     inner = min(n_times, -(-n_times // parts // 32) * 32) if n_times else 1
-    outer = max(inner, int(_FIELDS / max(reach, 1.0)) // inner * inner)
+    outer = max(inner, int(fields / max(reach, 1.0)) // inner * inner)
     return inner, outer
 
 

@@ -10,6 +10,8 @@ from numba.extending import intrinsic
 from structid.estimation.vector_code import (
     BOOL,
     F64,
+    FLAGS,
+    I32,
     I64,
     LANES,
     WIDE,
@@ -29,6 +31,8 @@ from structid.estimation.vector_code import (
 WIDEST = 9
 #: Least determinant of the correlations of columns that are nearly orthogonal; their least eigenvalue is a third of it.
 DETERMINANT = 0.125
+#: Columns of an inverse that are found at once.
+EIGHT = 8
 #: Part of the last row's square, over r, that must be left when the others have taken theirs.
 RESIDUAL = 1e-3
 
@@ -195,7 +199,47 @@ def _root(builder, g, n):
     return root, builder.and_(held, builder.fcmp_ordered("<=", spoiled, F64(1.0 / DETERMINANT)))
 
 
+def _inverse_columns():
+    """The intrinsic for the sum of squares of eight columns of an inverse of a triangle, numbers in columns of their own.
+
+    `v` holds eight numbers for each row from row `first` on, the right-hand sides, and becomes the solution for the
+    triangle r[:n, :n] of rows `side` long, forward.
+    """
+    kind = ir.VectorType(F64, EIGHT)
+
+    def typed(context, r, side, n, first, v):
+        signature = types.float64(r, side, n, first, v)
+
+        def code(context, builder, signature, args):
+            r, v = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 4))
+            return called(
+                builder, "inverse_columns", F64, (r, *args[1:4], v), lambda inner, given: solved(inner, *given)
+            )
+
+        return signature, code
+
+    def solved(builder, r, side, n, first, v):
+        rows = Loop(builder, first, n, 1, [zero(kind)])
+        start, at = builder.mul(rows.index, side), builder.mul(rows.index, I64(EIGHT))
+        over = builder.fdiv(F64(1.0), builder.load(builder.gep(r, [builder.add(start, rows.index)])))
+        row = builder.fmul(read(builder, v, at, kind), spread(builder, over, kind), flags=FLAGS)
+        below = Loop(builder, builder.add(rows.index, I64(1)), n, 1)
+        share = spread(builder, builder.load(builder.gep(r, [builder.add(start, below.index)])), kind)
+        to = builder.mul(below.index, I64(EIGHT))
+        left = minus_product(builder, read(builder, v, to, kind), share, row)
+        builder.store(left, place(builder, v, to, kind), align=8)
+        below.close()
+        rows.close([plus_product(builder, rows.carried[0], row, row)])
+        total = F64(0.0)
+        for lane in range(EIGHT):
+            total = builder.fadd(total, builder.extract_element(rows.carried[0], I32(lane)))
+        return total
+
+    return intrinsic(typed)
+
+
 four_by_four, four_by_three, three_by_three = _tile(4, 4), _tile(4, 3), _tile(3, 3)
 own_three, own_four = _own(3), _own(4)
 fold_three, fold_four, fold_five = _folding(3), _folding(4), _folding(5)
 fold_six, fold_seven, fold_eight, fold_nine = _folding(6), _folding(7), _folding(8), _folding(9)
+inverse_columns = _inverse_columns()
