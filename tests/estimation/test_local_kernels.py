@@ -218,6 +218,26 @@ def test_a_column_that_was_silent_at_first_does_not_make_the_triangle_empty():
     assert state.triangles[0].T @ state.triangles[0] == pytest.approx(fields @ fields.T, rel=1e-12, abs=1e-10)
 
 
+@pytest.mark.parametrize("n", [6, 12])
+def test_a_force_that_was_silent_at_first_keeps_what_came_before(n):
+    """Its parameters are zero then, as they are of an empty triangle, and all of the force is explained later on."""
+    rng = np.random.default_rng(12)
+    matrix, operator = rng.standard_normal((1200, n)), sparse.csr_array(sparse.eye_array(n + 1))
+    right = np.where(np.arange(1200) < 500, 0.0, 1e3 * (matrix @ rng.uniform(1, 2, n)))
+    right[500:] += 1e-3 * rng.standard_normal(700)
+    matrix[:500] *= 1e-6
+    fields, columns = np.column_stack([matrix, right]).T, np.arange(n)[None]
+    state = reduced(columns, operator, fields[:, :500]).reduced(operator, fields[:, 500:], ONE)
+    products = state.triangles[0].T @ state.triangles[0]
+    size = np.linalg.norm(fields, axis=1)
+    assert np.abs(products - fields @ fields.T).max() <= 1e-13 * size.max() ** 2
+    once = reduced(columns, operator, fields).triangles[0]
+    assert np.abs(once) == pytest.approx(np.abs(state.triangles[0]), rel=1e-9)
+    loud = reduced(columns, operator, 1e6 * fields[:, :500]).reduced(operator, fields[:, 500:], ONE).triangles[0]
+    expected = np.linalg.qr(np.concatenate([1e6 * fields[:, :500].T, fields[:, 500:].T]), mode="r")
+    assert np.abs(loud) == pytest.approx(np.abs(expected), rel=1e-9)
+
+
 def test_what_is_not_a_number_arrives():
     columns, operator = nodes()
     fields = np.random.default_rng(3).standard_normal((operator.shape[1], 300))

@@ -194,9 +194,8 @@ def cholesky(products, q):
 
 @_compiled
 def begin_products(r, q, p, g, b, base, width, s):
-    """Set `p` to the parameters of the triangle `r`, and `g` to the products of its rows less p times them."""
+    """Set `g` to the products of the rows of the triangle `r`, less p times them."""
     last, count = r.shape[0] - 1, uint64(q + 1)
-    solve(r, q, last, p)
     for k in range(q + 1):
         o = base + uint64(k) * width
         for t in range(q + 1):

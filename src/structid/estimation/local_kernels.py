@@ -18,6 +18,7 @@ from structid.estimation.gram_kernels import (
     end_products,
     multiply,
     sizes_of,
+    solve,
     take_away,
     weakness,
 )
@@ -28,7 +29,7 @@ from structid.estimation.whitened_kernels import fold_whitened
 
 _FEWEST = 96  # samples of a stretch that are tried by products
 #: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
-PARTS = "bd445ba4f9d9c5a6"
+PARTS = "c36edd644db2b895"
 _part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 _compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 
@@ -87,16 +88,17 @@ def _started(r, q, stretch, held, p, g, v, sizes, b, base, width, s):
         sizes_of(r, q, sizes)
         if not weakness(r, q, sizes, v) <= MOST:
             return False
+    solve(r, q, r.shape[0] - 1, p)
     begin_products(r, q, p, g, b, base, width, s)
     return True
 
 
 @_part
-def _ended(r, q, p, g, sizes, v):
+def _ended(r, q, p, g, v, sizes, b, base, width, s):
     """Whether products hold the triangle, and whether they are to be tried again, for want of parameters to begin with."""
     found = end_products(r, q, p, g, sizes, v)
     if found == FAINT:
-        g[:] = 0.0
+        begin_products(r, q, p, g, b, base, width, s)
     return found == HELD, found == FAINT
 
 
@@ -161,7 +163,8 @@ def fold_fields(
                             reflect(triangles[d + j], b[j * int(block) :], q, width, count)
                 for j in range(size):
                     if todo[j] and products[j]:
-                        held[d + j], products[j] = _ended(triangles[d + j], q, p[j], g[j], sizes, v)
+                        base = uint64(j) * block
+                        held[d + j], products[j] = _ended(triangles[d + j], q, p[j], g[j], v, sizes, b, base, width, s)
                         todo[j] = not held[d + j]
                         again |= todo[j]
                     else:
