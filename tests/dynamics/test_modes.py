@@ -71,3 +71,21 @@ def test_more_mechanisms_than_the_shift_looks_at():
     found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=30)
     assert (found.frequency[:20] <= 1e-3).all()
     assert 2 * np.pi * found.frequency[20:] == pytest.approx(np.full(10, 22.37329), rel=1e-5)
+
+
+@pytest.mark.parametrize("n", [1000, 3000])
+def test_rounding_says_how_far_a_fine_beam_can_be_off(n):
+    """Rounding grows with the fourth power of the number of elements; the error found is below it, and near it."""
+    beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
+    structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
+    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=3)
+    error = abs(2 * np.pi * found.frequency[0] / 3.516015 - 1)
+    assert 0.02 * found.rounding[0] <= error <= found.rounding[0]
+    assert found.rounding[0] == pytest.approx(4.3e-4 * (n / 1000) ** 4, rel=0.2)
+    assert (np.diff(found.rounding) < 0).all()
+
+
+def test_rounding_of_rigid_modes_counts_beside_the_first_elastic_one():
+    found = modes(*grid_of_plates(40), n_modes=6)
+    assert found.rounding[:3] == pytest.approx(found.rounding[3], rel=0.1)
+    assert found.rounding.max() <= 1e-9

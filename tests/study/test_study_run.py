@@ -317,3 +317,13 @@ def test_a_time_record_becomes_frequency_responses(tmp_path):
         started(load_study(write_chain(tmp_path, text.replace("4096", "409600"))))
     with pytest.raises(InputError, match=r"\[record.frf\]: the record holds frequency response functions already"):
         started(load_study(write_chain(tmp_path, text.replace("time.npz", "frf.npz"))))
+
+
+def test_a_model_too_stiff_for_double_precision_is_told(tmp_path):
+    weld = '[[structure.spring]]\nname = "weld"\nfirst = "2X"\nsecond = "3X"\nstiffness = 1e17\n[[structure.dashpot]]'
+    study = load_study(write_chain(tmp_path, CHAIN.replace("[[structure.dashpot]]", weld)))
+    words = "too stiff in places, for double precision"
+    assert [words in warning for warning in check_study(study).warnings].count(True) == 1
+    assert [words in warning for warning in run_study(study).identification.warnings].count(True) == 1
+    plain = load_study(write_chain(tmp_path / "plain"))
+    assert not any("double precision" in warning for warning in check_study(plain).warnings)

@@ -16,6 +16,8 @@ _DENSE_UP_TO = 600
 _BLOCK, _ITERATIONS = 8, 3
 #: Part of the shift that the largest eigenvalue in sight must reach; part of the first shift that mechanisms are left.
 _NEAR, _LEAST = 0.5, 1e-10
+#: Roundings of the largest eigenvalue that all eigenvalues of a dense problem are off by.
+_DENSE_ROUNDINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +32,16 @@ class Modes:
         Viscous damping ratio at resonance: (phi' C phi omega + phi' H phi) / (2 omega^2) for unit modal mass.
     mode_shapes : (n_dofs, n_modes) float array
         Mass-normalized, largest entry positive.
+    rounding : (n_modes,) float array
+        Relative error of each frequency that rounding can make: of the stiffness matrix, eps phi'|K|phi / (2 omega^2),
+        and of a dense eigenvalue problem. A mode that does not rise above it, as a rigid body's, counts beside the
+        lowest that does.
     """
 
     frequency: FloatArray
     damping_ratio: FloatArray
     mode_shapes: FloatArray
+    rounding: FloatArray
 
 
 def modes(
@@ -55,9 +62,10 @@ def modes(
     n_modes : int, optional
         How many; all by default (up to 20 for more than 600 degrees of freedom).
     """
-    n = mass.shape[0]
+    n, error = mass.shape[0], 0.0
     if n <= _DENSE_UP_TO:
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
+        error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
         eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
     else:
         count = min(n_modes or 20, n - 2)
@@ -73,7 +81,15 @@ def modes(
     if structural is not None:
         loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
     ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
-    return Modes(omega / (2 * np.pi), ratio, shapes)
+    return Modes(omega / (2 * np.pi), ratio, shapes, _rounding(stiffness, omega, shapes, error))
+
+
+def _rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
+    """Relative errors of frequencies by rounding of the stiffness matrix, and `error` of the eigenvalues beside it."""
+    size = np.abs(shapes)
+    errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
+    clear = omega[omega**2 > errors]
+    return np.asarray(errors / (2 * np.maximum(omega, clear.min() if len(clear) else np.inf) ** 2))
 
 
 def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:

@@ -21,7 +21,7 @@ from structid.structure.mesh_point import MeshPoint
 from structid.study.free_check import FreePrediction, free_prediction
 from structid.study.identification import titles
 from structid.study.identified import AnySetup
-from structid.study.model_modes import structure_modes
+from structid.study.model_modes import rounding_warnings, structure_modes
 from structid.study.ratios import common_scale, scale_words
 from structid.study.regularizing import coupled
 from structid.study.run import Start, is_free, started
@@ -63,12 +63,15 @@ class ModeCheck:
     lines_per_bandwidth : float
         Half-power bandwidth (2 damping ratio frequency) over the line spacing there; below about 4 a resonance is
         poorly resolved, 0 for an undamped mode, and NaN where modes were measured.
+    rounding : float
+        Relative error of the frequency by rounding of the stiffness matrix.
     """
 
     frequency: float
     damping_ratio: float
     in_band: bool
     lines_per_bandwidth: float
+    rounding: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +172,10 @@ def check_study(study: Study) -> CheckResult:
             *(
                 name + words
                 for name, modes, (_, part) in zip(titled, checked, _pairs(ready), strict=True)
-                if not isinstance(part, ModalProblem)
-                for words in _mode_warnings(modes)
+                for words in [
+                    *rounding_warnings(np.array([mode.rounding for mode in modes])),
+                    *([] if isinstance(part, ModalProblem) else _mode_warnings(modes)),
+                ]
             ),
             *predicted.warnings,
         ),
@@ -267,14 +272,14 @@ def _modes(setup: AnySetup, problem: RecordProblem, n_modes: int) -> tuple[ModeC
     found = structure_modes(setup.structure, values, n_modes)
     axis = problem.record.frequency
     checks = []
+    known = list(zip(found.frequency.tolist(), found.damping_ratio.tolist(), found.rounding.tolist(), strict=True))
     if isinstance(problem, ModalProblem):
-        pairs = zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True)
-        return tuple(ModeCheck(f, ratio, bool(axis[0] <= f <= axis[-1]), np.nan) for f, ratio in pairs)
-    for frequency, ratio in zip(found.frequency.tolist(), found.damping_ratio.tolist(), strict=True):
+        return tuple(ModeCheck(f, ratio, bool(axis[0] <= f <= axis[-1]), np.nan, error) for f, ratio, error in known)
+    for frequency, ratio, error in known:
         near = int(np.clip(np.searchsorted(axis, frequency), 1, max(len(axis) - 1, 1)))
         spacing = float(axis[near] - axis[near - 1]) if len(axis) > 1 else np.inf
         inside = bool(axis[0] <= frequency <= axis[-1])
-        checks.append(ModeCheck(frequency, ratio, inside, 2 * ratio * frequency / spacing))
+        checks.append(ModeCheck(frequency, ratio, inside, 2 * ratio * frequency / spacing, error))
     return tuple(checks)
 
 

@@ -8,13 +8,18 @@ import numpy as np
 
 from structid.estimation import Estimate, Status
 from structid.study.identified import RecordFit
+from structid.study.model_modes import rounding_warnings
 
 
 def record_fit_warnings(fits: Sequence[RecordFit], prepared: Sequence[Sequence[str]]) -> list[str]:
     """What each record gives to warn of, with its name where there are several."""
     first = [f"{fit.name}: " if len(fits) > 1 else "" for fit in fits]
     warnings = [name + words for name, own in zip(first, prepared, strict=True) for words in own]
-    return warnings + [name + words for name, fit in zip(first, fits, strict=True) for words in _polarity_warnings(fit)]
+    return warnings + [
+        name + words
+        for name, fit in zip(first, fits, strict=True)
+        for words in [*_polarity_warnings(fit), *rounding_warnings(fit.modes.rounding)]
+    ]
 
 
 def _polarity_warnings(fit: RecordFit) -> list[str]:
