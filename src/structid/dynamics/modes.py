@@ -15,7 +15,9 @@ _DENSE_UP_TO = 600
 #: Vectors, and times the shifted inverse is applied to them, that show where the lowest eigenvalues lie.
 _BLOCK, _ITERATIONS = 8, 3
 #: Part of the shift that the largest eigenvalue in sight must reach; part of the first shift that mechanisms are left.
-_NEAR, _LEAST = 0.5, 1e-10
+_NEAR, _LEAST = 0.5, 1e-7
+#: Times a block is looked through for modes passed over, and change of their eigenvalues, shifted, that counts as none.
+_MOST_ROUNDS, _SAME = 50, 1e-8
 #: Roundings of the largest eigenvalue that all eigenvalues of a dense problem are off by.
 _DENSE_ROUNDINGS = 4
 
@@ -70,9 +72,12 @@ def modes(
     else:
         count = min(n_modes or 20, n - 2)
         shift, inverse = _low_shift(stiffness, mass)
-        eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=np.ones(n), OPinv=inverse)
+        start = np.random.default_rng(0).standard_normal(n)
+        eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
         order = np.argsort(eigenvalues)
         eigenvalues, shapes = eigenvalues[order], shapes[:, order]
+        if inverse is not None:
+            eigenvalues, shapes = _completed(stiffness, mass, shift, inverse, eigenvalues, shapes)
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))
     shapes = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])])
     loss = np.zeros(len(omega))
@@ -112,6 +117,34 @@ def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[flo
         if low >= -_NEAR * shift or shift == least:
             return shift, inverse
         shift = min(-low, least)
+
+
+def _completed(
+    stiffness: sparse.csc_array,
+    mass: sparse.csc_array,
+    shift: float,
+    inverse: LinearOperator,
+    eigenvalues: FloatArray,
+    shapes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The lowest modes, with those among them that Lanczos has passed over.
+
+    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
+    others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
+    """
+    count = len(eigenvalues)
+    block = np.random.default_rng(1).standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
+    for _ in range(_MOST_ROUNDS):
+        for _ in range(_ITERATIONS):
+            block = block - shapes @ (shapes.T @ (mass @ block))
+            block = linalg.qr(inverse.matmat(mass @ block), mode="economic")[0]
+        space = np.hstack([shapes, block - shapes @ (shapes.T @ (mass @ block))])
+        values, turn = linalg.eigh(space.T @ (stiffness @ space), space.T @ (mass @ space))
+        change = np.abs(values[:count] - eigenvalues) / (np.abs(eigenvalues) - shift)
+        if change.max() <= _SAME:
+            return eigenvalues, shapes
+        eigenvalues, shapes, block = values[:count], space @ turn[:, :count], space @ turn[:, count:]
+    return eigenvalues, shapes
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
