@@ -94,3 +94,13 @@ def test_rounding_of_rigid_modes_counts_beside_the_first_elastic_one():
     found = modes(*grid_of_plates(40), n_modes=6)
     assert found.rounding[:3] == pytest.approx(found.rounding[3], rel=0.1)
     assert found.rounding.max() <= 1e-9
+
+
+@pytest.mark.parametrize("n_modes", [20, 45])
+def test_forty_modes_of_one_frequency_are_all_found(n_modes):
+    """Lanczos alone stops at 12 of the first 20, and at 23 of the 40."""
+    expected = np.concatenate([np.full(40, 4.0), np.linspace(9.0, 1e6, 700)])
+    mass, stiffness = (sparse.csc_array(sparse.diags_array(values)) for values in (np.ones(740), expected))
+    found = modes(mass, stiffness, n_modes=n_modes)
+    assert (2 * np.pi * found.frequency) ** 2 == pytest.approx(expected[:n_modes], rel=1e-6)
+    assert found.mode_shapes.T @ found.mode_shapes == pytest.approx(np.eye(n_modes), abs=1e-8)

@@ -132,18 +132,20 @@ def _completed(
     From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
     others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
     """
-    count = len(eigenvalues)
-    block = np.random.default_rng(1).standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
+    count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):
+        block = rng.standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
         for _ in range(_ITERATIONS):
             block = block - shapes @ (shapes.T @ (mass @ block))
             block = linalg.qr(inverse.matmat(mass @ block), mode="economic")[0]
-        space = np.hstack([shapes, block - shapes @ (shapes.T @ (mass @ block))])
+        space = linalg.qr(np.hstack([shapes, block]), mode="economic")[0]
         values, turn = linalg.eigh(space.T @ (stiffness @ space), space.T @ (mass @ space))
         change = np.abs(values[:count] - eigenvalues) / (np.abs(eigenvalues) - shift)
         if change.max() <= _SAME:
-            return eigenvalues, shapes
-        eigenvalues, shapes, block = values[:count], space @ turn[:, :count], space @ turn[:, count:]
+            break
+        moved = linalg.qr(inverse.matmat(mass @ (space @ turn)), mode="economic")[0]
+        values, turn = linalg.eigh(moved.T @ (stiffness @ moved), moved.T @ (mass @ moved))
+        eigenvalues, shapes = values[:count], moved @ turn[:, :count]
     return eigenvalues, shapes
 
 
