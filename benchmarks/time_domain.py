@@ -251,7 +251,7 @@ MEASUREMENTS = [
     (
         "hex mesh pass / numpy.matmul of as many products",
         as_matmul(lambda: mesh_rows((6, 11, 13)), 600),
-        1.5,
+        2,
         False,
         True,
     ),
