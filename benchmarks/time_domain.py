@@ -94,32 +94,36 @@ def ratios(
 TIMES = 20
 
 
-def streaming(rows: Callable[[], Rows], n_times: int, work: Kernels, clock: Callable[[], float] = time.thread_time):
-    """The pass against numpy.sum of the same four arrays."""
+def read_once(columns: np.ndarray, operator: sparse.csr_array, fields: np.ndarray) -> Callable[[], object]:
+    """numpy.sum of the same four arrays."""
+    arrays = np.split(fields, 4)
+    return lambda: [a.sum() for a in arrays]
+
+
+def multiplied(
+    columns: np.ndarray, operator: sparse.csr_array, fields: np.ndarray, side: int = 512
+) -> Callable[[], object]:
+    """numpy.matmul of square matrices with as many multiplications as making the rows and their products takes."""
+    widths, square = (columns >= 0).sum(axis=1) + 1, np.random.default_rng(0).standard_normal((side, side))
+    multiplications = fields.shape[1] * (operator.nnz + (widths * (widths + 1) / 2).sum())
+    return lambda: [square @ square for _ in range(round(multiplications / side**3))]
+
+
+def streaming(
+    rows: Callable[[], Rows],
+    n_times: int,
+    work: Kernels,
+    clock: Callable[[], float] = time.thread_time,
+    floor: Callable[..., Callable[[], object]] = read_once,
+):
+    """The pass against a floor of the same fields."""
 
     def measure(repeats: int, rng: np.random.Generator) -> list[float]:
         columns, operator, n_params = rows()
         fields = rng.standard_normal((operator.shape[1], n_times))
-        arrays = np.split(fields, 4)
         empty, maker = no_rows(columns, n_params), row_maker(operator, columns)
-        return ratios(lambda: empty.reduced(maker, fields, work), lambda: [a.sum() for a in arrays], repeats, clock)
-
-    return measure
-
-
-def as_matmul(rows: Callable[[], Rows], n_times: int, side: int = 512):
-    """The pass against numpy.matmul of square matrices with as many multiplications: rows made, and their products."""
-
-    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
-        columns, operator, n_params = rows()
-        fields, square = rng.standard_normal((operator.shape[1], n_times)), rng.standard_normal((side, side))
-        widths = (columns >= 0).sum(axis=1) + 1
-        multiplications = n_times * (operator.nnz + (widths * (widths + 1) / 2).sum())
-        times = round(multiplications / side**3)
-        empty, maker = no_rows(columns, n_params), row_maker(operator, columns)
-        return ratios(
-            lambda: empty.reduced(maker, fields, ONE), lambda: [square @ square for _ in range(times)], repeats
-        )
+        below = floor(columns, operator, fields)
+        return ratios(lambda: empty.reduced(maker, fields, work), below, repeats, clock)
 
     return measure
 
@@ -250,7 +254,7 @@ MEASUREMENTS = [
     ),
     (
         "hex mesh pass / numpy.matmul of as many products",
-        as_matmul(lambda: mesh_rows((6, 11, 13)), 600),
+        streaming(lambda: mesh_rows((6, 11, 13)), 600, ONE, floor=multiplied),
         2,
         False,
         True,

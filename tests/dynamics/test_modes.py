@@ -11,6 +11,13 @@ from structid.dynamics.modes import _low_shift
 from structid.structure import Beam, Plate, Structure
 
 
+def cantilever(n):
+    """Mass and stiffness of a clamped beam of n elements, all its properties 1."""
+    beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
+    structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
+    return structure.matrix("inertia"), structure.matrix("elastic")
+
+
 def test_damping_ratios_of_a_single_mass():
     m, k, c, h = 2.0, 50.0, 0.3, 1.5
     matrices = [sparse.csc_array(np.array([[v]])) for v in (m, k, c, h)]
@@ -32,11 +39,10 @@ def test_motion_without_mass_follows_statically():
 
 def test_sparse_path_equals_dense_path():
     n = 320  # 640 unknown motions: above the dense limit of 600
-    beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
-    structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=4)
+    mass, stiffness = cantilever(n)
+    found = modes(mass, stiffness, n_modes=4)
     assert 2 * np.pi * found.frequency == pytest.approx([3.516015, 22.03449, 61.69721, 120.9019], rel=1e-5)
-    gram = found.mode_shapes.T @ (structure.matrix("inertia") @ found.mode_shapes)
+    gram = found.mode_shapes.T @ (mass @ found.mode_shapes)
     assert gram == pytest.approx(np.eye(4), abs=1e-8)
 
 
@@ -81,9 +87,7 @@ def test_modes_of_equal_parts_are_all_found(name, monkeypatch):
 @pytest.mark.parametrize("n", [1000, 3000])
 def test_rounding_says_how_far_a_fine_beam_can_be_off(n):
     """Rounding grows with the fourth power of the number of elements; the error found is below it."""
-    beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
-    structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=3)
+    found = modes(*cantilever(n), n_modes=3)
     error = abs(2 * np.pi * found.frequency[0] / 3.516015 - 1)
     assert 1e-6 <= error <= found.rounding[0]
     assert found.rounding[0] == pytest.approx(4.3e-4 * (n / 1000) ** 4, rel=0.2)

@@ -106,14 +106,14 @@ def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[flo
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift
-    block = np.random.default_rng(0).standard_normal((stiffness.shape[0], _BLOCK))
+    block: FloatArray = np.random.default_rng(0).standard_normal((stiffness.shape[0], _BLOCK))
     while True:
         inverse = _shifted_inverse(sparse.csc_array(stiffness - shift * mass))
         if inverse is None:
             return shift, None
         for _ in range(_ITERATIONS):
-            block = linalg.qr(inverse.matmat(mass @ block), mode="economic")[0]
-        low = linalg.eigh(block.T @ (stiffness @ block), block.T @ (mass @ block), eigvals_only=True)[-1]
+            block = _orthonormal(inverse.matmat(mass @ block))
+        low = _ritz(stiffness, mass, block)[0][-1]
         if low >= -_NEAR * shift or shift == least:
             return shift, inverse
         shift = min(-low, least)
@@ -134,19 +134,27 @@ def _completed(
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):
-        block = rng.standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
+        block: FloatArray = rng.standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
         for _ in range(_ITERATIONS):
             block = block - shapes @ (shapes.T @ (mass @ block))
-            block = linalg.qr(inverse.matmat(mass @ block), mode="economic")[0]
-        space = linalg.qr(np.hstack([shapes, block]), mode="economic")[0]
-        values, turn = linalg.eigh(space.T @ (stiffness @ space), space.T @ (mass @ space))
+            block = _orthonormal(inverse.matmat(mass @ block))
+        values, space = _ritz(stiffness, mass, _orthonormal(np.hstack([shapes, block])))
         change = np.abs(values[:count] - eigenvalues) / (np.abs(eigenvalues) - shift)
         if change.max() <= _SAME:
             break
-        moved = linalg.qr(inverse.matmat(mass @ (space @ turn)), mode="economic")[0]
-        values, turn = linalg.eigh(moved.T @ (stiffness @ moved), moved.T @ (mass @ moved))
-        eigenvalues, shapes = values[:count], moved @ turn[:, :count]
+        values, space = _ritz(stiffness, mass, _orthonormal(inverse.matmat(mass @ space)))
+        eigenvalues, shapes = values[:count], space[:, :count]
     return eigenvalues, shapes
+
+
+def _orthonormal(block: FloatArray) -> FloatArray:
+    return np.asarray(linalg.qr(block, mode="economic")[0])
+
+
+def _ritz(stiffness: sparse.csc_array, mass: sparse.csc_array, space: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues, ascending, and mass-normalized vectors of the best approximation in `space`."""
+    values, turn = linalg.eigh(space.T @ (stiffness @ space), space.T @ (mass @ space))
+    return values, space @ turn
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:

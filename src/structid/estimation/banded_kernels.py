@@ -9,7 +9,7 @@ from structid.estimation.householder_kernels import APART, MATHS, reflect, refle
 from structid.estimation.vector_kernels import fill_one
 
 #: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
-PARTS = "c36edd644db2b895"
+PARTS = "7805b27b8bed19f2"
 _part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 _compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 

@@ -25,11 +25,11 @@ from structid.estimation.gram_kernels import (
 from structid.estimation.householder_kernels import APART, MATHS, reflect
 from structid.estimation.product_kernels import WIDEST
 from structid.estimation.vector_kernels import fill_one, fill_three, fill_two
-from structid.estimation.whitened_kernels import fold_whitened
+from structid.estimation.whitened_kernels import fold_whitened, is_empty
 
 _FEWEST = 96  # samples of a stretch that are tried by products
 #: Digest of the files compiled into these functions: numba recompiles them only when their own file changes.
-PARTS = "c36edd644db2b895"
+PARTS = "7805b27b8bed19f2"
 _part = njit(nogil=True, fastmath=MATHS, error_model="numpy")
 _compiled = njit(cache=True, nogil=True, fastmath=MATHS, error_model="numpy")
 
@@ -76,11 +76,7 @@ def _started(r, q, stretch, held, p, g, v, sizes, b, base, width, s):
     """
     if stretch < _FEWEST or stretch < 4 * q or q < WIDEST:
         return False
-    empty = True
-    for k in range(r.shape[0]):
-        for j in range(k, r.shape[0]):
-            empty &= r[k, j] == 0.0
-    if empty:
+    if is_empty(r):
         g[:] = 0.0
         p[:] = 0.0
         return True

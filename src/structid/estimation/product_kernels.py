@@ -23,6 +23,7 @@ from structid.estimation.vector_code import (
     place,
     plus_product,
     read,
+    row_starts,
     spread,
     zero,
 )
@@ -35,14 +36,6 @@ DETERMINANT = 0.125
 EIGHT = 8
 #: Part of the last row's square, over r, that must be left when the others have taken theirs.
 RESIDUAL = 1e-3
-
-
-def _starts(builder, first, width, count):
-    """Where `count` rows begin."""
-    starts = [first]
-    while len(starts) < count:
-        starts.append(builder.add(starts[-1], width))
-    return starts
 
 
 def _summed(builder, count, size, to, products):
@@ -72,7 +65,7 @@ def _tile(n, m):
 
         def code(context, builder, signature, args):
             b, s = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 5))
-            left, right = _starts(builder, args[1], args[3], n), _starts(builder, args[2], args[3], m)
+            left, right = row_starts(builder, args[1], args[3], n), row_starts(builder, args[2], args[3], m)
 
             def products(totals, at, kind):
                 first = [read(builder, b, builder.add(start, at), kind) for start in left]
@@ -100,7 +93,7 @@ def _own(n):
 
         def code(context, builder, signature, args):
             b, s = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 4))
-            starts = _starts(builder, args[1], args[2], n)
+            starts = row_starts(builder, args[1], args[2], n)
 
             def products(totals, at, kind):
                 rows = [read(builder, b, builder.add(start, at), kind) for start in starts]
@@ -142,7 +135,7 @@ def _folding(n):
 
 
 def _folded(builder, n, b, r, to, base, width, count, side, own):
-    starts, ends = _starts(builder, base, width, n), [I64(j) for j in range(n - 1)]
+    starts, ends = row_starts(builder, base, width, n), [I64(j) for j in range(n - 1)]
     ends.append(builder.sub(side, I64(1)))
     places = {(i, j): builder.add(builder.mul(ends[i], side), ends[j]) for j in range(n) for i in range(j + 1)}
     old = {at: builder.load(builder.gep(r, [place])) for at, place in places.items()}

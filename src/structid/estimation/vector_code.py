@@ -76,6 +76,14 @@ def spread(builder, value, kind):
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), places)
 
 
+def row_starts(builder, first, width, count) -> list:
+    """Where `count` rows begin, each `width` after the one before."""
+    starts = [first]
+    while len(starts) < count:
+        starts.append(builder.add(starts[-1], width))
+    return starts
+
+
 def place(builder, base, at, kind):
     """Where the value of this kind that begins with number `at` lies."""
     return builder.bitcast(builder.gep(base, [at]), kind.as_pointer())

@@ -12,7 +12,20 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from structid.estimation.vector_code import F64, I32, I64, WIDE, Loop, lanes, place, plus_product, read, spread, zero
+from structid.estimation.vector_code import (
+    F64,
+    I32,
+    I64,
+    WIDE,
+    Loop,
+    lanes,
+    place,
+    plus_product,
+    read,
+    row_starts,
+    spread,
+    zero,
+)
 
 _VECTORS = 4
 _LINE = 8  # doubles of a cache line
@@ -67,10 +80,7 @@ def _filling(rows):
                 context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 4, 7, 8, 13)
             )
             x, block, count, first, pace, n, begin, end = (args[k] for k in (1, 2, 3, 5, 6, 12, 14, 15))
-            outs = [x]
-            while len(outs) < rows:
-                outs.append(builder.add(outs[-1], block))
-            at = I64(0)
+            outs, at = row_starts(builder, x, block, rows), I64(0)
             for vectors, kind in ((_VECTORS, WIDE), (1, WIDE), (1, F64)):
                 step = vectors * lanes(kind)
                 samples = Loop(builder, at, count, step)

@@ -46,6 +46,16 @@ def _fold(n, b, base, width, count, r, own, to):
 
 
 @_compiled
+def is_empty(r):
+    """Whether a triangle holds no rows: nothing but zeros, below its diagonal too."""
+    for i in range(r.shape[0]):
+        for j in range(r.shape[1]):
+            if r[i, j] != 0.0:
+                return False
+    return True
+
+
+@_compiled
 def fold_whitened(r, q, b, base, width, count, g, one):
     """The triangle of [r; rows] into `r`; False, and r as it was, where products do not hold it.
 
@@ -55,13 +65,7 @@ def fold_whitened(r, q, b, base, width, count, g, one):
     n = q + 1
     if r[0, 0] != 0.0:
         return _fold(n, b, base, width, count, r, 1.0, r)
-    if count < _FEWEST:
-        return False
-    size = 0.0
-    for i in range(r.shape[0]):
-        for j in range(r.shape[0]):
-            size += abs(r[i, j])
-    if size != 0.0:
+    if count < _FEWEST or not is_empty(r):
         return False
     few = min(count, uint64(8 * n))
     return _fold(n, b, base, width, few, one, 0.0, g) and _fold(n, b, base, width, count, g, 0.0, r)
