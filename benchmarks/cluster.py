@@ -27,23 +27,24 @@ os.environ.setdefault("STRUCTID_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.estimation import Bootstrap, bootstrap
-from structid.estimation.local_reduction import Kernels
-from structid.estimation.work import PLAIN_TOOLS, Tools
-from structid.observation import response
-from structid.observation.motion_fit import RecursiveMotionFit, motion_fit
-from structid.observation.motion_stream import motion_solution
+from structid.estimation import Bootstrap
+from structid.estimation.intervals.bootstrap import bootstrap
+from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.identification.search import shared_parts
+from structid.observation.frf.response import response
+from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
+from structid.observation.motion.stream import motion_solution
 from structid.records.on_disk import open_record
-from structid.study import tasks
-from structid.study.long_run import LongRun
-from structid.study.motion_parts import Whole, reduced_alone, reduced_on
-from structid.study.run import load_study, started
-from structid.study.search import shared_parts
-from structid.study.spread import SpreadLines
-from structid.study.task_parts import StudyPlace
-from structid.study.tasks import Executor, InProcess, one_thread
-from structid.study.tasks_cluster import Cluster
-from structid.study.tasks_processes import Processes
+from structid.regression.local_reduction import Kernels
+from structid.study.run.long_run import LongRun
+from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
+from structid.study.run.run import load_study, started
+from structid.study.work import tasks
+from structid.study.work.cluster import Cluster
+from structid.study.work.parts import StudyPlace
+from structid.study.work.processes import Processes
+from structid.study.work.spread import SpreadLines
+from structid.study.work.tasks import Executor, InProcess, one_thread
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

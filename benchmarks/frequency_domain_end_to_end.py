@@ -23,9 +23,9 @@ import structid as sid
 from frequency_domain_solid import errors, identify, simulate, write_study
 from structid.dynamics.factorization import factorizer
 from structid.estimation.free_estimate import free_estimate
-from structid.estimation.levenberg_marquardt_free import FreeLevenbergMarquardt, needs_free_search
-from structid.observation import response
-from structid.parameters import Smoothness, penalty
+from structid.estimation.search.levenberg_marquardt_free import FreeLevenbergMarquardt, needs_free_search
+from structid.observation.frf.response import response
+from structid.unknowns import Smoothness, penalty
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mesh_cases import empty_record, solid

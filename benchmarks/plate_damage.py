@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import structid as sid
-from structid.parameters import Smoothness, penalty
+from structid.unknowns import Smoothness, penalty
 
 SIZE, YOUNG, THICKNESS, LOSS_FACTOR = (1.0, 0.5), 70e9, 3e-3, 0.02
 #: Middle (m), radius (m) and depth of the soft spot.

@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from structid.report import palette
-from structid.report.png_style import DPI, STYLE
+from structid.report.drawing import palette
+from structid.report.figures.png_style import DPI, STYLE
 
 _ACROSS = 4
 _KINDS = (("seconds", "time_slope", 1.0, "time, s", palette.BLUE, "o"),

@@ -24,10 +24,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy import sparse
 
-from structid.estimation import no_rows
-from structid.estimation.block_least_squares import block_solution
-from structid.estimation.local_reduction import Kernels, row_maker
-from structid.estimation.many_small import solutions_of_many
+from structid.regression import no_rows
+from structid.regression.block_least_squares import block_solution
+from structid.regression.local_reduction import Kernels, row_maker
+from structid.regression.many_small import solutions_of_many
 from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
 
 ONE, TWO, NUMPY = Kernels("numba"), Kernels("numba", 2), Kernels("numpy")

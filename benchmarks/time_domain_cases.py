@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 import structid as sid
-from structid.observation.time_equations import TimeEquations, time_equations
+from structid.observation.motion.equations import TimeEquations, time_equations
 
 Rows = tuple[np.ndarray, sparse.csr_array, int]
 PROPERTIES = ("mass", "mass_damping", "bending_stiffness")
@@ -96,9 +96,9 @@ PASS_IN_A_PROCESS = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, TimeRecord, Unknown, parameters
-from structid.estimation.local_reduction import Kernels
+from structid.regression.local_reduction import Kernels
 from structid.observation import motion_fit
-from structid.observation.motion_stream import motion_solution, reduced_by_chunks
+from structid.observation.motion.stream import motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record
 n, path = int(sys.argv[1]), sys.argv[2]

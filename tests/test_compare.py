@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from structid import InputError
-from structid.compare import frac, mac, subspace_angles
+from structid.similarity import frac, mac, subspace_angles
 
 RNG = np.random.default_rng(11)
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from structid import read_record
-from structid.cli import app
+from structid.cli.app import app
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -35,7 +35,7 @@ import structid as sid
 from structid.arrays import FloatArray
 from structid.errors import SingularModelError
 from structid.estimation import minimize
-from structid.observation.continuation import START_ERROR, thinned_lines
+from structid.observation.frf.continuation import START_ERROR, thinned_lines
 
 TARGETS = {("cantilever", 50): 99, ("cantilever", 80): 90, ("free_beam", 30): 99, ("free_beam", 50): 90}
 #: Beyond these, the last steps go stretch by stretch to spare memory and time.
@@ -260,7 +260,7 @@ def picture(folder: Path, image: Path) -> None:
     """Share of starts that converge against the initial error, one panel a structure."""
     import matplotlib.pyplot as plt
 
-    from structid.report.palette import BLUE, GRID, MUTED, ORANGE, VERMILLION
+    from structid.report.drawing.palette import BLUE, GRID, MUTED, ORANGE, VERMILLION
 
     styles = {
         "continuation": ("continuation from the right half-plane", VERMILLION, "o", 1.0),

@@ -10,9 +10,9 @@ import numpy as np
 import structid as sid
 from structid.arrays import FloatArray
 from structid.dof import parse_dofs
-from structid.records.laplace_transform import frf_from_rest
-from structid.reproduce.cantilever import CASE_1
-from structid.reproduce.chapter_3_data import ACTUAL
+from structid.records.transforms.laplace_transform import frf_from_rest
+from structid.reproduce.chapter_3.data import ACTUAL
+from structid.reproduce.chapter_4.cantilever import CASE_1
 
 NOISE = 0.01
 FINE = np.arange(1, 85001) * 1e-3

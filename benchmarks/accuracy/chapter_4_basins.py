@@ -23,7 +23,8 @@ import numpy as np
 
 import structid as sid
 from structid.estimation import LevenbergMarquardt, minimize
-from structid.reproduce.cantilever import (
+from structid.identification.identify import IdentifyOptions
+from structid.reproduce.chapter_4.cantilever import (
     CASE_2,
     DEFLECTIONS,
     GRID,
@@ -35,7 +36,6 @@ from structid.reproduce.cantilever import (
     in_rad_per_s,
     rms,
 )
-from structid.study.identification import IdentifyOptions
 
 NOISE = 1e-10
 FOUND = 1e-6

@@ -26,13 +26,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.dynamics import modes
-from structid.estimation import estimate
-from structid.estimation.comparison import Comparison, compare_states
+from structid.comparison.states import carried, unchanged_parameters
+from structid.dynamics.modes import modes
+from structid.estimation.comparison.comparison import Comparison, compare_states
+from structid.estimation.comparison.multiple_tests import detectable
 from structid.estimation.covariance import inverse_information
-from structid.estimation.multiple_tests import detectable
-from structid.reproduce.chapter_3_data import ACTUAL, N_ELEMENTS, beam
-from structid.study.compare_states import carried, unchanged_parameters
+from structid.estimation.estimate import estimate
+from structid.reproduce.chapter_3.data import ACTUAL, N_ELEMENTS, beam
 
 SENSORS, LOAD, N_LINES, LOSS, NOISE = (1, 5, 9, 13, 16), 1, 200, 0.1, 0.01
 UNDAMAGED = N_ELEMENTS + 1

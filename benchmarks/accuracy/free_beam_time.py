@@ -25,15 +25,9 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 import structid as sid
-from structid.observation import (
-    Motion,
-    Oscillation,
-    TimeOptions,
-    identify_motion,
-    identify_time,
-    output_error_problem,
-)
-from structid.reproduce.chapter_3_data import ACTUAL, beam, driven
+from structid.observation import Motion, Oscillation, TimeOptions, identify_motion, output_error_problem
+from structid.observation.time.identify_time import identify_time
+from structid.reproduce.chapter_3.data import ACTUAL, beam, driven
 
 LOAD = "7Y"
 NOISE = 0.02

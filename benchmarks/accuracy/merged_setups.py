@@ -19,8 +19,8 @@ from scipy import linalg
 from scipy.signal import lfilter
 
 import structid as sid
-from structid.modal.joint_setups import joint_modes
-from structid.modal.merging import merged_setups
+from structid.modal.merging.joint_setups import joint_modes
+from structid.modal.merging.merging import merged_setups
 from structid.modal.modal_identification import ModalOptions
 from structid.observation import ModalProblem
 

@@ -29,12 +29,21 @@ import numpy as np
 from typer.testing import CliRunner
 
 import structid as sid
-from structid.cli import app
+from structid.cli.app import app
 from structid.dof import parse_dofs
-from structid.reproduce.cantilever import CASE_2, GRID, N_ELEMENTS, TIP, Case, Reading, cantilever, in_rad_per_s
-from structid.reproduce.sensor_noise import Noise, noisy_record
-from structid.study.plan import Plan, PlannedTest, PlanOptions, plan
-from structid.study.plan_section import load_plan
+from structid.planning.plan import Plan, PlannedTest, PlanOptions, plan
+from structid.reproduce.chapter_4.cantilever import (
+    CASE_2,
+    GRID,
+    N_ELEMENTS,
+    TIP,
+    Case,
+    Reading,
+    cantilever,
+    in_rad_per_s,
+)
+from structid.reproduce.chapter_4.sensor_noise import Noise, noisy_record
+from structid.study.schema.plan import load_plan
 
 NOISE = 1e-4
 BAND = (0.1, 60.0)  # rad/s

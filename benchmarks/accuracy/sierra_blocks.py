@@ -23,7 +23,7 @@ from scipy.sparse.linalg import norm
 
 import structid as sid
 from structid.dof import parse_dofs
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.structure.importers import dofs_of, total_mass
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "structure" / "importers"))

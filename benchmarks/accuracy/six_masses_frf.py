@@ -16,9 +16,9 @@ import numpy as np
 import six_masses_model as six
 
 import structid as sid
-from structid.estimation.states import LATER
-from structid.records.half_plane import right_half_plane
-from structid.report import palette
+from structid.estimation.comparison.states import LATER
+from structid.records.transforms.half_plane import right_half_plane
+from structid.report.drawing import palette
 
 #: Stretches that narrow resonances of something else spoil, Hz.
 SPOILT = ((246, 258), (590, 610), (765, 795))

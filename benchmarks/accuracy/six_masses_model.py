@@ -20,10 +20,10 @@ import numpy as np
 from scipy import linalg
 
 import structid as sid
-from structid.estimation.comparison import Comparison, compare_jointly
+from structid.estimation.comparison.comparison import Comparison, compare_jointly
+from structid.estimation.comparison.states import LATER, states_problem
 from structid.estimation.problem import Linearization
-from structid.estimation.states import LATER, states_problem
-from structid.parameters import NamedUnknowns
+from structid.unknowns import NamedUnknowns
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
 LENGTH, THICKNESS = 0.38, 4.75e-3

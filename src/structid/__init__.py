@@ -1,13 +1,16 @@
 """structid: mass, damping and stiffness of a structure from vibration measurements."""
 
 from structid._version import __version__
-from structid.compare import frac, mac, subspace_angles
 from structid.dof import Dof, parse_dof
 from structid.dynamics import harmonic_transient, sampled_transient
 from structid.errors import FileError, InputError, StructidError
-from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, Status, estimate
-from structid.estimation.comparison import Comparison, compare_jointly, compare_states
-from structid.modal import ModalRecord, identify_modes, joint_modes, merge_modes, pseudo_rayleigh
+from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, Status
+from structid.estimation.comparison.comparison import Comparison, compare_jointly, compare_states
+from structid.estimation.estimate import estimate
+from structid.identification.identify import Identification, IdentifyOptions, Setup, identify, identify_together
+from structid.identification.time_fit import TimeFit
+from structid.modal import ModalRecord, identify_modes, joint_modes, merge_modes
+from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,
@@ -17,28 +20,19 @@ from structid.observation import (
     RecursiveMotionFit,
     SpectraProblem,
     TimeOptions,
-    channel_errors,
     completed,
     identify_motion,
-    identify_time,
     least_squares_bias,
-    motion_fit,
     recorded_motion,
     simulated_record,
     simulated_time_record,
-    spectra_problem,
 )
-from structid.parameters import (
-    Coupling,
-    Field,
-    Parameters,
-    Prior,
-    Smoothness,
-    Sparsity,
-    Unknown,
-    joint_prior,
-    parameters,
-)
+from structid.observation.channel_errors import channel_errors
+from structid.observation.motion.fit import motion_fit
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.spectra import spectra_problem
+from structid.planning.plan import plan
+from structid.planning.planned import Plan, PlanOptions
 from structid.records import (
     FrfRecord,
     Preparation,
@@ -50,11 +44,12 @@ from structid.records import (
     prepare,
     read_record,
     right_half_plane,
-    signal_checks,
     with_coherence_noise,
     with_declared_noise,
     write_record,
 )
+from structid.records.quality.signal_checks import signal_checks
+from structid.similarity import frac, mac, subspace_angles
 from structid.structure import (
     Bar,
     Beam,
@@ -78,11 +73,9 @@ from structid.structure import (
 )
 from structid.structure.mesh_point import MeshPoint, mesh_points
 from structid.structure.meshes import Mesh, read_mesh
-from structid.study.identification import Identification, IdentifyOptions, Setup, identify, identify_together
-from structid.study.plan import plan
-from structid.study.plan_types import Plan, PlanOptions
-from structid.study.run import load_study, run_study
-from structid.study.time_fit import TimeFit
+from structid.study.run.run import load_study, run_study
+from structid.unknowns import Coupling, Field, Parameters, Prior, Smoothness, Sparsity, Unknown, joint_prior
+from structid.unknowns.parameters import parameters
 
 __all__ = [
     "Bar",

@@ -1,5 +1,5 @@
 """`python -m structid`, the same as the command `structid`."""
 
-from structid.cli import main
+from structid.cli.app import main
 
 main()

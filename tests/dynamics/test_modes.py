@@ -5,9 +5,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from structid.dynamics import modes
 from structid.dynamics.factorization import installed_factorizers
-from structid.dynamics.modes import _low_shift
+from structid.dynamics.modes import _low_shift, modes
 from structid.structure import Beam, Plate, Structure
 
 

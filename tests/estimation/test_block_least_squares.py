@@ -8,11 +8,11 @@ import pytest
 from scipy import sparse
 
 from structid import InputError
-from structid.estimation import no_rows
-from structid.estimation.banded_sweep import band_layout
-from structid.estimation.block_least_squares import WIDEST_BAND, block_solution
-from structid.estimation.local_reduction import Kernels, has_numba, shared_out, stretches
-from structid.estimation.many_small import solutions_of_many
+from structid.regression import no_rows
+from structid.regression.banded_sweep import band_layout
+from structid.regression.block_least_squares import WIDEST_BAND, block_solution
+from structid.regression.local_reduction import Kernels, has_numba, shared_out, stretches
+from structid.regression.many_small import solutions_of_many
 
 ENGINES = [
     Kernels("numpy"),

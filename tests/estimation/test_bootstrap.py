@@ -8,8 +8,8 @@ from fit_cases import Case, constant, constant_slope, correlated, decay_case, li
 
 from structid import estimate
 from structid.errors import InputError
-from structid.estimation.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
 from structid.estimation.covariance import error_blocks
+from structid.estimation.intervals.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
 
 
 def mean_case(values):

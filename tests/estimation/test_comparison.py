@@ -8,8 +8,8 @@ import pytest
 
 from structid import InputError, Status, compare_jointly, compare_states, estimate
 from structid.estimation import Linearization
-from structid.estimation.multiple_tests import adjusted_p_values, detectable
-from structid.estimation.states import Renamed, states_problem
+from structid.estimation.comparison.multiple_tests import adjusted_p_values, detectable
+from structid.estimation.comparison.states import Renamed, states_problem
 
 #: Benjamini and Hochberg (1995), section 3.2: p-values of fifteen hypotheses on thrombolysis.
 THROMBOLYSIS = np.array([

@@ -7,10 +7,11 @@ import pytest
 from scipy import sparse
 
 from structid.errors import InputError
-from structid.estimation import LevenbergMarquardt, Linearization, Status, free_linearization, minimize
+from structid.estimation import LevenbergMarquardt, Linearization, Status, minimize
 from structid.estimation.free_estimate import free_estimate, posterior_draws, solved_std
-from structid.estimation.free_linearization import FreeLinearization
-from structid.estimation.levenberg_marquardt_free import (
+from structid.estimation.search import free_linearization
+from structid.estimation.search.free_linearization import FreeLinearization
+from structid.estimation.search.levenberg_marquardt_free import (
     FreeLevenbergMarquardt,
     conjugate_gradients,
     free_levenberg_marquardt,

@@ -11,8 +11,8 @@ from structid.errors import InputError
 from structid.estimation import Linearization
 from structid.estimation.covariance import error_blocks
 from structid.estimation.free_estimate import error_draws, free_estimate, posterior_draws
-from structid.estimation.free_strengths import Differences, balanced_strengths, settled_strengths
-from structid.estimation.regularization import LocalModel, marginal_likelihood_strengths
+from structid.estimation.regularization.free_strengths import Differences, balanced_strengths, settled_strengths
+from structid.estimation.regularization.strengths import LocalModel, marginal_likelihood_strengths
 
 
 def differences(n):

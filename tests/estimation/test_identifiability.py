@@ -7,10 +7,10 @@ import pytest
 
 from structid import Status, estimate
 from structid.errors import SingularModelError
-from structid.estimation import Linearization, identifiability
-from structid.estimation.collinearity import collinear_groups, percent_text, variance_proportions
-from structid.estimation.identifiability import direction_words
-from structid.estimation.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation import Linearization
+from structid.estimation.diagnostics.collinearity import collinear_groups, percent_text, variance_proportions
+from structid.estimation.diagnostics.identifiability import direction_words, identifiability
+from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
 
 
 def orthonormal(count, n_rows=60, seed=0):

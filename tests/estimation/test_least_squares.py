@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
-from structid.estimation import Linearization, identifiability, minimize
+from structid.estimation import Linearization, minimize
 from structid.estimation.covariance import correlation_length, inverse_information
-from structid.estimation.identifiability import direction_words
+from structid.estimation.diagnostics.identifiability import direction_words, identifiability
 
 
 @dataclass

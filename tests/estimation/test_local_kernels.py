@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid.estimation import no_rows
-from structid.estimation.local_reduction import Kernels, has_numba, row_maker
+from structid.regression import no_rows
+from structid.regression.local_reduction import Kernels, has_numba, row_maker
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="no numba")
 ONE, NUMPY = Kernels("numba"), Kernels("numpy")
@@ -16,12 +16,12 @@ ONE, NUMPY = Kernels("numba"), Kernels("numpy")
 
 def test_cached_kernels_are_compiled_anew_when_a_part_of_them_changes():
     """numba looks at the file of the cached function only; if this fails, put the digest into both files."""
-    from structid.estimation import banded_kernels, local_kernels
+    from structid.regression.kernels import banded as banded_kernels
+    from structid.regression.kernels import local as local_kernels
 
     folder, found = Path(local_kernels.__file__).parent, hashlib.sha256()
-    parts = [f"{name}_kernels.py" for name in ("gram", "householder", "product", "vector", "whitened")]
-    for name in (*parts, "vector_code.py"):
-        found.update((folder / name).read_text(encoding="utf-8").encode())
+    for name in ("gram", "householder", "product", "vector", "whitened", "vector_code"):
+        found.update((folder / f"{name}.py").read_text(encoding="utf-8").encode())
     digest = found.hexdigest()[:16]
     assert digest == local_kernels.PARTS
     assert digest == banded_kernels.PARTS

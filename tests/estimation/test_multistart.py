@@ -7,8 +7,8 @@ import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
 from structid.estimation import Linearization
-from structid.estimation.multistart import Search, searched_minima
-from structid.estimation.work import Alone
+from structid.estimation.search.multistart import Search, searched_minima
+from structid.estimation.search.work import Alone
 
 
 @dataclass

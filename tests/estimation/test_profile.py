@@ -9,7 +9,7 @@ from fit_cases import Case, correlated, decay_case, line_case, rise, rise_slope
 from structid import estimate
 from structid.arrays import locked
 from structid.errors import InputError
-from structid.estimation.profile import profile, profiles
+from structid.estimation.intervals.profile import profile, profiles
 
 QUANTILE_95 = 3.841458821
 

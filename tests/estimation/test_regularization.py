@@ -6,7 +6,7 @@ from scipy import optimize, stats
 
 from structid import InputError
 from structid.estimation import Linearization
-from structid.estimation.regularization import (
+from structid.estimation.regularization.strengths import (
     LocalModel,
     absolute_strengths,
     discrepancy_strength,

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from structid import estimate
 from structid.errors import InputError
-from structid.estimation.residual_tests import holm, residual_tests, runs_test
+from structid.estimation.diagnostics.residual_tests import holm, residual_tests, runs_test
 
 
 def looked_at(values, series=None):

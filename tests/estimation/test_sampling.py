@@ -9,8 +9,8 @@ from fit_cases import Case, constant, constant_slope, correlated, decay_case, li
 from structid import estimate
 from structid.arrays import locked
 from structid.errors import InputError
-from structid.estimation.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
-from structid.estimation.sampling import Samples, _log_posterior, _whitening, sample, to_arviz
+from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
+from structid.estimation.intervals.sampling import Samples, _log_posterior, _whitening, sample, to_arviz
 
 
 def autoregressive(rho, n_chains=4, n_draws=2000, seed=0):

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from structid import InputError
-from structid.estimation import no_rows
-from structid.estimation.streaming_qr import folded_triangle
+from structid.regression import no_rows
+from structid.regression.streaming_qr import folded_triangle
 
 COLUMNS = np.array([[0, 1, -1], [1, 2, 3], [3, 4, -1], [4, 0, 2]])
 N_PARAMS = 5

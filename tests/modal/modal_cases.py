@@ -5,9 +5,9 @@ from scipy import linalg
 from scipy.signal import lfilter
 
 from structid.dof import Dof
-from structid.dynamics import free_decay
+from structid.dynamics.free_decay import free_decay
 from structid.records import TimeRecord
-from structid.reproduce.simple_beam import SENSORS, beam_omega, beam_shapes
+from structid.reproduce.chapter_5.simple_beam import SENSORS, beam_omega, beam_shapes
 
 QUANTITIES = ("displacement", "velocity", "acceleration")
 

@@ -8,13 +8,19 @@ from modal_cases import ambient_chain, chain_modes
 from spectral_cases import CLOSE, close_pair, covariances, drawn_lines, modes_of, pair_shapes
 
 from structid import InputError, TimeRecord
-from structid.compare import mac
-from structid.modal import ModalOptions, bayesian_fft, identify_modes
-from structid.modal.bayesian_fft import _doubts
-from structid.modal.bayesian_fft_likelihood import chart, coordinates, gradient, modes_at, negative_log_likelihood
-from structid.modal.bayesian_fft_search import Posterior, _inverse, hessian, posterior, profiled, separate_mode
+from structid.modal import ModalOptions, identify_modes
 from structid.modal.correlations import outputs
-from structid.modal.spectral_peaks import Band
+from structid.modal.spectral.bayesian_fft import _doubts, bayesian_fft
+from structid.modal.spectral.bayesian_fft_likelihood import (
+    chart,
+    coordinates,
+    gradient,
+    modes_at,
+    negative_log_likelihood,
+)
+from structid.modal.spectral.bayesian_fft_search import Posterior, _inverse, hessian, posterior, profiled, separate_mode
+from structid.modal.spectral.peaks import Band
+from structid.similarity import mac
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building" / "acc_20Hz_full90min.npy"
 SIZES = [(5, 2, 2), (4, 1, 1), (1, 1, 0), (3, 3, 2), (1, 2, 1)]

@@ -5,9 +5,9 @@ import pytest
 from modal_cases import decay
 
 from structid import ModalRecord, subspace_angles
-from structid.compare import mac
-from structid.modal.close_modes import close_groups, close_mode_notes, gap_std, is_close, multiplicity
 from structid.modal.identification import identify_modes
+from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close, multiplicity
+from structid.similarity import mac
 
 
 def record(frequency, damping=0.0, std=None, correlation=0.0):

@@ -9,11 +9,12 @@ from scipy.linalg import toeplitz
 from spectral_cases import close_pair
 
 from structid import InputError, TimeRecord
-from structid.compare import mac
-from structid.modal import HardCriteria, ModalOptions, efdd, identify_modes
-from structid.modal.bell import Bell, bell_fit, bell_spectrum, window_correlation
+from structid.modal import HardCriteria, ModalOptions, identify_modes
 from structid.modal.correlations import outputs
-from structid.modal.spectral_peaks import automatic_bands, automatic_peaks, hann, mode_places, singular_spectrum
+from structid.modal.spectral.bell import Bell, bell_fit, bell_spectrum, window_correlation
+from structid.modal.spectral.efdd import efdd
+from structid.modal.spectral.peaks import automatic_bands, automatic_peaks, hann, mode_places, singular_spectrum
+from structid.similarity import mac
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building" / "acc_20Hz_full90min.npy"
 RATE, SEGMENT = 10.0, 256

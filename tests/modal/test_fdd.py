@@ -5,9 +5,9 @@ import pytest
 from modal_cases import ambient_chain, chain_modes
 
 from structid import InputError, TimeRecord
-from structid.compare import mac
-from structid.modal import HardCriteria, fdd, identify_modes
-from structid.modal.fdd import singular_spectra
+from structid.modal import HardCriteria, identify_modes
+from structid.modal.spectral.fdd import fdd, singular_spectra
+from structid.similarity import mac
 
 
 def test_peaks_are_the_modes_of_the_chain():

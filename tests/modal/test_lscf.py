@@ -9,12 +9,12 @@ from frf_cases import KINDS, LINES, aligned, chain, close_pair, frf
 from modal_cases import nearest
 
 from structid import FrfRecord, InputError, TimeRecord
-from structid.compare import mac
 from structid.modal import HardCriteria, ModalOptions, identify_modes, modal_identification
-from structid.modal.frf_refinement import FrfData, PolesAndParticipation, output_blocks, refined
-from structid.modal.frf_residues import residue_shapes, slopes, terms
-from structid.modal.frf_spread import DrivingPoint, frequency_damping_covariance, frf_modes, scaled_shapes
-from structid.modal.lscf import denominators, frf_band, pole_sweep, right_poles
+from structid.modal.frf.lscf import denominators, frf_band, pole_sweep, right_poles
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks, refined
+from structid.modal.frf.residues import residue_shapes, slopes, terms
+from structid.modal.frf.spread import DrivingPoint, frequency_damping_covariance, frf_modes, scaled_shapes
+from structid.similarity import mac
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 OMEGA = 2 * np.pi * chain()[0]

@@ -7,11 +7,10 @@ import pytest
 from modal_cases import ambient_chain, chain_modes
 
 from structid import InputError, ModalRecord
-from structid.compare import mac
 from structid.dof import parse_dofs
 from structid.modal.identification import identify_modes
-from structid.modal.joint_setups import joint_modes
-from structid.modal.joint_subspace import (
+from structid.modal.merging.joint_setups import joint_modes
+from structid.modal.merging.joint_subspace import (
     JointSubspace,
     _parts,
     _split,
@@ -19,11 +18,12 @@ from structid.modal.joint_subspace import (
     joint_poles,
     joint_subspace,
 )
-from structid.modal.merging import merge_modes, merged_setups
+from structid.modal.merging.merging import merge_modes, merged_setups
+from structid.modal.merging.setup_data import setup_data
+from structid.modal.merging.shape_merging import merged_shape
 from structid.modal.modal_identification import ModalOptions
-from structid.modal.setup_data import setup_data
-from structid.modal.shape_merging import merged_shape
 from structid.records import TimeRecord
+from structid.similarity import mac
 
 SETUPS = (("1X", "4X", "2X"), ("1X", "4X", "3X"))
 OPTIONS = ModalOptions(orders=[8], block_rows=12)

@@ -8,7 +8,7 @@ import pyuff
 
 from structid.errors import FileError
 from structid.modal import ModalRecord
-from structid.modal.modal_files import read_modes, write_modes
+from structid.modal.files.files import read_modes, write_modes
 from structid.modal.modal_record import unit_largest
 from structid.records import Geometry, read_geometry
 

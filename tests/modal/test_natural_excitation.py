@@ -5,10 +5,11 @@ import pytest
 from modal_cases import ambient_chain, beam_decay, chain_modes, nearest
 
 from structid import InputError, TimeRecord
-from structid.compare import mac
-from structid.modal import identify_modes, modal_identification, natural_excitation
+from structid.modal import identify_modes, modal_identification
 from structid.modal.correlations import outputs
-from structid.modal.pole_uncertainty import free_decay_fit, is_free_decay, is_mostly_explained
+from structid.modal.subspace.natural_excitation import natural_excitation
+from structid.modal.subspace.pole_uncertainty import free_decay_fit, is_free_decay, is_mostly_explained
+from structid.similarity import mac
 
 
 def test_values_are_correlations_in_units_of_channel_and_reference():

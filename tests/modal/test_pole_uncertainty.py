@@ -8,11 +8,13 @@ from scipy.signal import lfilter
 
 from structid.modal import identify_modes
 from structid.modal.correlations import displacement_rows, outputs
-from structid.modal.era import era
-from structid.modal.itd import itd
 from structid.modal.modal_record import ModalChanges
-from structid.modal.pencil import pencil
-from structid.modal.pole_uncertainty import (
+from structid.modal.subspace.era import era
+from structid.modal.subspace.itd import itd
+from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
+from structid.modal.subspace.modes import frequency_damping_changes, frequency_damping_covariance
+from structid.modal.subspace.pencil import pencil
+from structid.modal.subspace.pole_uncertainty import (
     delayed_product,
     free_decay_fit,
     overlapping_batches,
@@ -20,10 +22,8 @@ from structid.modal.pole_uncertainty import (
     pole_deviations,
     sample_deviations,
 )
-from structid.modal.ssi import ssi_cov, ssi_data
-from structid.modal.subspace import poles_of_orders, shift_invariant
-from structid.modal.subspace_modes import frequency_damping_changes, frequency_damping_covariance
-from structid.reproduce.simple_beam import beam_omega
+from structid.modal.subspace.ssi import ssi_cov, ssi_data
+from structid.reproduce.chapter_5.simple_beam import beam_omega
 
 
 @pytest.mark.parametrize("method", [pencil, ssi_cov, ssi_data])

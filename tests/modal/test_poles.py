@@ -7,11 +7,11 @@ from modal_cases import ambient_chain, beam_decay, decay
 from structid import InputError
 from structid.modal import HardCriteria, Poles, stationary_values
 from structid.modal.correlations import outputs
-from structid.modal.era import era_dc
-from structid.modal.pencil import pencil, second_difference_poles
 from structid.modal.poles import state_poles
-from structid.modal.ssi import ssi_cov, ssi_data
-from structid.modal.subspace import poles_of_orders
+from structid.modal.subspace.era import era_dc
+from structid.modal.subspace.kernel import poles_of_orders
+from structid.modal.subspace.pencil import pencil, second_difference_poles
+from structid.modal.subspace.ssi import ssi_cov, ssi_data
 
 
 def test_state_pair_gives_the_poles_it_was_made_of():

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from structid import InputError, PointMass, SpaceBeam, Structure, TimeRecord
-from structid.compare import mac, subspace_angles
 from structid.dof import Dof
-from structid.dynamics import free_decay, modes
-from structid.modal import ModalRecord, pseudo_rayleigh, stationary_values
-from structid.modal.free_motion import sample_weights
-from structid.modal.pseudo_rayleigh import _omega, _real_where_close
-from structid.reproduce.free_record import free_record
+from structid.dynamics.free_decay import free_decay
+from structid.dynamics.modes import modes
+from structid.modal import ModalRecord, stationary_values
+from structid.modal.rayleigh.free_motion import sample_weights
+from structid.modal.rayleigh.pseudo_rayleigh import _omega, _real_where_close, pseudo_rayleigh
+from structid.reproduce.chapter_5.free_record import free_record
+from structid.similarity import mac, subspace_angles
 from structid.structure import Membrane
 
 OMEGA = np.array([2.0, 3.1, 4.5, 7.0])

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from modal_cases import ambient_chain
 
-from structid.modal import ModalOptions, modal_identification, ssi, subspace
+from structid.modal import ModalOptions, modal_identification
+from structid.modal.subspace import kernel as subspace
+from structid.modal.subspace import ssi
 
 RECORD = ambient_chain(3)
 OPTIONS = ModalOptions(orders=[8, 12], block_rows=20, n_pieces=0)

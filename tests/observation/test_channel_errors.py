@@ -22,7 +22,7 @@ from structid import (
     parameters,
     with_declared_noise,
 )
-from structid.observation import response
+from structid.observation.frf.response import response
 
 FREQUENCY = np.arange(0.5, 12, 0.1)
 TRUE = np.array([2.0, 3.0, 1.0, 1000.0, 1100.0, 900.0, 0.02])

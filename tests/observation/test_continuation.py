@@ -9,8 +9,8 @@ import structid as sid
 from structid.dof import parse_dofs
 from structid.dynamics import receptance
 from structid.dynamics.modal_fields import modal_fields
-from structid.observation import continuation
-from structid.observation.continuation import (
+from structid.observation.frf import continuation
+from structid.observation.frf.continuation import (
     START_ERROR,
     continuation_plan,
     nearer,
@@ -18,7 +18,7 @@ from structid.observation.continuation import (
     start_deviation,
     thinned_lines,
 )
-from structid.observation.response import response
+from structid.observation.frf.response import response
 
 MASS, STIFFNESS = np.array([0.9, 1.3, 1.2]), np.array([1.4, 0.7, 1.2])
 

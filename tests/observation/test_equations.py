@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from structid import Beam, FrfRecord, InputError, Structure, Unknown, parameters
-from structid.observation import measures_everything, one_step_values, response
+from structid.observation import measures_everything, one_step_values
+from structid.observation.frf.response import response
 
 FREQUENCY = np.linspace(0.05, 1.2, 20)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.observation.frequency_continuation import few_line_plans, frequency_continuation
-from structid.reproduce.cantilever import (
+from structid.identification.identify import IdentifyOptions
+from structid.observation.frf.frequency_continuation import few_line_plans, frequency_continuation
+from structid.reproduce.chapter_4.cantilever import (
     CASE_2,
     DEFLECTIONS,
     GRID,
@@ -18,7 +19,6 @@ from structid.reproduce.cantilever import (
     in_rad_per_s,
     rms,
 )
-from structid.study.identification import IdentifyOptions
 
 NOISE = 1e-10  # stands for rounding
 PRINTED = in_rad_per_s(*GRID)

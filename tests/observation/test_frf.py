@@ -25,7 +25,7 @@ from structid import (
     parameters,
     with_declared_noise,
 )
-from structid.observation import response
+from structid.observation.frf.response import response
 
 
 def frame():

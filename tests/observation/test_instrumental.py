@@ -7,9 +7,10 @@ import pytest
 from time_cases import all_of, chain, everything, off, record_of, undamped_free
 
 from structid import InputError, Status, TimeRecord
-from structid.observation import Oscillation, TimeOptions, identify_motion, identify_time, simulated_time_record
-from structid.observation.instrumental import instrumental_fit
-from structid.observation.time_estimate import dense_rows
+from structid.observation import Oscillation, TimeOptions, identify_motion, simulated_time_record
+from structid.observation.time.estimate import dense_rows
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.instrumental import instrumental_fit
 
 KINDS = ("acceleration", "velocity", "displacement")
 BY_INSTRUMENTS = TimeOptions(method="instrumental")

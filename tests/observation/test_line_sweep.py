@@ -12,10 +12,10 @@ import pytest
 
 import structid as sid
 from structid.dynamics.factorization import installed_factorizers
-from structid.observation import response
+from structid.identification.identify import IdentifyOptions, prepared_problem
 from structid.observation.contraction import element_products
-from structid.observation.reduced_response import sweep_error
-from structid.study.identification import IdentifyOptions, prepared_problem
+from structid.observation.frf.reduced_response import sweep_error
+from structid.observation.frf.response import response
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import empty_record, solid

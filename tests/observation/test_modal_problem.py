@@ -21,7 +21,7 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.estimation import JointProblem
 from structid.modal.modal_record import ModalChanges
 from structid.observation import FrfProblem, ModalProblem

@@ -7,8 +7,9 @@ import pytest
 
 from structid import Beam, InputError, PointMass, RigidLink, Spring, Structure, TimeRecord
 from structid.observation import Motion, completed, identify_motion, recorded_motion
-from structid.observation.motion import MOTION_QUANTITIES
-from structid.parameters import Unknown, parameters
+from structid.observation.motion.motion import MOTION_QUANTITIES
+from structid.unknowns import Unknown
+from structid.unknowns.parameters import parameters
 
 RATE = 100.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from motion_cases import EVERYTHING, cantilever, frame, free_beam, moved
 
-import structid.observation.time_equations as time_equations_module
+import structid.observation.motion.equations as time_equations_module
 from structid import (
     Beam,
     PointMass,
@@ -18,9 +18,11 @@ from structid import (
     from_matrices,
     parameters,
 )
-from structid.dynamics import harmonic_transient, modes
-from structid.observation import Motion, identify_motion, least_squares_bias, motion_fit
-from structid.observation.time_equations import time_equations
+from structid.dynamics import harmonic_transient
+from structid.dynamics.modes import modes
+from structid.observation import Motion, identify_motion, least_squares_bias
+from structid.observation.motion.equations import time_equations
+from structid.observation.motion.fit import motion_fit
 
 
 def test_space_frame_with_damping_is_recovered():
@@ -134,7 +136,7 @@ def test_one_sample_one_chunk_and_the_whole_record_give_the_same(one_block, monk
         single = single.updated(motion.at([k]), variance)
     parts = [empty.updated(motion.at(slice(*edges)), variance) for edges in ((0, 7), (7, 40), (40, 60))]
     merged = parts[2].merged(parts[0]).merged(parts[1])
-    monkeypatch.setattr(sys.modules["structid.observation.motion_fit"], "_CHUNK_ENTRIES", 1)
+    monkeypatch.setattr(sys.modules["structid.observation.motion.fit"], "_CHUNK_ENTRIES", 1)
     chunked = empty.updated(motion, variance)
     expected = whole.estimate()
     for fit in (single, merged, chunked, parts[0].merged(parts[1].merged(parts[2]))):

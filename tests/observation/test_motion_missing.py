@@ -15,7 +15,8 @@ from structid import (
     Unknown,
     parameters,
 )
-from structid.observation import Motion, identify_motion, motion_fit
+from structid.observation import Motion, identify_motion
+from structid.observation.motion.fit import motion_fit
 from structid.structure import Friction
 
 

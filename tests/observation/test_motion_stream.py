@@ -10,12 +10,13 @@ from motion_cases import EVERYTHING, cantilever, frame, moved
 
 from structid import FileError, InputError, PointMass, RigidLink, Spring, Status, Structure, TimeRecord, Unknown
 from structid import parameters as declared
-from structid.estimation.local_reduction import Kernels, has_numba
-from structid.observation import identify_motion, motion_fit
-from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
-from structid.observation.motion_stream import identify_motion_by_chunks, motion_solution, reduced_by_chunks
+from structid.observation import identify_motion
+from structid.observation.motion.checkpoint import load_motion_fit, save_motion_fit
+from structid.observation.motion.fit import motion_fit
+from structid.observation.motion.stream import identify_motion_by_chunks, motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record
+from structid.regression.local_reduction import Kernels, has_numba
 
 ENGINES = [Kernels("numpy"), *([Kernels("numba"), Kernels("numba", 2)] if has_numba() else [])]
 FIELDS = ("acceleration", "velocity", "displacement", "force")
@@ -62,7 +63,7 @@ def test_chunks_from_disk_give_the_answer_of_the_whole_record(tmp_path, work, lo
 
 
 def test_large_frame_and_rows_of_one_block_agree(tmp_path, monkeypatch):
-    import structid.observation.time_equations as module
+    import structid.observation.motion.equations as module
 
     structure = frame()
     names = ("mass", "bending_stiffness_y", "bending_stiffness_z", "axial_stiffness", "mass_damping")
@@ -225,9 +226,9 @@ MEMORY = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, Unknown, parameters
-from structid.estimation.local_reduction import Kernels
+from structid.regression.local_reduction import Kernels
 from structid.observation import motion_fit
-from structid.observation.motion_stream import channel_map, motion_solution, reduced_by_chunks
+from structid.observation.motion.stream import channel_map, motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
 from structid.records.on_disk import open_record
 n, path = 500, sys.argv[1]

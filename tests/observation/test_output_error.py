@@ -11,8 +11,9 @@ from structid import Beam, InputError, LevenbergMarquardt, Spring, Status, Struc
 from structid.dynamics import harmonic_transient, sampled_transient
 from structid.dynamics.exact_discretization import exponential_derivative
 from structid.estimation import minimize
-from structid.observation import Oscillation, TimeOptions, identify_time, output_error_problem
-from structid.observation.time_problem import time_model
+from structid.observation import Oscillation, TimeOptions, output_error_problem
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.problem import time_model
 
 MIXED = [("1X", "acceleration"), ("2X", "velocity"), ("3X", "displacement"), ("3X-", "acceleration")]
 FREE = TimeOptions(initial="unknown")
@@ -115,7 +116,7 @@ def test_chunks_of_steps_change_nothing(monkeypatch):
     whole = output_error_problem(structure, everything(structure), record).linearize
     theta = everything(structure).theta_start
     expected = whole(theta).jacobian
-    monkeypatch.setattr("structid.observation.time_model._CHUNK", 100)
+    monkeypatch.setattr("structid.observation.time.model._CHUNK", 100)
     assert whole(theta).jacobian == pytest.approx(expected, abs=1e-9)
 
 

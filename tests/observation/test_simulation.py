@@ -14,7 +14,7 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.observation import response
+from structid.observation.frf.response import response
 
 LIKE = FrfRecord(np.linspace(0.5, 3.0, 40), np.ones((40, 2, 1)), ("1X", "2X"), ("1X",), "receptance")
 

@@ -8,8 +8,9 @@ from scipy import linalg
 
 from short_record_cases import chain, record, unknowns
 from structid import InputError, Prior, Status, estimate
-from structid.observation import SpectraProblem, damped_stages, spectra_problem
-from structid.records import finite_spectra
+from structid.observation import SpectraProblem, damped_stages
+from structid.observation.time.spectra import spectra_problem
+from structid.records.transforms.finite_spectra import finite_spectra
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.5])

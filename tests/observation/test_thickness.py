@@ -5,7 +5,7 @@ import pytest
 
 from structid import FrfRecord, InputError, Plate, Structure, Unknown, parameters
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.observation.response import response
+from structid.observation.frf.response import response
 from structid.observation.sensitive import require_nominal_thickness
 
 

@@ -8,8 +8,9 @@ from scipy import integrate
 from time_cases import all_of, chain, everything, off, record_of, undamped_free
 
 from structid import InputError, Status, TimeRecord
-from structid.observation import TimeOptions, identify_motion, identify_time, simulated_time_record
-from structid.observation.weak_form import modulating_function, weak_form
+from structid.observation import TimeOptions, identify_motion, simulated_time_record
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.weak_form import modulating_function, weak_form
 
 WEAK = TimeOptions(method="weak", window=1.0)
 

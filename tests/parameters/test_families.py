@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from structid import Beam, Field, InputError, PointMass, Smoothness, SpaceBeam, Spring, Structure, Unknown, parameters
-from structid.parameters import penalty
-from structid.parameters.families import family
+from structid.unknowns import penalty
+from structid.unknowns.families import family
 
 
 def chain(n, **properties):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import Beam, InputError, PointMass, Prior, SpaceBeam, Structure, Unknown, parameters
-from structid.parameters import Transforms
+from structid.unknowns import Transforms
 
 BEAM = Beam("beam", [[0, 1], [1, 2], [2, 3]], [1.0, 2.0, 3.0], 5.0, loss_factor=0.01)
 STRUCTURE = Structure({i: float(i) for i in range(4)}, [BEAM, PointMass("tip", [3], 4.0)], ["0Y", "0RZ"])

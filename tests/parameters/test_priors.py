@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from structid import Beam, FrfProblem, FrfRecord, InputError, Prior, Structure, Unknown, parameters, parse_dof
-from structid.parameters import Coupling, Smoothness, Sparsity, joint_prior, penalty
+from structid.unknowns import Coupling, Smoothness, Sparsity, joint_prior, penalty
 
 BEAM = Structure(
     {i: float(i) for i in range(5)},

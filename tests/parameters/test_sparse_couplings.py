@@ -5,8 +5,9 @@ import pytest
 from scipy import sparse
 
 from structid.errors import InputError
-from structid.parameters import Coupling, Smoothness, Unknown, parameters, penalties, penalty
 from structid.structure import Beam, Structure
+from structid.unknowns import Coupling, Smoothness, Unknown, penalties, penalty
+from structid.unknowns.parameters import parameters
 
 
 def chain(prior=None):

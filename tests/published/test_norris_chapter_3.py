@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from structid.observation import motion_fit
-from structid.reproduce.chapter_3 import figure_3_2, items, natural_frequencies, table_3_1, table_3_4
-from structid.reproduce.chapter_3_data import (
+from structid.observation.motion.fit import motion_fit
+from structid.reproduce.chapter_3.chapter import figure_3_2, items, natural_frequencies, table_3_1, table_3_4
+from structid.reproduce.chapter_3.data import (
     ACTUAL,
     ESTIMATED,
     FREQUENCIES,
@@ -20,7 +20,7 @@ from structid.reproduce.chapter_3_data import (
     sampling_times,
     unknown_values,
 )
-from structid.reproduce.chapter_3_noise import READINGS, predicted_bias, repeats, rigid_body_share, sum_of_two_rms
+from structid.reproduce.chapter_3.noise import READINGS, predicted_bias, repeats, rigid_body_share, sum_of_two_rms
 from structid.reproduce.item import Verdict
 
 

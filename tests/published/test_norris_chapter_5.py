@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from structid.compare import mac
-from structid.modal import pseudo_rayleigh
-from structid.reproduce.chapter_5 import items
+from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh
+from structid.reproduce.chapter_5.chapter import items
+from structid.reproduce.chapter_5.simple_beam import beam_record, folded_omega
+from structid.reproduce.chapter_5.square_membrane import membrane_eigenvalues, membrane_record
 from structid.reproduce.item import Item, Verdict
-from structid.reproduce.simple_beam import beam_record, folded_omega
-from structid.reproduce.square_membrane import membrane_eigenvalues, membrane_record
+from structid.similarity import mac
 
 BEAM = [0.09834, 0.39433, 0.88821, 1.57910, 2.46734, 3.55311, 6.68212, 8.49410, 10.19992, 11.46529]
 BEAM_ACTUAL = [0.09870, 0.39478, 0.88826, 1.57914, 2.46740, 3.55306, 4.83611, 6.31655, 7.99438, 9.86960]

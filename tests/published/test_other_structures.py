@@ -23,7 +23,8 @@ from structid import (
     with_declared_noise,
 )
 from structid.estimation import minimize
-from structid.observation import one_step_values, response
+from structid.observation import one_step_values
+from structid.observation.frf.response import response
 
 
 def membrane_with_a_hole(n=6):

@@ -8,8 +8,8 @@ import pytest
 import structid as sid
 from structid.dof import parse_dofs
 from structid.errors import InputError
-from structid.records.half_plane import LARGEST_ERROR, poisson_weights, right_half_plane
-from structid.records.laplace_transform import frf_from_rest
+from structid.records.transforms.half_plane import LARGEST_ERROR, poisson_weights, right_half_plane
+from structid.records.transforms.laplace_transform import frf_from_rest
 
 POLES = np.array([-0.02 + 1j, -0.03 + 2.5j, -0.05 + 4j])
 

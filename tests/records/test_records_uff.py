@@ -6,7 +6,7 @@ import pyuff
 
 from structid.errors import FileError, InputError
 from structid.records import Geometry, ReadOptions, read_geometry, read_record
-from structid.records.io import uff
+from structid.records.io.uff import uff
 
 FREQUENCY = np.arange(4, 14) * 0.25
 

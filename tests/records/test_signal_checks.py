@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from structid.records import TimeRecord, harmonic_indicator, signal_checks
-from structid.records.sample_faults import clipped_samples, drop_outs, filled, local_scale, quantum, spikes
+from structid.records import TimeRecord, harmonic_indicator
+from structid.records.quality.sample_faults import clipped_samples, drop_outs, filled, local_scale, quantum, spikes
+from structid.records.quality.signal_checks import signal_checks
 
 sys.path.append(str(Path(__file__).parents[1] / "modal"))
 from modal_cases import ambient_chain, beam_decay

@@ -5,7 +5,8 @@ import pytest
 from scipy.signal import csd
 
 from structid import InputError
-from structid.records import TimeRecord, spectral_matrix
+from structid.records import TimeRecord
+from structid.records.transforms.spectral_matrix import spectral_matrix
 
 RNG = np.random.default_rng
 

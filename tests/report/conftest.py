@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import report_cases
 
+from structid.identification.identify import Identification
 from structid.report import write_report
-from structid.study.identification import Identification
 
 TITLE = 'Frame <b>7</b> & "base"'
 PROVENANCE = {"version": "0.1", "files": {"<frf>.npz": "ab" * 32}, "seed": 7}

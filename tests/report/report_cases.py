@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 import structid as si
-from structid.observation import response
+from structid.identification.identify import Identification, IdentifyOptions, identify
+from structid.observation.frf.response import response
 from structid.records import FrfRecord
-from structid.study.identification import Identification, IdentifyOptions, identify
 
 
 def synthetic_record(

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
-from structid.report import faces
-from structid.report.changes import Change, Panel
-from structid.report.drawing import structure_picture
-from structid.report.interactive_structure import structure_figures
-from structid.report.png_structure import structure_figure
-from structid.report.projection import SPACE_AXES
+from structid.report.drawing import faces
+from structid.report.drawing.changes import Change, Panel
+from structid.report.drawing.drawing import structure_picture
+from structid.report.drawing.projection import SPACE_AXES
+from structid.report.figures.interactive_structure import structure_figures
+from structid.report.figures.png_structure import structure_figure
 
 SIGHT = np.cross(*SPACE_AXES.T)
 GIVEN = {"youngs_modulus": 70e9, "density": 2700.0, "poisson": 0.3}

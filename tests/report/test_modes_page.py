@@ -9,16 +9,16 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from modes_cases import ambient, frfs
-from structid.compare import mac
 from structid.modal import ModalRecord
+from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
-from structid.report.modes_data import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, sweep_poles, turned_shapes
-from structid.report.modes_figures import mode_pictures
-from structid.report.modes_page import modes_page, write_modes_page
-from structid.report.modes_scene import flat, mode_scene
-from structid.report.modes_text import mode_rows, remarks
+from structid.report.modes.data import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, sweep_poles, turned_shapes
+from structid.report.modes.figures import mode_pictures
+from structid.report.modes.page import modes_page, write_modes_page
+from structid.report.modes.scene import flat, mode_scene
+from structid.report.modes.text import mode_rows, remarks
 from structid.report.text import with_std
-from structid.study.modes import ModesOptions, modes_of_file
+from structid.similarity import mac
 
 NODES = {1: (0.0, 0.0, 1.0), 2: (0.0, 0.0, 2.0), 3: (0.0, 0.5, 3.5), 9: (0.0, 0.0, 0.0)}
 GEOMETRY = Geometry(NODES, ((9, 1, 2, 0, 2, 3),))

@@ -14,10 +14,13 @@ from matplotlib.patches import Patch
 
 import structid as si
 from conftest import Report
+from structid.identification.identify import Identification
 from structid.report import write_report
-from structid.report.changes import look
-from structid.report.drawing import picture
-from structid.report.figures_data import (
+from structid.report.drawing.changes import look
+from structid.report.drawing.drawing import picture
+from structid.report.drawing.labels import Label, place
+from structid.report.drawing.palette import DIVERGING, colours, diverging_step
+from structid.report.figures.data import (
     channel_unit,
     correlation,
     line_edges,
@@ -26,12 +29,9 @@ from structid.report.figures_data import (
     responses,
     worst_channels,
 )
-from structid.report.labels import Label, place
-from structid.report.palette import DIVERGING, colours, diverging_step
-from structid.report.png_responses import MAX_CHANNELS, magnitude_figure
-from structid.report.png_structure import structure_figure
-from structid.report.png_style import STYLE, plain
-from structid.study.identification import Identification
+from structid.report.figures.png_responses import MAX_CHANNELS, magnitude_figure
+from structid.report.figures.png_structure import structure_figure
+from structid.report.figures.png_style import STYLE, plain
 
 _NAMES = {
     "parameters", "structure", "frf_magnitude", "frf_phase", "residual_by_channel", "residual_map", "correlation",
@@ -100,7 +100,7 @@ def test_many_channels_are_capped_and_the_figure_says_so(many: Identification) -
 
 @pytest.mark.parametrize("name", ["plane", "groups"])
 def test_odd_models_are_drawn_without_a_warning(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("structid.report.png.DPI", 40)
+    monkeypatch.setattr("structid.report.figures.png.DPI", 40)
     page = write_report(report_cases.CASES[name](), tmp_path).read_text(encoding="utf-8").split("<script>")[0]
     assert ("drawn in a row" in page) == (name == "groups")
     assert ("träger $x$ 梁" in page) == (name == "plane")

@@ -14,11 +14,11 @@ import report_cases
 
 from conftest import PROVENANCE, TITLE, Report
 from structid.errors import FileError
+from structid.identification.identify import Identification
 from structid.report import write_report
-from structid.report.drawing import picture
-from structid.report.figures_data import responses
-from structid.report.html import page
-from structid.study.identification import Identification
+from structid.report.drawing.drawing import picture
+from structid.report.figures.data import responses
+from structid.report.identification.page import page
 
 _SECTIONS = (
     "warnings",

@@ -5,7 +5,7 @@ import pytest
 
 from structid import FrfProblem, GaussNewton
 from structid.estimation import minimize
-from structid.reproduce.cantilever import (
+from structid.reproduce.chapter_4.cantilever import (
     CASE_1,
     CASE_2,
     GRID,
@@ -20,8 +20,8 @@ from structid.reproduce.cantilever import (
     rms,
     unknowns,
 )
-from structid.reproduce.chapter_4 import items
-from structid.reproduce.chapter_4_exact import (
+from structid.reproduce.chapter_4.chapter import items
+from structid.reproduce.chapter_4.exact import (
     ALL_AT_ALL,
     ALL_AT_HALF,
     TIP_IN_HZ,
@@ -29,9 +29,9 @@ from structid.reproduce.chapter_4_exact import (
     TIP_PRINTED,
     errors_of,
 )
-from structid.reproduce.chapter_4_noise import STUDIES_1, STUDIES_2
+from structid.reproduce.chapter_4.noise import STUDIES_1, STUDIES_2
+from structid.reproduce.chapter_4.sensor_noise import Noise, cramer_rao, noisy_errors, noisy_record, quantiles
 from structid.reproduce.item import Item, Verdict
-from structid.reproduce.sensor_noise import Noise, cramer_rao, noisy_errors, noisy_record, quantiles
 
 N_SEEDS = 4
 

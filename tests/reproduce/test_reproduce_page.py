@@ -10,11 +10,11 @@ import pytest
 from matplotlib import image
 from typer.testing import CliRunner
 
-from structid import cli
+from structid.cli import app as cli
 from structid.errors import FileError, InputError
-from structid.report.png_reproduction import panels_figure
-from structid.report.reproduction import figure_name, write_reproduction
-from structid.report.reproduction_tables import table_text
+from structid.report.reproduce.figures import panels_figure
+from structid.report.reproduce.page import figure_name, write_reproduction
+from structid.report.reproduce.tables import table_text
 from structid.report.text import DASH, MINUS, TIMES
 from structid.reproduce import run
 from structid.reproduce.item import Curve, Item, Panel, Table, Verdict

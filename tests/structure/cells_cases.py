@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from structid.structure.elements.isoparametric import cell_shape
+from structid.structure.elements.cells.isoparametric import cell_shape
 
 _SPLITS = {"triangle": [[0, 1, 2], [0, 2, 3]], "quad": [[0, 1, 2, 3]]}
 #: Six tetrahedra around the diagonal 0-6 of a cube, and two wedges.

@@ -6,7 +6,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 from structid import InputError, PointMass, Structure
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.structure import ELEMENT_TYPES, Membrane
 
 RNG = np.random.default_rng(5)

@@ -8,7 +8,7 @@ import pytest
 from structid import InputError
 from structid.errors import FileError
 from structid.structure import Shell, Solid
-from structid.structure.elements.isoparametric import cell_shape
+from structid.structure.elements.cells.isoparametric import cell_shape
 from structid.structure.meshes import read_mesh, require_sound
 
 

@@ -5,10 +5,10 @@ import pytest
 from cells_cases import box
 
 from structid import InputError, PointMass, Structure, Unknown, parameters
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.observation.sensitive import weight_slope
 from structid.structure import Membrane, Plane, Plate
-from structid.structure.elements.kirchhoff import _square_functions, _triangle_functions
+from structid.structure.elements.cells.kirchhoff import _square_functions, _triangle_functions
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.005
 BENDING = E * T**3 / 12 / (1 - NU**2)

@@ -6,12 +6,12 @@ from cells_cases import box
 from scipy.sparse.linalg import spsolve
 
 from structid import FrfRecord, InputError, Structure, Unknown, parameters
-from structid.dynamics import modes
-from structid.observation.response import response
+from structid.dynamics.modes import modes
+from structid.observation.frf.response import response
 from structid.observation.sensitive import weight_slope
 from structid.structure import Shell
-from structid.structure.elements.drilling_membrane import drilling_stiffness
-from structid.structure.elements.elastic import plane_law
+from structid.structure.elements.cells.drilling_membrane import drilling_stiffness
+from structid.structure.elements.cells.elastic import plane_law
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.005
 TURN = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]

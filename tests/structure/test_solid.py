@@ -11,9 +11,9 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from structid import InputError, Structure
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.structure import Plane, Solid
-from structid.structure.elements.isoparametric import PLANE_CELLS, SOLID_CELLS, cell_shape
+from structid.structure.elements.cells.isoparametric import PLANE_CELLS, SOLID_CELLS, cell_shape
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.02
 SIERRA = Path(__file__).parents[3] / "shared" / "data" / "sierra_block_ac_KM"

@@ -15,13 +15,13 @@ import pytest
 from study_cases import CHAIN, chain_record, write_chain
 from typer.testing import CliRunner
 
-from structid import cli
+from structid.cli import app as cli
 from structid.errors import FileError
 from structid.estimation import GaussNewton, LevenbergMarquardt, Linearization, minimize
 from structid.records.io import write_record
-from structid.study.checkpoint import Checkpoint, checkpoint_folder, fingerprint
-from structid.study.long_run import LongRun
-from structid.study.run import load_study, run_study, started
+from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
+from structid.study.run.long_run import LongRun
+from structid.study.run.run import load_study, run_study, started
 
 RUN = CliRunner()
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

@@ -18,7 +18,7 @@ from test_study_run import bare, free_text, record_from_zero, with_nan
 from typer.testing import CliRunner
 
 import structid
-from structid import cli
+from structid.cli import app as cli
 from structid.errors import SingularModelError
 from structid.records.io import read_record, write_record
 
@@ -108,7 +108,7 @@ def test_a_search_that_cannot_go_on_exits_1(study, monkeypatch):
     def failing(*_arguments):
         raise SingularModelError("the dynamic stiffness is singular at 3 Hz")
 
-    monkeypatch.setattr("structid.study.run.identify_together", failing)
+    monkeypatch.setattr("structid.study.run.run.identify_together", failing)
     done = invoke("identify", study)
     assert done.exit_code == 1
     assert "the search failed: the dynamic stiffness is singular at 3 Hz" in done.stderr
@@ -217,7 +217,7 @@ def test_an_error_of_the_system_is_one_line(study, monkeypatch):
 
 def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     code = (
-        "import sys, time, structid.study.run as run, structid.cli as cli\n"
+        "import sys, time, structid.study.run.run as run, structid.cli.app as cli\n"
         "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(30)\n"
         "run.identify_together = waiting\n"
         f"sys.argv = ['structid', 'identify', {str(study)!r}]\n"
@@ -339,7 +339,7 @@ def test_import_structid_loads_numpy_and_scipy_only():
 
 def test_check_and_convert_draw_nothing(study):
     code = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom structid import cli\n"
+        "import sys\nfrom typer.testing import CliRunner\nfrom structid.cli import app as cli\n"
         f"assert CliRunner().invoke(cli.app, ['check', {str(study)!r}]).exit_code == 0\n"
         f"assert CliRunner().invoke(cli.app, ['identify', {str(study)!r}, '--no-report']).exit_code == 0\n"
         "print(*{name.split('.')[0] for name in sys.modules})"

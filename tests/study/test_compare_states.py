@@ -8,10 +8,10 @@ from study_cases import chain_record, replaced, write_chain
 from typer.testing import CliRunner
 
 import structid as sid
-from structid import cli
-from structid.study.compare_states import carried, unchanged_parameters
-from structid.study.comparing import CompareOptions, compare
-from structid.study.state import stored_state
+from structid.cli import app as cli
+from structid.comparison.comparing import CompareOptions, compare
+from structid.comparison.state import stored_state
+from structid.comparison.states import carried, unchanged_parameters
 
 RUN = CliRunner()
 #: The damper known, so that the model is right and the estimates small.

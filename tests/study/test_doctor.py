@@ -14,14 +14,14 @@ import pytest
 from study_cases import CHAIN, exact_frf, write_chain
 from typer.testing import CliRunner
 
-from structid import cli
-from structid.cli_progress import RunProgress, clock
+from structid.cli import app as cli
+from structid.cli.progress import RunProgress, clock
 from structid.errors import InputError
 from structid.records import FrfRecord
-from structid.study import needs as needs_module
-from structid.study.doctor import installation
-from structid.study.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
-from structid.study.run import load_study, run_study, study_problems
+from structid.study.run import needs as needs_module
+from structid.study.run.doctor import installation
+from structid.study.run.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
+from structid.study.run.run import load_study, run_study, study_problems
 
 RUN = CliRunner()
 
@@ -41,8 +41,8 @@ def test_doctor_names_versions_factorizers_threads_and_memory():
 
 
 def test_doctor_says_what_is_not_installed_and_what_it_is_for(monkeypatch):
-    monkeypatch.setattr("structid.study.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
-    monkeypatch.setattr("structid.cli_doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    monkeypatch.setattr("structid.study.run.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    monkeypatch.setattr("structid.cli.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
     assert "not installed: no-such-package: nothing (extra `none`)" in RUN.invoke(cli.app, ["doctor"]).stdout
 
 
@@ -114,7 +114,7 @@ def test_a_study_that_cannot_fit_is_refused_with_the_numbers(tmp_path, monkeypat
 
 def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypatch):
     path = write_chain(tmp_path)
-    monkeypatch.setattr("structid.cli_doctor.available_bytes", lambda: 250_000)
+    monkeypatch.setattr("structid.cli.doctor.available_bytes", lambda: 250_000)
     done = RUN.invoke(cli.app, ["doctor", str(path)])
     assert done.exit_code == 2
     assert re.search(r"needs about .* of memory and 250 kB are free; take fewer lines", done.stderr)
@@ -123,7 +123,7 @@ def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypa
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit of the process is read from /proc")
 def test_the_limit_of_the_process_counts():
-    code = "from structid.study.needs import available_bytes; print(available_bytes())"
+    code = "from structid.study.run.needs import available_bytes; print(available_bytes())"
     limit = 3_000_000_000
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -140,7 +140,7 @@ def test_the_limit_of_the_process_counts():
 def test_progress_tells_the_time_left(monkeypatch):
     """Ten tasks of two seconds each, then iterations of one second with a limit of 100."""
     now = [0.0]
-    monkeypatch.setattr("structid.cli_progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("structid.cli.progress.time.monotonic", lambda: now[0])
     said: list[str] = []
 
     class Told(RunProgress):

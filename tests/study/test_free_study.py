@@ -16,14 +16,14 @@ import pytest
 from test_checkpoint import RUN, command, signalled_when
 
 import structid as sid
-from structid import cli
+from structid.cli import app as cli
 from structid.errors import InputError
-from structid.estimation import levenberg_marquardt_free
-from structid.study import free_search
-from structid.study.check import check_study
-from structid.study.checkpoint import checkpoint_folder
-from structid.study.free_search import searches_free
-from structid.study.run import is_free, load_study, run_free_study, run_study, started
+from structid.estimation.search import levenberg_marquardt_free
+from structid.identification import free_search
+from structid.identification.free_search import searches_free
+from structid.study.run.check import check_study
+from structid.study.run.checkpoint import checkpoint_folder
+from structid.study.run.run import is_free, load_study, run_free_study, run_study, started
 
 ROOT = Path(__file__).parents[2]
 

@@ -17,7 +17,7 @@ from structid.structure.importers import (
     write_matrix,
     write_op4,
 )
-from structid.study.run import load_study
+from structid.study.run.run import load_study
 
 MASS = np.diag([2.0, 3.0, 1.0])
 FIRST = np.array([[2.0, -1, 0], [-1, 1, 0], [0, 0, 0]])

@@ -9,18 +9,18 @@ import pytest
 from typer.testing import CliRunner
 
 from modes_cases import FREQUENCY, RATIO, SHAPES, ambient, frfs
-from structid import cli
-from structid.compare import mac
+from structid.cli import app as cli
 from structid.errors import InputError
 from structid.modal import ModalIdentification, ModalRecord, Poles
-from structid.modal.modal_files import read_modes
+from structid.modal.files.files import read_modes
 from structid.modal.stabilization import Cluster
+from structid.modal.survey.geometry import record_geometry
+from structid.modal.survey.rates import join_frequency, joined, lower_rate
+from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, TimeRecord, write_record
-from structid.records.io import uff
-from structid.study.modes import ModesOptions, modes_of_file
-from structid.study.modes_geometry import record_geometry
-from structid.study.modes_rates import join_frequency, joined, lower_rate
-from structid.study.modes_results import parse_orders
+from structid.records.io.uff import uff
+from structid.similarity import mac
+from structid.study.results.modes import parse_orders
 
 RUN = CliRunner()
 FAST = ("--method", "ssi_cov", "--no-report")

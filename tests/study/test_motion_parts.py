@@ -11,19 +11,19 @@ import pytest
 from test_study_motion import STUDY, act, written
 
 from structid.errors import InputError
-from structid.estimation.local_reduction import Kernels
-from structid.observation.motion_checkpoint import load_motion_fit
-from structid.observation.motion_fit import motion_fit
-from structid.observation.motion_stream import motion_solution
+from structid.observation.motion.checkpoint import load_motion_fit
+from structid.observation.motion.fit import motion_fit
+from structid.observation.motion.stream import motion_solution
 from structid.records import TimeRecord
 from structid.records.io import read_record, write_record
 from structid.records.on_disk import open_record
-from structid.study import motion_parts
-from structid.study.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
-from structid.study.run import load_study
-from structid.study.tasks import InProcess
-from structid.study.tasks_cluster import Cluster
-from structid.study.tasks_processes import Processes
+from structid.regression.local_reduction import Kernels
+from structid.study.run import motion_parts
+from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
+from structid.study.run.run import load_study
+from structid.study.work.cluster import Cluster
+from structid.study.work.processes import Processes
+from structid.study.work.tasks import InProcess
 
 ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand side a degree of freedom
 

@@ -12,14 +12,15 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid import InputError
-from structid.cli import app
+from structid.cli.app import app
 from structid.dof import parse_dofs
 from structid.errors import SingularModelError
-from structid.reproduce.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
-from structid.reproduce.sensor_noise import Noise, noisy_record
-from structid.study import plan_section
-from structid.study.plan import PlanOptions, plan, planned
-from structid.study.plan_section import load_plan
+from structid.planning.plan import PlanOptions, plan
+from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
+from structid.reproduce.chapter_4.sensor_noise import Noise, noisy_record
+from structid.study.run.plan import planned
+from structid.study.schema import plan as plan_section
+from structid.study.schema.plan import load_plan
 
 DEFLECTIONS = parse_dofs([f"{n}Y" for n in range(1, 7)])
 TARGET = 5e-3
@@ -86,7 +87,7 @@ def test_predictions_are_the_dense_bound(beam):
 
 def test_predictions_do_not_depend_on_stretches(beam, monkeypatch):
     whole = plan(*beam, beam_options(n_frequencies=25))
-    monkeypatch.setattr("structid.study.plan_rows._CHUNK_BYTES", 1)
+    monkeypatch.setattr("structid.planning.rows._CHUNK_BYTES", 1)
     pieces = plan(*beam, beam_options(n_frequencies=25))
     for one, other in zip(whole.tests, pieces.tests, strict=True):
         assert one.sensors == other.sensors
@@ -282,7 +283,7 @@ def test_lines_that_cannot_be_used_are_told(beam, lines):
 
 
 def test_too_many_pairs_are_refused_before_memory_runs_out(beam, monkeypatch):
-    monkeypatch.setattr("structid.study.plan_rows._LARGEST_BYTES", 1000)
+    monkeypatch.setattr("structid.planning.rows._LARGEST_BYTES", 1000)
     with pytest.raises(InputError, match="6 sensors times 2 loads with 12 parameters are too many"):
         plan(*beam, beam_options())
 
@@ -357,8 +358,8 @@ def test_record_gives_the_defaults(tmp_path):
 
 def test_prediction_agrees_with_check(tmp_path):
     """What `check` says of the record as it is, `plan` says of the installed sensors, but for the noise of the values."""
-    from structid.study.check import check_study
-    from structid.study.run import load_study
+    from structid.study.run.check import check_study
+    from structid.study.run.run import load_study
 
     path = write_chain(tmp_path)
     installed = planned(load_plan(path)).installed
@@ -379,7 +380,7 @@ def test_model_error_adds_to_the_noise(tmp_path):
 
 
 def test_identify_leaves_the_plan_alone(tmp_path):
-    from structid.study.run import load_study
+    from structid.study.run.run import load_study
 
     assert load_study(write_chain(tmp_path, CHAIN + PLAN)).title == "Chain of three masses"
 

@@ -8,8 +8,8 @@ from study_cases import CHAIN, replaced, write_chain
 from typer.testing import CliRunner
 
 import structid as sid
-from structid import cli
-from structid.study.study import load_study
+from structid.cli import app as cli
+from structid.study.schema.study import load_study
 
 N = 12
 #: A stiffness that varies smoothly, by a third up and down.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import FrfRecord
-from structid.study.resonances import resonances
+from structid.identification.resonances import resonances
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 

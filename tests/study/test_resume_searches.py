@@ -16,16 +16,18 @@ from test_study_time import sampled_record, write_study
 from short_record_cases import RATE, chain, unknowns
 from structid import TimeRecord
 from structid.dynamics.transient import sampled_transient
-from structid.estimation import Linearization, estimate
-from structid.estimation.nuts import begun, continued, nuts_chain
-from structid.estimation.sampling import sample
-from structid.observation import TimeOptions, identify_time
-from structid.observation.output_error_search import _furthest, _tried
-from structid.study.checkpoint import Checkpoint, checkpoint_folder, fingerprint
-from structid.study.long_run import LongRun
-from structid.study.run import load_study, run_study
-from structid.study.task_parts import StudyPlace
-from structid.study.tasks_processes import Processes
+from structid.estimation import Linearization
+from structid.estimation.estimate import estimate
+from structid.estimation.intervals.nuts import begun, continued, nuts_chain
+from structid.estimation.intervals.sampling import sample
+from structid.observation import TimeOptions
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.output_error_search import _furthest, _tried
+from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
+from structid.study.run.long_run import LongRun
+from structid.study.run.run import load_study, run_study
+from structid.study.work.parts import StudyPlace
+from structid.study.work.processes import Processes
 
 OWNER = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
 OUTPUT_ERROR = TIME_CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = [0.0, 0.01, 0.01]')
@@ -115,7 +117,7 @@ def test_instruments_stopped_anywhere_go_on_to_the_same_bits(tmp_path, monkeypat
     options = TimeOptions(method="instrumental", first_samples=30)
     whole = identify_time(structure, unknown, record, options)
     assert whole.status.value == "converged"
-    from structid.observation.instrumental import InstrumentalFit
+    from structid.observation.time.instrumental import InstrumentalFit
 
     made, rows = [], InstrumentalFit.rows
     monkeypatch.setattr(InstrumentalFit, "rows", lambda fit, values: made.append(1) or rows(fit, values))

@@ -7,10 +7,10 @@ import pytest
 
 from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
 from structid.estimation import JointProblem, Status
-from structid.parameters import Unknown
+from structid.identification.search import searched, together
 from structid.records import FrfRecord
 from structid.structure import PointMass, Spring, Structure
-from structid.study.search import searched, together
+from structid.unknowns import Unknown
 
 
 def problem(signs, free=("1X", "2X")):

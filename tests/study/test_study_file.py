@@ -17,11 +17,13 @@ from study_cases import CHAIN, line_of, replaced, write_chain
 
 from structid.errors import InputError
 from structid.estimation import GaussNewton, LevenbergMarquardt
-from structid.parameters import Unknown
 from structid.records.io import ReadOptions
 from structid.structure import ELEMENT_TYPES, Beam, Structure
-from structid.study import frf_section, method_section, setup_section
-from structid.study.study import load_study
+from structid.study.schema import frf as frf_section
+from structid.study.schema import method as method_section
+from structid.study.schema import setups as setup_section
+from structid.study.schema.study import load_study
+from structid.unknowns import Unknown
 
 # what is changed in the study, the new text, where the line is looked for, and what the message must say
 WRONG = [

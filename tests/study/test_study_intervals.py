@@ -11,12 +11,12 @@ from study_cases import chain_record, replaced, write_chain
 
 from structid import identify
 from structid.errors import InputError
-from structid.report.drawing import picture
-from structid.report.figures_data import responses
-from structid.report.html import page
-from structid.report.tables import span_text
-from structid.study.results import estimate_summary, json_text
-from structid.study.run import load_study, run_study
+from structid.report.drawing.drawing import picture
+from structid.report.figures.data import responses
+from structid.report.identification.page import page
+from structid.report.identification.tables import span_text
+from structid.study.results.folder import estimate_summary, json_text
+from structid.study.run.run import load_study, run_study
 
 PROFILED = replaced("[method]", '[method]\nintervals = "profile"')
 

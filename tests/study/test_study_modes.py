@@ -9,15 +9,16 @@ from scipy import sparse
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
 from typer.testing import CliRunner
 
-from structid import InputError, ModalRecord, cli
-from structid.dynamics import modes
-from structid.modal.modal_files import read_modes, write_modes
+from structid import InputError, ModalRecord
+from structid.cli import app as cli
+from structid.dynamics.modes import modes
+from structid.modal.files.files import read_modes, write_modes
 from structid.records.io import write_record
-from structid.report.drawing import picture
-from structid.report.figures_data import responses
-from structid.report.html import page
-from structid.study.check import check_study
-from structid.study.run import load_study, run_study
+from structid.report.drawing.drawing import picture
+from structid.report.figures.data import responses
+from structid.report.identification.page import page
+from structid.study.run.check import check_study
+from structid.study.run.run import load_study, run_study
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "ambient_storeys"

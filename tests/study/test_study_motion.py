@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from structid import Beam, Structure, TimeRecord, write_record
-from structid.cli import app
+from structid.cli.app import app
 
 STUDY = """
 title = "Three beams"

@@ -11,12 +11,12 @@ from study_cases import CHAIN, NOISE, TRUE, chain_record, line_of, replaced, wri
 
 from structid import InputError, load_study, run_study
 from structid.records.io import write_record
-from structid.report.drawing import picture
-from structid.report.figures_data import responses
-from structid.report.html import page
-from structid.report.png import further_records
-from structid.study.check import check_study
-from structid.study.results import write_results
+from structid.report.drawing.drawing import picture
+from structid.report.figures.data import responses
+from structid.report.figures.png import further_records
+from structid.report.identification.page import page
+from structid.study.results.folder import write_results
+from structid.study.run.check import check_study
 
 GAIN = """
 [[record.channel_error]]

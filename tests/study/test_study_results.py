@@ -13,8 +13,8 @@ from study_cases import CHAIN, TRUE, chain_record, write_chain
 
 from structid.errors import FileError
 from structid.files import digest
-from structid.study.results import json_text, staged_folder, write_results
-from structid.study.run import load_study, run_study
+from structid.study.results.folder import json_text, staged_folder, write_results
+from structid.study.run.run import load_study, run_study
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ from structid.errors import InputError, SingularModelError
 from structid.estimation import Status
 from structid.records import TimeRecord
 from structid.records.io import write_record
-from structid.study.check import check_study
-from structid.study.run import load_study, run_study, started
+from structid.study.run.check import check_study
+from structid.study.run.run import load_study, run_study, started
 
 
 def test_a_study_finds_the_values_that_made_its_record(tmp_path):

@@ -6,8 +6,8 @@ import pytest
 from structid import FrfRecord, Structure, parameters, run_study, simulated_record, write_record
 from structid.errors import InputError
 from structid.structure import PointMass
-from structid.study.check import check_study
-from structid.study.run import load_study
+from structid.study.run.check import check_study
+from structid.study.run.run import load_study
 
 STUDY = """title = "Angle bracket of sheet metal, bare and with a mass at its tip"
 [structure]

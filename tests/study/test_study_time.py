@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from short_record_cases import RATE, SENSORS, chain, record, unknowns
 from structid import FrfRecord, InputError, TimeRecord, simulated_record, write_record
-from structid.cli import app
+from structid.cli.app import app
 from structid.dynamics.transient import sampled_transient
-from structid.study.run import load_study, run_study, started
+from structid.study.run.run import load_study, run_study, started
 
 CHAIN = """
 title = "Chain of four masses"

@@ -21,20 +21,21 @@ from study_cases import CHAIN, chain_record, write_chain
 import structid as sid
 from structid import estimate
 from structid.errors import InputError
-from structid.estimation import bootstrap
-from structid.estimation.profile import profiles
-from structid.estimation.work import PLAIN_TOOLS, Tools
-from structid.study import task_parts, tasks_cluster
-from structid.study import tasks as tasks_module
-from structid.study.checkpoint import Checkpoint
-from structid.study.long_run import LongRun, executor_for
-from structid.study.run import load_study, run_study, started, study_parts
-from structid.study.search import shared_parts
-from structid.study.spread import SpreadLines, spread
-from structid.study.task_parts import StudyPlace, packed, unpacked
-from structid.study.tasks import InProcess, WorkersLostError, in_batches, one_thread
-from structid.study.tasks_cluster import Cluster
-from structid.study.tasks_processes import Processes
+from structid.estimation.intervals.bootstrap import bootstrap
+from structid.estimation.intervals.profile import profiles
+from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.identification.search import shared_parts
+from structid.study.run.checkpoint import Checkpoint
+from structid.study.run.long_run import LongRun, executor_for
+from structid.study.run.run import load_study, run_study, started, study_parts
+from structid.study.work import cluster as tasks_cluster
+from structid.study.work import parts as task_parts
+from structid.study.work import tasks as tasks_module
+from structid.study.work.cluster import Cluster
+from structid.study.work.parts import StudyPlace, packed, unpacked
+from structid.study.work.processes import Processes
+from structid.study.work.spread import SpreadLines, spread
+from structid.study.work.tasks import InProcess, WorkersLostError, in_batches, one_thread
 
 
 def squared(shared: float, item: float, tools: Tools) -> float:
@@ -127,7 +128,7 @@ def test_batches_grow_with_short_tasks_and_stay_single_with_long_ones():
 @pytest.mark.parametrize(("seconds", "most"), [(0.0001, 16), (0.01, 10), (1.0, 4)])
 def test_so_many_messages_are_under_way_that_no_worker_waits(monkeypatch, seconds, most):
     """Short ones eight a worker, long ones two, where each is one task."""
-    monkeypatch.setattr("structid.study.tasks.BATCH_SECONDS", 0.0)
+    monkeypatch.setattr("structid.study.work.tasks.BATCH_SECONDS", 0.0)
     waiting: list[tuple[Future, tuple]] = []
     largest = 0
 
@@ -143,7 +144,7 @@ def test_so_many_messages_are_under_way_that_no_worker_waits(monkeypatch, second
         future.set_result(([(number, number) for number, _ in batch], seconds))
         return {future}, pending - {future}
 
-    monkeypatch.setattr("structid.study.tasks.wait", wait)
+    monkeypatch.setattr("structid.study.work.tasks.wait", wait)
     assert len(dict(in_batches(submit, 2, squared, dict.fromkeys(range(100))))) == 100
     assert largest == most
 
@@ -251,7 +252,7 @@ def test_lines_in_stretches_have_the_bits_of_all_at_once(beam, form, n_workers):
 
 def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     """Alone, and where a sweep is short, the problem stays as it is; the search on two processes has the same bits."""
-    monkeypatch.setattr("structid.study.spread.WORTH_SENDING", 1000)
+    monkeypatch.setattr("structid.study.work.spread.WORTH_SENDING", 1000)
     assert spread(beam, InProcess()) is beam
     joint = sid.JointProblem((beam, beam))
     assert all(isinstance(member, SpreadLines) for member in spread(joint, processes).problems)
@@ -260,7 +261,7 @@ def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     one, two = (LongRun(executor).minimize(near, method) for executor in (InProcess(), processes))
     assert np.array_equal(one.theta, two.theta)
     assert np.array_equal(one.linearization.jacobian, two.linearization.jacobian)
-    monkeypatch.setattr("structid.study.spread.WORTH_SENDING", 10**9)
+    monkeypatch.setattr("structid.study.work.spread.WORTH_SENDING", 10**9)
     assert spread(beam, processes) is beam
     assert spread(joint, processes) is joint
 

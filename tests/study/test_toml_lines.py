@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from study_cases import write_chain
 
-from structid.study.section import StudyText
-from structid.study.study import load_study
-from structid.study.toml_lines import toml_lines
+from structid.study.schema.section import StudyText
+from structid.study.schema.study import load_study
+from structid.study.schema.toml_lines import toml_lines
 
 TABLE = [
     ("a = 1\nb = 2\n", {("a",): 1, ("b",): 2}),

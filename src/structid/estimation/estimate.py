@@ -12,13 +12,21 @@ from scipy import special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import chi_square_law, correlation_length, model_error_covariance, noise_covariance
-from structid.estimation.identifiability import Identifiability, identifiability
-from structid.estimation.least_squares import LevenbergMarquardt, Method, Minimum
-from structid.estimation.multistart import Answer, Search, StageProgress, Way, distinct_answers, named, searched_minima
+from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
+from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
-from structid.estimation.refusal import Bound, bound_at, carried, refusal_words
-from structid.estimation.residual_tests import ResidualTests, residual_tests
-from structid.estimation.work import ALONE, Work
+from structid.estimation.search.least_squares import LevenbergMarquardt, Method, Minimum
+from structid.estimation.search.multistart import (
+    Answer,
+    Search,
+    StageProgress,
+    Way,
+    distinct_answers,
+    named,
+    searched_minima,
+)
+from structid.estimation.search.work import ALONE, Work
 
 
 class Status(Enum):

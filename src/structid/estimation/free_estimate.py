@@ -12,16 +12,16 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import LEAST_FREEDOM, error_blocks
 from structid.estimation.estimate import Status
-from structid.estimation.free_linearization import FreeLinearization, FreeProblem
-from structid.estimation.levenberg_marquardt_free import (
+from structid.estimation.problem import parameter_sizes
+from structid.estimation.search.free_linearization import FreeLinearization, FreeProblem
+from structid.estimation.search.levenberg_marquardt_free import (
     FreeLevenbergMarquardt,
     conjugate_gradients,
     free_levenberg_marquardt,
     needs_free_search,
     preconditioner,
 )
-from structid.estimation.minimum import Keeper, Progress
-from structid.estimation.problem import parameter_sizes
+from structid.estimation.search.minimum import Keeper, Progress
 
 #: x of a system of equations for its right-hand side.
 Solver = Callable[[FloatArray], FloatArray]

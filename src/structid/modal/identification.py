@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from structid.errors import InputError
-from structid.modal.bayesian_fft import bayesian_fft
-from structid.modal.efdd import efdd
-from structid.modal.fdd import fdd_modes
-from structid.modal.lscf_modes import lscf
+from structid.modal.frf.modes import lscf
 from structid.modal.modal_identification import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
-from structid.modal.natural_excitation import natural_excitation
 from structid.modal.poles import HardCriteria
-from structid.modal.subspace_modes import SUBSPACE_METHODS, subspace_modes
+from structid.modal.spectral.bayesian_fft import bayesian_fft
+from structid.modal.spectral.efdd import efdd
+from structid.modal.spectral.fdd import fdd_modes
+from structid.modal.subspace.modes import SUBSPACE_METHODS, subspace_modes
+from structid.modal.subspace.natural_excitation import natural_excitation
 from structid.records import FrfRecord, TimeRecord
 
 #: Methods for frequency response functions; all others take time records.

@@ -1,27 +1,27 @@
 """Parameters and a record become a least-squares problem: whitened residual and its derivatives."""
 
 from structid.observation.channel_errors import ChannelErrors, ChannelUnknown, channel_errors
-from structid.observation.equations import measures_everything, one_step_values
-from structid.observation.frequency_continuation import frequency_continuation
-from structid.observation.frf import Form, FrfProblem
-from structid.observation.identify_time import identify_time
-from structid.observation.modal_problem import ModalForm, ModalProblem
-from structid.observation.motion import Motion, completed, recorded_motion
-from structid.observation.motion_checkpoint import load_motion_fit, save_motion_fit
-from structid.observation.motion_fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
-from structid.observation.motion_stream import (
+from structid.observation.frf.equations import measures_everything, one_step_values
+from structid.observation.frf.frequency_continuation import frequency_continuation
+from structid.observation.frf.problem import Form, FrfProblem
+from structid.observation.frf.response import Response, response
+from structid.observation.frf.simulation import simulated_record
+from structid.observation.modal.problem import ModalForm, ModalProblem
+from structid.observation.motion.checkpoint import load_motion_fit, save_motion_fit
+from structid.observation.motion.fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
+from structid.observation.motion.motion import Motion, completed, recorded_motion
+from structid.observation.motion.stream import (
     MotionSolution,
     identify_motion_by_chunks,
     motion_solution,
     reduced_by_chunks,
 )
-from structid.observation.output_error import OutputErrorProblem
-from structid.observation.response import Response, response
-from structid.observation.simulation import simulated_record
-from structid.observation.spectra_problem import SpectraProblem, damped_stages, spectra_problem
-from structid.observation.time_options import Oscillation, TimeOptions
-from structid.observation.time_problem import output_error_problem
-from structid.observation.time_simulation import simulated_time_record
+from structid.observation.time.identify_time import identify_time
+from structid.observation.time.options import Oscillation, TimeOptions
+from structid.observation.time.output_error import OutputErrorProblem
+from structid.observation.time.problem import output_error_problem
+from structid.observation.time.simulation import simulated_time_record
+from structid.observation.time.spectra import SpectraProblem, damped_stages, spectra_problem
 
 __all__ = [
     "ChannelErrors",

@@ -12,9 +12,9 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.dof import Dof, parse_dof
 from structid.errors import InputError
-from structid.parameters.priors import Prior, prior_rows
-from structid.parameters.transforms import Transform, Transforms
 from structid.records import FrfRecord
+from structid.unknowns.priors import Prior, prior_rows
+from structid.unknowns.transforms import Transform, Transforms
 
 ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
 

@@ -10,9 +10,9 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.observation.contraction import WeightedElements
-from structid.parameters import Parameters
 from structid.structure import Contribution, Structure
 from structid.structure.blocks import ElementMatrices
+from structid.unknowns import Parameters
 
 
 def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:

@@ -73,7 +73,7 @@ class FrfRecord:
         File or procedure that the record comes from.
     decay : (n_frequencies,) float array, optional
         Real part of the Laplace variable of each line, 1/s, at least 0: the values are taken at decay + i omega
-        (see `structid.records.half_plane`). None on the imaginary axis, where FRFs are measured.
+        (see `structid.records.transforms.half_plane`). None on the imaginary axis, where FRFs are measured.
 
     Raises
     ------

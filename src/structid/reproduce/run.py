@@ -49,7 +49,7 @@ def _module(chapter: int) -> ModuleType:
     """The module of one chapter."""
     if chapter not in CHAPTERS:
         raise InputError(f"`chapter` must be one of {_listed()}, got {chapter}")
-    return importlib.import_module(f"structid.reproduce.chapter_{chapter}")
+    return importlib.import_module(f"structid.reproduce.chapter_{chapter}.chapter")
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:

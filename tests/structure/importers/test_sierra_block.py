@@ -5,7 +5,7 @@ import pytest
 from matrix_cases import SIERRA, block, sierra
 
 from structid import Unknown, parameters
-from structid.dynamics import modes
+from structid.dynamics.modes import modes
 from structid.structure import from_matrices
 from structid.structure.importers import (
     ImportedMatrix,

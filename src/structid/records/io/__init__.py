@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
-import structid.records.io.csv as _csv
+import structid.records.io.csv.csv as _csv
 import structid.records.io.hdf5 as _hdf5
 import structid.records.io.mat as _mat
 import structid.records.io.npy as _npy
 import structid.records.io.npz as _npz
-import structid.records.io.uff as _uff
+import structid.records.io.uff.uff as _uff
 from structid.errors import FileError, InputError
 from structid.files import require_readable
 from structid.records.io.geometry import Geometry, read_geometry

@@ -13,7 +13,7 @@ from structid.dof import Dof, parse_dofs
 from structid.errors import FileError
 from structid.records.io.options import ReadOptions
 from structid.records.io.selection import between
-from structid.records.sample_faults import filled, flagged_runs
+from structid.records.quality.sample_faults import filled, flagged_runs
 
 
 class Whole(NamedTuple):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from structid.errors import FileError, InputError
-from structid.records.io.uff_blocks import datasets
-from structid.records.io.uff_scales import unit_factors
+from structid.records.io.uff.blocks import datasets
+from structid.records.io.uff.scales import unit_factors
 
 Point = tuple[float, float, float]
 

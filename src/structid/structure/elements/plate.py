@@ -8,10 +8,16 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray
-from structid.structure.elements.cells import cell_codes, cell_matrices, cell_positions, elastic_terms, store_cells
-from structid.structure.elements.elastic import plane_law
+from structid.structure.elements.cells.cells import (
+    cell_codes,
+    cell_matrices,
+    cell_positions,
+    elastic_terms,
+    store_cells,
+)
+from structid.structure.elements.cells.elastic import plane_law
+from structid.structure.elements.cells.kirchhoff import bending_stiffness, plate_mass
 from structid.structure.elements.element import Positions, Term
-from structid.structure.elements.kirchhoff import bending_stiffness, plate_mass
 
 PLATE_CELLS = {3: "triangle", 4: "quad"}
 

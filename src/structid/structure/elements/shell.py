@@ -11,12 +11,18 @@ from numpy.typing import ArrayLike
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
 from structid.errors import InputError
-from structid.structure.elements.cells import cell_codes, cell_matrices, cell_positions, elastic_terms, store_cells
-from structid.structure.elements.drilling_membrane import drilling_stiffness
-from structid.structure.elements.elastic import plane_law, unit_mass
+from structid.structure.elements.cells.cells import (
+    cell_codes,
+    cell_matrices,
+    cell_positions,
+    elastic_terms,
+    store_cells,
+)
+from structid.structure.elements.cells.drilling_membrane import drilling_stiffness
+from structid.structure.elements.cells.elastic import plane_law, unit_mass
+from structid.structure.elements.cells.facets import facets
+from structid.structure.elements.cells.kirchhoff import bending_stiffness, plate_mass
 from structid.structure.elements.element import Layer, Positions, Term, set_fields
-from structid.structure.elements.facets import facets
-from structid.structure.elements.kirchhoff import bending_stiffness, plate_mass
 from structid.structure.elements.plate import PLATE_CELLS
 
 

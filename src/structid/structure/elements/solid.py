@@ -8,10 +8,16 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray
-from structid.structure.elements.cells import cell_codes, cell_matrices, cell_positions, elastic_terms, store_cells
-from structid.structure.elements.elastic import elastic_stiffness, solid_law, unit_mass
+from structid.structure.elements.cells.cells import (
+    cell_codes,
+    cell_matrices,
+    cell_positions,
+    elastic_terms,
+    store_cells,
+)
+from structid.structure.elements.cells.elastic import elastic_stiffness, solid_law, unit_mass
+from structid.structure.elements.cells.isoparametric import SOLID_CELLS
 from structid.structure.elements.element import Positions, Term, set_fields
-from structid.structure.elements.isoparametric import SOLID_CELLS
 from structid.structure.elements.plane import require_formulation
 
 

@@ -12,7 +12,7 @@ import structid.structure.importers.ansys as _ansys
 import structid.structure.importers.arrays as _arrays
 import structid.structure.importers.dmig as _dmig
 import structid.structure.importers.harwell_boeing as _harwell_boeing
-import structid.structure.importers.op4 as _op4
+import structid.structure.importers.op4.op4 as _op4
 from structid.errors import FileError
 from structid.files import atomic_write, require_readable
 from structid.structure.importers.abaqus import Form
@@ -27,7 +27,7 @@ from structid.structure.importers.imported import (
     on_dofs,
 )
 from structid.structure.importers.numbering import read_numbering
-from structid.structure.importers.op4 import Op4Options
+from structid.structure.importers.op4.op4 import Op4Options
 
 #: Each has SUFFIXES and read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
 FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing)

@@ -1,0 +1,1 @@
+"""The command `structid`: one file a command; they parse, call, print and exit."""

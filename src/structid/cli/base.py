@@ -1,0 +1,45 @@
+"""What the commands of `structid` share: exit codes, errors as one message, and lists in one text."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from structid.errors import NoModesError, StructidError
+from structid.study.run.run import SearchFailedError
+
+DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turns what a user can cause into one message on stderr and an exit code."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        fail("interrupted; nothing was written", INTERRUPTED)
+    except (SearchFailedError, NoModesError) as error:
+        fail(str(error), NOT_DETERMINED)
+    except StructidError as error:
+        fail(str(error), UNUSABLE_INPUT)
+    except BrokenPipeError:  # the reader of stdout left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(NOT_DETERMINED) from None
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
+
+
+def fail(message: str, code: int) -> None:
+    """Exit with `code`, the message on stderr."""
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(code) from None
+
+
+def words(text: str) -> tuple[str, ...]:
+    """The parts of `text` between commas."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())

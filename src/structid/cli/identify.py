@@ -1,0 +1,142 @@
+"""The command `structid identify`: a study from its file to its results, however long it takes."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
+from structid.cli.console import free_summary_shown, identification_summary, standard_output
+from structid.cli.progress import run_progress
+from structid.estimation import Status
+from structid.estimation.free_estimate import FreeEstimate
+from structid.study.results.folder import staged_folder, write_results
+from structid.study.results.free import write_free_results
+from structid.study.results.result import FreeResult, StudyResult
+from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
+from structid.study.run.long_run import LongRun, executor_for
+from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
+from structid.study.work.tasks import WorkersLostError
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
+]
+Workers = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Run repeats and starts on N processes [default: 1].")
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run them on this Dask cluster, as in tcp://host:8786.")
+]  # fmt: skip
+Seconds = Annotated[
+    float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
+]
+
+
+def identify(
+    study: StudyPath,
+    out: Out = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    checkpoint: Seconds = CHECKPOINT_SECONDS,
+) -> None:
+    """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
+
+    What is done so far is kept in <FOLDER>.checkpoint until the results are written; see docs/long-runs.md.
+
+    \b
+    Examples:
+      structid identify frame.toml
+      structid identify frame.toml --out results/frame
+      structid identify frame.toml --resume
+      structid identify frame.toml --workers 8 --no-report
+    """
+    with reported():
+        read = load_study(study)
+        folder = out if out is not None else Path(f"{study.stem}_results")
+        kept = Checkpoint(checkpoint_folder(folder), fingerprint(read), resume, checkpoint)
+        run = LongRun(executor_for(read, workers, scheduler), kept)
+        try:
+            with run_progress(read.options.method.max_iterations) as progress, _terminable():
+                run.progress = progress.tasks
+                ready = started(read)
+                result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
+        except KeyboardInterrupt:
+            call = _call(study, out=out, workers=workers, scheduler=scheduler)
+            fail(_interrupted(run, kept, call if report else [*call, "--no-report"]), INTERRUPTED)
+        except WorkersLostError:
+            kept.write(run.so_far())
+            raise
+        finally:
+            run.close()
+        with staged_folder(folder) as staged:
+            name = _write(result, staged, report)
+        kept.remove()
+        for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
+            standard_output().print(part)
+        typer.echo(str(folder / name))
+        estimate = result.identification.estimate
+        if estimate.status is not Status.CONVERGED:
+            words = estimate.status_words if isinstance(estimate, FreeEstimate) else estimate.status.words
+            fail(f"{words} ({estimate.message})", NOT_DETERMINED)
+
+
+def _write(result: StudyResult | FreeResult, folder: Path, report: bool) -> str:
+    """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
+    if isinstance(result, FreeResult):
+        write_free_results(result, folder)
+        if not report:
+            return "estimate.json"
+        from structid.report.identification.free_page import write_free_report
+
+        return write_free_report(result, folder).name
+    write_results(result, folder)
+    if not report:
+        return "estimate.json"
+    from structid.report import write_report
+
+    return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name
+
+
+def _interrupted(run: LongRun, kept: Checkpoint, call: Sequence[str]) -> str:
+    """What was reached, where it is, and how to go on; what is done is written."""
+    if not run.reached.search and not kept.n_found:
+        return "interrupted before the first iteration; nothing was written"
+    kept.write(run.so_far())
+    return (
+        f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; go on with:"
+        f" {shlex.join(['structid', 'identify', *call, '--resume'])}"
+    )
+
+
+def _call(study: Path, **options: object) -> list[str]:
+    """The words of the command again, those options that were given."""
+    pairs = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
+    return [str(study), *(word for pair in pairs for word in pair)]
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

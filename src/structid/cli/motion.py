@@ -1,0 +1,91 @@
+"""The command `structid motion`: every element's parameters from the motion of all degrees of freedom, in one pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
+from structid.regression.local_reduction import Engine, Kernels
+from structid.study.results.folder import staged_folder
+from structid.study.run.motion import (
+    MOTION_SUMMARY,
+    MOTION_TABLE,
+    MotionOptions,
+    MotionResult,
+    motion_of_study,
+    write_motion,
+)
+
+
+def motion(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")],
+    engine: Annotated[str, typer.Option(help="auto, numba or numpy.")] = "auto",
+    threads: Annotated[int, typer.Option(help="Threads of the compiled kernels.")] = 1,
+    chunk: Annotated[int | None, typer.Option(help="Samples read at a time [default: about 32 MB].")] = None,
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.npz", help="Keep the state here after each chunk; go on from it if it is there."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Reduce stretches of the records on N processes.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Reduce them on this Dask cluster, as in tcp://host:8786.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_motion].")
+    ] = None,
+) -> None:
+    """Identify a study from the measured motion of every degree of freedom, reading the record by chunks.
+
+    The record (NPY or HDF5) may be far larger than memory, the structure as large as wished: time grows with samples
+    times degrees of freedom, memory with degrees of freedom. Workers get paths and ranges and give back triangles, which
+    are merged in order: the same digits for any number of them. Writes motion.json and parameters.csv. Exit code 1:
+    the motion does not determine every parameter.
+
+    \b
+    Examples:
+      structid motion bridge.toml
+      structid motion bridge.toml --threads 2 --checkpoint bridge.npz
+      structid motion bridge.toml --workers 4 --checkpoint bridge.npz
+    """
+    with reported():
+        work = Kernels(cast(Engine, engine), threads)
+        options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
+        try:
+            found = motion_of_study(study, options, _told)
+        except KeyboardInterrupt:
+            kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
+            fail(f"interrupted; no results were written{kept}", INTERRUPTED)
+        folder = out if out is not None else Path(f"{study.stem}_motion")
+        with staged_folder(folder) as staged:
+            write_motion(found, staged)
+        typer.echo("", err=True)
+        for line in motion_lines(found):
+            typer.echo(line)
+        typer.echo(str(folder / MOTION_SUMMARY))
+        typer.echo(str(folder / MOTION_TABLE))
+        if not found.is_determined:
+            fail("the motion does not determine every parameter; see the message above", NOT_DETERMINED)
+
+
+def _told(done: int, whole: int) -> None:
+    typer.echo(f"\r{done} of {whole} samples", nl=False, err=True)
+
+
+def motion_lines(found: MotionResult) -> list[str]:
+    """What the command prints."""
+    solution, structure = found.solution, found.study.structure
+    lines = [
+        f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"
+        f" ({found.record_bytes / 1e6:.0f} MB on disk)",
+        f"{int(solution.identified.sum())} of {len(solution.values)} parameters identified",
+        f"{solution.message}, in {found.where}" if found.where != "this process" else solution.message,
+        "wall time: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.seconds.items()),
+    ]
+    if found.peak_memory:
+        lines.append(f"peak memory: {found.peak_memory / 1e6:.0f} MB")
+    return lines

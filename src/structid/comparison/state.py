@@ -1,0 +1,166 @@
+"""One state of a structure as a comparison takes it: a study that is run, or the results folder of an earlier run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray, locked
+from structid.dof import Dof, parse_dofs
+from structid.errors import FileError, InputError
+from structid.estimation import Estimate, Status
+from structid.structure import Structure
+from structid.study.results.result import StudyResult
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.structure import read_structure
+from structid.study.schema.study import read_study_text
+from structid.study.schema.unknowns import read_parameters
+from structid.unknowns import Parameters
+
+
+@dataclass(frozen=True, eq=False)
+class StoredEstimate:
+    """What a results folder tells of an estimate; the attributes are those of `Estimate`."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    status: Status
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a drawing of the state needs.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+    outputs, inputs : tuple of Dof
+    """
+
+    structure: Structure
+    parameters: Parameters
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One side of a comparison.
+
+    Attributes
+    ----------
+    title : str
+    path : Path
+        Study file or results folder.
+    estimate : Estimate or StoredEstimate
+    inputs : mapping of str to str
+        SHA-256 of the input files.
+    result : StudyResult or None
+        Of a study that was run just now.
+    held : tuple of str
+        Names of the regularizations that hold its parameters.
+    drawn : Drawn or None
+        None where the study of a results folder cannot be read without the files beside it.
+    """
+
+    title: str
+    path: Path
+    estimate: Estimate | StoredEstimate
+    inputs: Mapping[str, str]
+    result: StudyResult | None
+    held: tuple[str, ...]
+    drawn: Drawn | None
+
+
+def state_of(result: StudyResult) -> State:
+    """The state that a run of a study found."""
+    found = result.identification
+    drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
+    study = result.study
+    held = tuple(item.name for item in found.held)
+    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn)
+
+
+def stored_state(folder: Path) -> State:
+    """The state that the results folder of `structid identify` holds.
+
+    Raises
+    ------
+    InputError
+        If estimate.json or estimate.h5 is missing, or is none of structid's.
+    """
+    texts = {}
+    for name in ("estimate.json", "estimate.h5"):
+        if not (folder / name).is_file():
+            raise FileError(f"{folder}: holds no {name}; give a results folder of `structid identify`, or a study file")
+    try:
+        texts = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+        if texts.get("search") == "matrix_free":
+            raise FileError(
+                f"{folder}: is of search 'matrix_free', which gives no covariance matrix to compare by; group the unknowns"
+                " and identify again without it"
+            )
+        estimate, channels = _stored_estimate(folder / "estimate.h5", Status(texts["status"]))
+        inputs = dict(texts["provenance"]["inputs"])
+        held = tuple(str(item["name"]) for item in texts.get("regularization", ()))
+    except FileError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder}: its estimate.json and estimate.h5 cannot be used ({error}); write them again with"
+            " `structid identify`"
+        ) from error
+    return State(str(texts.get("title", folder.name)), folder, estimate, inputs, None, held, _drawn(folder, channels))
+
+
+def _stored_estimate(path: Path, status: Status) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
+    """The estimate in estimate.h5, and the names of its channels."""
+    import h5py  # so that `import structid` stays light
+
+    with h5py.File(path, "r") as file:
+        group: Any = file["parameters"]
+        texts = {name: _texts(group[name]) for name in ("names", "kinds", "units")}
+        values = np.asarray(group["values"], dtype=float)
+        covariance = np.asarray(group[f"covariance_{group.attrs['covariance_basis']}"], dtype=float)
+        if "frf" in file:
+            frf: Any = file["frf"]
+            channels = {name: _texts(frf[name]) for name in ("outputs", "inputs")}
+        else:
+            modal: Any = file["modal_record_1"]
+            channels = {"outputs": _texts(modal["channels"]), "inputs": ()}
+    n = len(values)
+    if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
+        raise ValueError("parameters of different numbers")
+    estimate = StoredEstimate(
+        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status
+    )
+    return estimate, channels
+
+
+def _texts(dataset: Any) -> tuple[str, ...]:
+    return tuple(bytes(entry).decode() for entry in dataset[()])
+
+
+def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
+    """Structure and parameters of the study in `folder`; None where files that it names are elsewhere."""
+    try:
+        source = read_study_text(folder / "study.toml")
+        root = Section(source, (), source.table)
+        section = root.section("structure")
+        if section is None:
+            return None
+        structure = read_structure(section, InputFiles(folder))
+        unknown = read_parameters(root, structure)
+        return Drawn(structure, unknown, parse_dofs(channels["outputs"]), parse_dofs(channels["inputs"]))
+    except InputError:
+        return None

@@ -1,0 +1,1 @@
+"""Intervals of parameters: by curvature, profile likelihood, bootstrap or posterior samples."""

@@ -1,0 +1,245 @@
+"""Several problems as one: parameters of the same name are one unknown, and every set of data counts once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.estimation.covariance import score_covariance
+from structid.estimation.problem import Linearization, Problem, parameter_sizes
+from structid.estimation.problems.joint_free import joined_linearization, kept_prior_rows
+from structid.estimation.search.free_linearization import FreeLinearization
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class JointProblem:
+    """Several problems in one fit: different records, set-ups or kinds of data of one structure.
+
+    Parameters are merged by name, in the order of their first appearance, and begin where the first problem that has
+    them begins. Rows of the residual are the data of each problem in turn, then the priors; a prior that several
+    problems state is one piece of knowledge and counts once.
+
+    Parameters
+    ----------
+    problems : tuple of Problem
+        Independent data: noise of one is not correlated with that of another.
+    first_prior_counts : bool
+        Whether the first of several different priors of one parameter is taken instead of an error raised, as in
+        easier forms of a problem, whose priors only keep the search near.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a parameter that problems share differs among them in unit, transform, bounds or prior.
+    """
+
+    problems: tuple[Problem, ...]
+    first_prior_counts: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "problems", tuple(self.problems))
+        if not self.problems:
+            raise InputError("`problems` must hold at least one problem, got none; give one for each record")
+        for number, (problem, index) in enumerate(self._members(), 1):
+            self._require_alike(number, problem, index)
+
+    def _require_alike(self, number: int, problem: Problem, index: IntArray) -> None:
+        start = self.theta_start
+        for name, unit, column in zip(problem.names, problem.units, index, strict=True):
+            if unit != self.units[column]:
+                raise InputError(
+                    f"{name} must have one unit in all problems, got {self.units[column]} and {unit} in problem"
+                    f" {number}; give one of the two another name"
+                )
+        pairs = (
+            (problem.physical(start[index]), self.physical(start)[index]),
+            (problem.slope(start[index]), self.slope(start)[index]),
+        )
+        alike = np.logical_and(*(np.isclose(a, b, rtol=_SAME, atol=0) for a, b in pairs))
+        if not alike.all():
+            raise InputError(
+                f"{problem.names[int(np.argmin(alike))]} must have the same bounds and transform in all problems,"
+                f" got others in problem {number}; declare it the same way"
+            )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for problem in self.problems for name in problem.names))
+
+    @cached_property
+    def columns(self) -> tuple[IntArray, ...]:
+        """For each problem the position of its parameters among all."""
+        place = {name: i for i, name in enumerate(self.names)}
+        return tuple(np.array([place[name] for name in problem.names], dtype=int) for problem in self.problems)
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        return self._first_words([problem.kinds for problem in self.problems])
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        return self._first_words([problem.units for problem in self.problems])
+
+    @cached_property
+    def theta_start(self) -> FloatArray:
+        return self._first([np.asarray(problem.theta_start) for problem in self.problems])
+
+    @property
+    def n_data(self) -> int:
+        return sum(problem.n_data for problem in self.problems)
+
+    @cached_property
+    def lines(self) -> IntArray:
+        """Position of each data row along the axes laid end to end."""
+        return _laid_out([np.asarray(problem.lines) for problem in self.problems])
+
+    @cached_property
+    def series(self) -> IntArray:
+        """Channel of each data row; those of another problem are other channels."""
+        return _laid_out([np.asarray(problem.series) for problem in self.problems], 2)
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        return self._first([problem.physical(theta[index]) for problem, index in self._members()])
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        return self._first([problem.slope(theta[index]) for problem, index in self._members()])
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        """What each standard deviation is held against: the largest that a problem names."""
+        sizes = np.zeros(len(self.names))
+        for problem, index in self._members():
+            sizes[index] = np.maximum(sizes[index], parameter_sizes(problem, physical[index]))
+        return sizes
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        parts = [problem.linearize(theta[index]) for problem, index in self._members()]
+        wide = [self._widened(part.jacobian, index) for part, index in zip(parts, self.columns, strict=True)]
+        eliminated = sum(part.n_eliminated for part in parts)
+        return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
+
+    def linearize_free(self, theta: FloatArray) -> FreeLinearization:
+        """As `linearize`, without a Jacobian; for problems that all have such a form."""
+        parts = []
+        for number, (problem, index) in enumerate(self._members(), 1):
+            own = getattr(problem, "linearize_free", None)
+            if own is None:
+                raise InputError(f"`problems` must all linearize without a Jacobian, problem {number} does not")
+            parts.append(own(theta[index]))
+        return joined_linearization(parts, self.columns, self._kept_priors, len(self.names))
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        """Of J'r over repeats of the data: the sum of that of each problem (see `covariance.score_covariance`)."""
+        total, first, independent = np.zeros((len(self.names),) * 2), 0, True
+        for problem, index in self._members():
+            rows = jacobian[first : first + problem.n_data][:, index]
+            own = score_covariance(problem, theta[index], rows)
+            independent &= own is None
+            total[np.ix_(index, index)] += rows.T @ rows if own is None else own
+            first += problem.n_data
+        return None if independent else total
+
+    def stage_plans(self) -> tuple[tuple[tuple[str, JointProblem], ...], ...]:
+        """Ways to the answer: the ways of each problem, joined stage by stage.
+
+        A problem with fewer ways or stages than another stays in its last one, and one without any is as it is.
+        """
+        own = [stage_plans(problem) for problem in self.problems]
+        joined = []
+        for way in range(max(len(plans) for plans in own)):
+            paths = [plans[min(way, len(plans) - 1)] if plans else () for plans in own]
+            joined.append(tuple(self._joined_stage(paths, k) for k in range(max(map(len, paths)))))
+        return tuple(joined)
+
+    def thinned(self) -> JointProblem | None:
+        """The same with a part of the data; None where every problem is small enough."""
+        parts = [thinned(problem) for problem in self.problems]
+        if all(part is None for part in parts):
+            return None
+        return JointProblem(tuple(part or whole for part, whole in zip(parts, self.problems, strict=True)))
+
+    def _joined_stage(self, paths: Sequence[Sequence[tuple[str, Problem]]], stage: int) -> tuple[str, JointProblem]:
+        names, problems = [], []
+        for problem, path in zip(self.problems, paths, strict=True):
+            name, at = path[min(stage, len(path) - 1)] if path else ("", problem)
+            names.append(name)
+            problems.append(at)
+        return ", ".join(dict.fromkeys(name for name in names if name)), JointProblem(
+            tuple(problems), first_prior_counts=True
+        )
+
+    @cached_property
+    def _kept_priors(self) -> tuple[IntArray, ...]:
+        """Of each problem the rows of those priors that no earlier problem states."""
+        priors = [_prior_rows(problem, self.theta_start[index]) for problem, index in self._members()]
+        kept = kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
+        return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
+
+    def _members(self) -> list[tuple[Problem, IntArray]]:
+        return list(zip(self.problems, self.columns, strict=True))
+
+    def _widened(self, jacobian: FloatArray, index: IntArray) -> FloatArray:
+        wide = np.zeros((len(jacobian), len(self.names)))
+        wide[:, index] = jacobian
+        return wide
+
+    def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
+        """Data rows of all problems, then the priors that are kept."""
+        data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
+        priors = [part[rows] for part, rows in zip(parts, self._kept_priors, strict=True)]
+        return np.concatenate([*data, *priors])
+
+    def _first(self, parts: Sequence[FloatArray]) -> FloatArray:
+        """Values of all parameters, each from the first problem that has it."""
+        values = np.zeros(len(self.names))
+        for part, index in reversed(list(zip(parts, self.columns, strict=True))):
+            values[index] = part
+        return values
+
+    def _first_words(self, parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+        words = [""] * len(self.names)
+        for part, index in reversed(list(zip(parts, self.columns, strict=True))):
+            for word, i in zip(part, index, strict=True):
+                words[i] = word
+        return tuple(words)
+
+
+def _prior_rows(problem: Problem, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+    """Residual and derivative of the priors, without that of the data where the problem can tell them apart."""
+    own = getattr(problem, "sparse_prior", None)
+    if own is not None:
+        found: tuple[FloatArray, sparse.csr_array] = own(theta)
+        return found
+    at = problem.linearize(theta)
+    return at.residual[problem.n_data :], sparse.csr_array(at.jacobian[problem.n_data :])
+
+
+def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
+    """Numbers of each part moved beyond those of the parts before, to a multiple of `step`."""
+    moved, first = [], 0
+    for part in parts:
+        moved.append(part + first)
+        first += step * (int(part.max(initial=-1)) // step + 1)
+    return np.concatenate(moved)
+
+
+def thinned(problem: Problem) -> Problem | None:
+    """The problem with a part of its data, for the searches; None where it is small enough or has no such form."""
+    make = getattr(problem, "thinned", None)
+    return None if make is None else make()
+
+
+def stage_plans(problem: Problem) -> tuple[tuple[tuple[str, Problem], ...], ...]:
+    """The problem's own ways to its answer; () for a problem that has none."""
+    plans = getattr(problem, "stage_plans", None)
+    return tuple(plans()) if plans is not None else ()

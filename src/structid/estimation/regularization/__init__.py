@@ -1,0 +1,1 @@
+"""How strongly what the data do not determine is held."""

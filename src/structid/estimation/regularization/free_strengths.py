@@ -1,0 +1,249 @@
+"""Strengths of smoothness for very many parameters, by marginal likelihood with traces from posterior draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.estimation.free_estimate import posterior_draws
+from structid.estimation.search.free_linearization import FreeLinearization, FreeProblem
+from structid.estimation.search.levenberg_marquardt_free import FreeLevenbergMarquardt, free_levenberg_marquardt
+from structid.estimation.search.minimum import Keeper, Progress, State
+
+#: Largest factor by which a strength changes from one fit to the next, and how far the first may move in all.
+_LARGEST_FACTOR, _FARTHEST = 30.0, 1e8
+_DRAWS, _MOST_ROUNDS = 8, 15
+#: A fit on the way to the strengths; the last one is exact.
+_LOOSE = FreeLevenbergMarquardt(max_iterations=15, gain_tolerance=1e-4, inner_tolerance=1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Rows at strength 1 that hold differences of parameters, or of their logarithms, to 0.
+
+    Attributes
+    ----------
+    matrix : (n_rows, n_params) sparse array
+        Of the parameters or of their logarithms.
+    residual : callable
+        The rows for physical values, (n_params,) to (n_rows,).
+    jacobian : callable
+        Their derivative with respect to physical values, (n_params,) to sparse (n_rows, n_params).
+    """
+
+    matrix: sparse.csr_array
+    residual: Callable[[FloatArray], FloatArray]
+    jacobian: Callable[[FloatArray], sparse.csr_array]
+
+    @property
+    def members(self) -> IntArray:
+        """Parameters that take part."""
+        return np.unique(self.matrix.indices)
+
+    @property
+    def nullity(self) -> int:
+        """Combinations of the members that no row holds: the mean of each connected part."""
+        members = self.members
+        graph = abs(self.matrix[:, members])
+        return int(connected_components(graph.T @ graph, directed=False, return_labels=False))
+
+
+@dataclass(frozen=True, eq=False)
+class SettledStrengths:
+    """Strengths that the data choose.
+
+    Attributes
+    ----------
+    strengths : tuple of float
+    determined : tuple of float
+        How many combinations of parameters the data determine in spite of each penalty, besides those it leaves free.
+    theta : (n_params,) float array
+        Where the last fit ended.
+    converged : bool
+    n_rounds : int
+    """
+
+    strengths: tuple[float, ...]
+    determined: tuple[float, ...]
+    theta: FloatArray
+    converged: bool
+    n_rounds: int
+
+
+def settled_strengths(
+    made: Callable[[Sequence[float]], FreeProblem],
+    terms: Sequence[Differences],
+    given: Sequence[float | None],
+    strengths: tuple[float, ...],
+    theta: FloatArray,
+    seed: int = 0,
+    progress: Progress | None = None,
+    keeper: Keeper | None = None,
+) -> SettledStrengths:
+    """Fits and strengths in turn, until each strength changes by less than it is known to.
+
+    l_k = g_k / |x_k|^2 with x_k the rows of penalty k at strength 1 and g_k = tr_k(C H) - nullity, where C is the
+    posterior covariance of the free variables, H the information of everything but these penalties, and the trace
+    runs over the members of penalty k. Draws s of covariance C give it as the mean of s_k (H s)_k.
+
+    Parameters
+    ----------
+    made : callable
+        The problem with given strengths.
+    terms : sequence of Differences
+        No two of which share members.
+    given : sequence of float or None
+        Strengths that are known; None for those that the data choose.
+    strengths : tuple of float
+        Of the first fit, such as `balanced_strengths` gives.
+    theta : (n_params,) float array
+        Where the first fit begins.
+    seed : int
+        Of the draws, the same in every round.
+    progress : callable, optional
+        Called with the iteration, all rounds together, and the sum of squares.
+    keeper : Keeper, optional
+        Where the state after each iteration goes, and where to begin.
+
+    Raises
+    ------
+    InputError
+        If two penalties hold the same parameter.
+
+    References
+    ----------
+    MacKay (1992), Neural Computation 4, 415, Eq. (4.8). Papandreou and Yuille (2011), Efficient variational inference
+    in large-scale Bayesian compressed sensing, section 3, for the trace.
+    """
+    everyone = np.concatenate([term.members for term in terms])
+    if len(np.unique(everyone)) < len(everyone):
+        raise InputError("`terms` must hold different parameters each, got one held twice; give one smoothness for it")
+    begun = strengths
+    determined = (float("nan"),) * len(terms)
+    first, rounds = 0, _Rounds(keeper, progress)
+    if rounds.state is not None:
+        first, strengths = int(rounds.state["round"]), tuple(float(s) for s in rounds.state["strengths"])
+        theta = np.array(rounds.state["theta"])
+        if rounds.state.get("settled", False):
+            determined = tuple(float(g) for g in rounds.state["determined"])
+            return SettledStrengths(strengths, determined, theta, True, first)
+    for number in range(first, _MOST_ROUNDS):
+        problem = made(strengths)
+        found = free_levenberg_marquardt(problem, _LOOSE, theta, rounds.progress, rounds.keeper(number, strengths))
+        theta = found.theta
+        determined = _determined(problem, found.linearization, theta, terms, strengths, seed)
+        if not np.isfinite(determined).all():
+            return SettledStrengths(strengths, determined, theta, False, number + 1)
+        physical, before = problem.physical(theta), strengths
+        strengths = tuple(
+            s if known is not None else _chosen(term, physical, g, s, b)
+            for term, known, g, s, b in zip(terms, given, determined, strengths, begun, strict=True)
+        )
+        known_to = [max(0.1, np.sqrt(2 / max(g, 1.0))) for g in determined]
+        settled = all(abs(np.log(s / b)) <= d for s, b, d in zip(strengths, before, known_to, strict=True))
+        rounds.finished(SettledStrengths(strengths, determined, theta, settled, number + 1))
+        if settled:
+            return SettledStrengths(strengths, determined, theta, True, number + 1)
+    return SettledStrengths(strengths, determined, theta, False, _MOST_ROUNDS)
+
+
+def balanced_strengths(
+    problem: FreeProblem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
+) -> tuple[float, ...]:
+    """Strengths at which data and penalty weigh the same at `theta`, where none is given."""
+    if all(value is not None for value in given):
+        return tuple(float(value) for value in given if value is not None)
+    at, slope, physical = problem.linearize_free(theta), problem.slope(theta), problem.physical(theta)
+    made = []
+    for term, value in zip(terms, given, strict=True):
+        rows = term.jacobian(physical) @ sparse.diags_array(slope)
+        own = float(rows.multiply(rows).sum())
+        made.append(float(at.data_squares[term.members].sum()) / own if value is None else value)
+    return tuple(max(value, np.finfo(float).tiny) for value in made)
+
+
+def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
+    rows = term.residual(physical)
+    cost = float(rows @ rows)
+    wanted = determined / cost if determined > 0 and cost > 0 else np.inf
+    limited = np.clip(wanted, strength / _LARGEST_FACTOR, strength * _LARGEST_FACTOR)
+    return float(np.clip(limited, begun / _FARTHEST, begun * _FARTHEST))
+
+
+def _determined(
+    problem: FreeProblem,
+    at: FreeLinearization,
+    theta: FloatArray,
+    terms: Sequence[Differences],
+    strengths: Sequence[float],
+    seed: int,
+) -> tuple[float, ...]:
+    """g_k of every penalty."""
+    slope, physical = problem.slope(theta), problem.physical(theta)
+    draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
+    rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]
+    sums: FloatArray = np.zeros(len(terms))
+    sound = draws[np.isfinite(draws).all(axis=1)]
+    for draw in sound:
+        rest = at.information(draw)
+        for part, strength in zip(rows, strengths, strict=True):
+            rest = rest - strength * (part.T @ (part @ draw))
+        sums = sums + np.array([float(draw[term.members] @ rest[term.members]) for term in terms])
+    means = sums / len(sound) if len(sound) else np.full(len(terms), np.nan)
+    return tuple(float(mean) - term.nullity for mean, term in zip(means, terms, strict=True))
+
+
+class _Rounds:
+    """The progress and the states of all rounds as those of one search."""
+
+    def __init__(self, keeper: Keeper | None, progress: Progress | None) -> None:
+        self._keeper, self._progress = keeper, progress
+        self.state = None if keeper is None else keeper.state
+        self._done = 0 if self.state is None else int(self.state["done"])
+        self._own = 0
+
+    def progress(self, iteration: int, cost: float) -> None:
+        self._own = iteration
+        if self._progress is not None:
+            self._progress(self._done + iteration, cost)
+
+    def keeper(self, number: int, strengths: tuple[float, ...]) -> Keeper | None:
+        if self._keeper is None:
+            return None
+        inside = self.state is not None and "costs" in self.state and int(self.state["round"]) == number
+        return _RoundKeeper(self._keeper, self.state if inside else None, number, strengths, self._done)
+
+    def finished(self, at: SettledStrengths) -> None:
+        """Take the state between two rounds."""
+        self._done, self._own = self._done + self._own, 0
+        if self._keeper is not None:
+            state = {
+                "theta": at.theta,
+                "round": at.n_rounds,
+                "strengths": np.array(at.strengths),
+                "determined": np.array(at.determined),
+                "settled": at.converged,
+                "done": self._done,
+            }
+            self._keeper.keep(self._done, float("nan"), lambda: state)
+
+
+@dataclass(frozen=True, eq=False)
+class _RoundKeeper:
+    """The `Keeper` of the search in one round."""
+
+    whole: Keeper
+    state: State | None
+    number: int
+    strengths: tuple[float, ...]
+    done: int
+
+    def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        own = {"round": self.number, "strengths": np.array(self.strengths), "done": self.done}
+        self.whole.keep(self.done + iteration, cost, lambda: {**state(), **own})

@@ -1,0 +1,1 @@
+"""The search for a minimum: from a start, by ways and restarts, with its iterations kept."""

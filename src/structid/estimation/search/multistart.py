@@ -1,0 +1,196 @@
+"""Several searches for one minimum: ways to it, starts around the given one, and the distinct answers they found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import FloatArray, locked
+from structid.errors import SingularModelError
+from structid.estimation.problem import Problem, parameter_sizes
+from structid.estimation.search.least_squares import LevenbergMarquardt, Method, Minimum
+from structid.estimation.search.work import (
+    ALONE,
+    Minimizer,
+    StageProgress,
+    Tools,
+    Work,
+    restored_minimum,
+    stored_minimum,
+)
+
+Stages = Sequence[tuple[str, Problem]]
+#: Easier forms of the problem by name, run one after another before it; or how they are made for a start.
+Way = Stages | Callable[[FloatArray], Stages]
+
+_SPREAD = 0.2
+_STAGE = LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
+_SAME = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """One minimum of the sum of squares, and how many searches ended there.
+
+    Attributes
+    ----------
+    values, theta : (n_params,) float arrays
+        Physical values and free variables.
+    cost : float
+        Sum of squares, priors included.
+    n_searches : int
+    distance : float
+        From the best answer, in posterior standard deviations: the larger of abs(J d) at both ends of the difference d.
+    fits : bool
+        Whether the data allow it: its chi-square is acceptable, and a likelihood ratio does not prefer the best one.
+    """
+
+    values: FloatArray
+    theta: FloatArray
+    cost: float
+    n_searches: int
+    distance: float
+    fits: bool
+
+
+@dataclass(frozen=True)
+class Search:
+    """How often and from where is searched; see `estimate`."""
+
+    restarts: int = 0
+    uniqueness_starts: int = 0
+    seed: int = 0
+
+
+def searched_minima(
+    problem: Problem,
+    method: Method,
+    ways: Sequence[Way],
+    search: Search,
+    fits: Callable[[Minimum], bool],
+    progress: StageProgress | None = None,
+    work: Work = ALONE,
+) -> list[tuple[Minimum, int]]:
+    """The minima of all searches, with the iterations that each took.
+
+    The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
+    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not.
+    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+    """
+    start = np.array(problem.theta_start)
+    chosen: Sequence[Way] = ways or ((),)
+    spread = _SPREAD * parameter_sizes(problem, problem.physical(start)) / problem.slope(start)
+    rng = np.random.default_rng(search.seed)
+    points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + search.uniqueness_starts)]
+    starts, drawn = [], 0
+    for attempt in range(search.restarts + 1):
+        if attempt < len(chosen):
+            starts.append((attempt, attempt, start))
+        else:
+            starts.append((attempt, attempt % len(chosen), start + points[drawn]))
+            drawn += 1
+    way = chosen[0]
+    minima = [staged(problem, method, way(start) if callable(way) else way, start, progress, "", work.minimize)]
+    shared = (problem, method, tuple(chosen))
+    good = fits(minima[0][0])
+    while not good and len(minima) < len(starts):
+        ahead = starts[len(minima) : len(minima) + work.n_workers]
+        for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
+            minima.append(_found(problem, task))
+            good = fits(minima[-1][0])
+            if good:
+                break
+    used = max(0, len(minima) - len(chosen))
+    more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][: search.uniqueness_starts])]
+    found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
+    return minima + [_found(problem, task) for task in found]
+
+
+def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Any:
+    """One of several searches, as a task: its number, its way and its start are the item."""
+    (problem, method, ways), (number, which, theta) = shared, item
+    way = ways[which]
+    stages = way(theta) if callable(way) else way
+    prefix = f"search {number + 1}, "
+    try:
+        minimum, iterations = staged(problem, method, stages, theta, tools.progress, prefix, tools.minimize)
+    except (SingularModelError, np.linalg.LinAlgError) as error:
+        return {"failed": str(error)}
+    return {**stored_minimum(minimum), "iterations": iterations}
+
+
+def _found(problem: Problem, task: Any) -> tuple[Minimum, int]:
+    """What the task found; its failure counts when its turn comes, as if it had run then."""
+    if "failed" in task:
+        raise SingularModelError(task["failed"])
+    return restored_minimum(problem, task), int(task["iterations"])
+
+
+def staged(
+    problem: Problem,
+    method: Method,
+    stages: Stages,
+    theta: FloatArray,
+    progress: StageProgress | None,
+    prefix: str = "",
+    minimize: Minimizer = ALONE.minimize,
+) -> tuple[Minimum, int]:
+    """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
+    iterations = 0
+    for name, stage in stages:
+        minimum = minimize(stage, _STAGE, theta, named(progress, prefix + name))
+        theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
+    minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
+    return minimum, iterations + len(minimum.costs) - 1
+
+
+def named(progress: StageProgress | None, name: str) -> Callable[[int, float], None] | None:
+    """`progress` of one stage."""
+    if progress is None:
+        return None
+    report = progress
+    return lambda iteration, cost: report(name, iteration, cost)
+
+
+def distinct_answers(
+    problem: Problem, minima: Sequence[Minimum], fits: Callable[[Minimum], bool], probability: float
+) -> tuple[Answer, ...]:
+    """The different minima among those that converged, best first.
+
+    Two are the same where they are at most three posterior standard deviations apart.
+
+    Parameters
+    ----------
+    problem : Problem
+    minima : sequence of Minimum
+    fits : callable
+        Whether chi-square is acceptable at a linearization.
+    probability : float
+        Of a larger difference of two sums of squares than the one that rules an answer out, were it the truth.
+    """
+    groups: list[list[Minimum]] = []
+    for minimum in sorted((m for m in minima if m.converged), key=lambda m: float(m.costs[-1])):
+        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        if own is None:
+            groups.append([minimum])
+        else:
+            own.append(minimum)
+    answers = []
+    for group in groups:
+        first, best = group[0], groups[0][0]
+        most = float(special.chdtri(max(len(first.theta), 1), probability))
+        fit = fits(first) and float(first.costs[-1] - best.costs[-1]) <= most
+        values, theta = locked(problem.physical(first.theta)), locked(first.theta)
+        answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
+    return tuple(answers)
+
+
+def _distance(first: Minimum, second: Minimum) -> float:
+    """Posterior standard deviations between two minima, by the linearization that sees more of them."""
+    step = second.theta - first.theta
+    found = max(float(np.linalg.norm(m.linearization.jacobian @ step)) for m in (first, second))
+    return found if np.isfinite(found) else np.inf

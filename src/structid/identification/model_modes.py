@@ -1,0 +1,31 @@
+"""Modes of a structure with given property values."""
+
+from __future__ import annotations
+
+from structid.arrays import FloatArray
+from structid.dynamics import Modes
+from structid.dynamics.modes import modes
+from structid.structure import Structure
+
+#: Relative error of a frequency that is worth a word.
+_ROUNDING = 1e-3
+
+
+def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
+    """The lowest modes of `structure` with the property values `values`; friction is left out."""
+    mass, stiffness, damping, structural = (
+        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    return modes(mass, stiffness, damping, structural, n_modes)
+
+
+def rounding_warnings(rounding: FloatArray) -> list[str]:
+    """Whether the relative errors `Modes.rounding` of the lowest modes are worth a word."""
+    worst = float(rounding.max(initial=0.0))
+    if worst <= _ROUNDING:
+        return []
+    return [
+        "the model is too fine, or too stiff in places, for double precision: rounding of its stiffness matrix alone can"
+        f" move the frequency of mode {int(rounding.argmax()) + 1} by {100 * worst:.2g} %, and the responses near it; use"
+        " longer elements or softer joints"
+    ]

@@ -1,0 +1,1 @@
+"""Modes written to files and read back."""

@@ -1,0 +1,216 @@
+"""Poly-reference least-squares complex frequency method: poles and participation from FRFs, for all orders at once.
+
+With z = exp(i theta), theta from 0 to pi over the band, each row of the FRFs obeys H_o A(z) = B_o(z) with real
+matrix polynomials; A(z) = I + A_1 z + ... + A_n z^n. Least squares over lines and outputs, the B_o eliminated, gives
+normal equations with Toeplitz blocks; those of lower orders are their leading parts. Zeros of det A are the poles,
+left null vectors of A the participation of the inputs. With the lowest coefficient held at I, poles that only fit
+noise come out unstable, and fall to the criteria on damping.
+
+The polynomials are in z, the FRFs of a structure rational in i omega: poles of the sweep are close, not exact, and
+noise makes their damping too large. The modes picked from the sweep are therefore refined (`frf_refinement`).
+
+References
+----------
+Guillaume, Verboven, Vanlanduit, Van der Auweraer and Peeters (2003), A poly-reference implementation of the
+least-squares complex frequency-domain estimator, IMAC 21; Peeters, Van der Auweraer, Guillaume and Leuridan (2004), The
+PolyMAX frequency-domain method, Shock Vib. 11, 395-409, Eqs. (4) to (17); Cauberghe, Guillaume, Verboven,
+Vanlanduit and Parloo (2005), On the influence of the parameter constraint on the stability of the poles and the
+discrimination capabilities of the stabilisation diagrams, Mech. Syst. Signal Process. 19, 989-1014.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.errors import InputError
+from structid.modal.frf.residues import residue_shapes
+from structid.modal.poles import HardCriteria, Poles
+from structid.records.record import DERIVATIVES, FrfRecord
+
+_MAX_POLYNOMIAL = 60
+_MAX_ORDER = 120
+_LINES_A_COEFFICIENT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class FrfBand:
+    """Lines of one band, each FRF scaled to size 1.
+
+    Attributes
+    ----------
+    laplace : (n_lines,) complex array
+        1/s.
+    values : (n_lines, n_outputs, n_inputs) complex array
+        Over `output_scale` and `input_scale`.
+    variance : the same shape, or None
+        E|error|^2 of `values`.
+    output_scale, input_scale : (n_outputs,), (n_inputs,) float arrays
+        Units of the record.
+    power : int
+        0, 1 or 2 for receptance, mobility or accelerance.
+    """
+
+    laplace: ComplexArray
+    values: ComplexArray
+    variance: FloatArray | None
+    output_scale: FloatArray
+    input_scale: FloatArray
+    power: int
+
+    @property
+    def edges(self) -> tuple[float, float]:
+        """Hz."""
+        return float(self.laplace[0].imag / (2 * np.pi)), float(self.laplace[-1].imag / (2 * np.pi))
+
+
+def frf_band(record: FrfRecord, low: float, high: float) -> FrfBand:
+    """The lines of `record` from `low` to `high` Hz without that at 0 Hz.
+
+    Raises
+    ------
+    InputError
+        If too few lines are left, or an FRF is zero throughout.
+    """
+    keep = (record.frequency >= low) & (record.frequency <= high) & (record.laplace != 0)
+    if keep.sum() < 16:
+        raise InputError(
+            f"the band from {low:g} to {high:g} Hz must hold at least 16 lines, got {int(keep.sum())}; widen `bands` or "
+            "the frequency range of `criteria`, or measure longer for closer lines"
+        )
+    size = np.sqrt(np.mean(np.abs(record.values[keep]) ** 2, axis=0))
+    for axis, kind, dofs in ((1, "output", record.outputs), (0, "input", record.inputs)):
+        dead = np.flatnonzero(size.max(axis=axis) == 0)
+        if len(dead):
+            raise InputError(
+                f"{kind} {dofs[dead[0]]} is 0 on all lines from {low:g} to {high:g} Hz; leave this channel out, or repair it"
+            )
+    outputs = np.sqrt(np.mean(size**2, axis=1))
+    inputs = np.sqrt(np.mean((size / outputs[:, None]) ** 2, axis=0))
+    scale = outputs[:, None] * inputs
+    variance = None
+    if record.variance is not None and record.variance[keep].any():
+        rounding = (np.finfo(float).eps * np.abs(record.values[keep]).max(axis=0)) ** 2
+        variance = np.maximum(record.variance[keep], np.where(rounding > 0, rounding, rounding.max())) / scale**2
+    power = DERIVATIVES[record.kind]
+    return FrfBand(record.laplace[keep], record.values[keep] / scale, variance, outputs, inputs, power)
+
+
+@dataclass(frozen=True, eq=False)
+class PoleSweep:
+    """Poles of all orders, and the participation of the inputs, (n_inputs, n_poles) for each."""
+
+    sweep: tuple[Poles, ...]
+    participation: tuple[ComplexArray, ...]
+
+
+def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriteria) -> PoleSweep:
+    """Stable poles inside the band, with shapes in the unit of the record's outputs as displacement.
+
+    Parameters
+    ----------
+    orders : sequence of int, optional
+        Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up.
+    """
+    n_inputs = band.values.shape[2]
+    degrees = polynomial_orders(len(band.laplace), n_inputs, orders)
+    omega, decay = band.laplace.imag, float(np.mean(band.laplace.real))
+    span = omega[-1] - omega[0]
+    start = 0.0 if omega[0] < 0.2 * span else omega[0]
+    step = np.pi / (omega[-1] - start)
+    sweep, participation = [], []
+    common = np.ones((len(omega), n_inputs))
+    if band.variance is not None:
+        common = 1 / np.sqrt(np.mean(band.variance, axis=1))
+    for degree, denominator in zip(degrees, denominators(band, (omega - start) * step, degrees), strict=True):
+        values, vectors = right_poles(denominator)
+        s = np.log(values) / step + 1j * start + decay
+        inside = (s.imag > omega[0]) & (s.imag < omega[-1])
+        ratio = -s.real / np.abs(s)
+        inside &= (ratio >= criteria.damping_ratio[0]) & (ratio <= criteria.damping_ratio[1])
+        s, vectors = s[inside], vectors[:, inside]
+        ordered = np.argsort(np.abs(s), kind="stable")
+        s, vectors = s[ordered], vectors[:, ordered]
+        shapes = residue_shapes(band.laplace, band.values, common, s, vectors, band.power)
+        sweep.append(Poles(s, band.output_scale[:, None] * shapes, degree * n_inputs))
+        participation.append(vectors)
+    return PoleSweep(tuple(sweep), tuple(participation))
+
+
+def polynomial_orders(n_lines: int, n_inputs: int, given: Sequence[int] | None) -> list[int]:
+    """Orders n of the polynomials, increasing, for the numbers of states given.
+
+    Raises
+    ------
+    InputError
+        If there are too few lines for an order.
+    """
+    room = n_lines // _LINES_A_COEFFICIENT
+    if given is None:
+        top = min(_MAX_POLYNOMIAL, max(_MAX_ORDER // n_inputs, 4), room)
+        return list(range(2, top + 1, 2 if top > 20 else 1))
+    orders = sorted({-(-int(n) // n_inputs) for n in given})
+    if not orders or orders[0] < 1 or orders[-1] > room:
+        raise InputError(
+            f"`orders` must lie from 1 to {room * n_inputs} for {n_lines} lines and {n_inputs} inputs, got "
+            f"{list(given)}; widen the band, or lower the orders"
+        )
+    return orders
+
+
+def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> Iterator[FloatArray]:
+    """A_1 .. A_n of every order n, (n, n_inputs, n_inputs), from one set of normal equations.
+
+    Equations are weighted by 1 over the mean variance of the inputs' FRFs, where the record has a variance.
+
+    Parameters
+    ----------
+    angle : (n_lines,) float array
+        theta of z = exp(i theta).
+    degrees : sequence of int
+        Increasing.
+    """
+    n, m = degrees[-1], band.values.shape[2]
+    weight = np.ones(band.values.shape[:2]) if band.variance is None else 1 / band.variance.mean(axis=2)
+    lag = np.arange(-n, n + 1)
+    powers = np.exp(1j * angle[:, None] * lag)  # z^(s - r) of column s and row r
+    place = np.arange(n + 1)[None, :] - np.arange(n + 1)[:, None] + n
+    h = band.values
+    products = np.einsum("fo,foa,fob->fab", weight, h.conj(), h, optimize=True).reshape(len(h), -1)
+    full = (powers.T @ products).real.reshape(-1, m, m)[place].transpose(0, 2, 1, 3).reshape((n + 1) * m, -1)
+    eliminated = []
+    for o in range(h.shape[1]):
+        own = (powers.T @ weight[:, o]).real[place]
+        mixed = (powers.T @ (weight[:, o, None] * h[:, o])).real[place].reshape(n + 1, -1)
+        eliminated.append(linalg.solve_triangular(linalg.cholesky(own, lower=True), mixed, lower=True))
+    rows = np.array(eliminated)
+    taken, done = np.zeros_like(full), 0
+    for degree in degrees:
+        new = rows[:, done : degree + 1].reshape(-1, rows.shape[2])
+        taken, done = taken + new.T @ new, degree + 1
+        size = (degree + 1) * m
+        reduced = full[:size, :size] - taken[:size, :size]
+        found = np.linalg.lstsq(reduced[m:, m:], -reduced[m:, :m], rcond=None)[0]
+        yield found.reshape(degree, m, m)
+
+
+def right_poles(denominator: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """z with det A(z) = 0 in the upper half plane, and w' with w' A(z) = 0, each with largest entry 1.
+
+    Parameters
+    ----------
+    denominator : (n, n_inputs, n_inputs) float array
+        A_1 .. A_n of A(z) = I + A_1 z + ... + A_n z^n.
+    """
+    n, m, _ = denominator.shape
+    companion = np.eye(n * m, k=-m)
+    companion[:m] = -denominator.transpose(2, 0, 1).reshape(m, n * m)  # y^n w = -sum of A_r' y^(n-r) w, y = 1 / z
+    values, vectors = np.linalg.eig(companion)
+    kept = values.imag < 0
+    w = vectors[:m, kept]
+    z = np.asarray(1 / values[kept], dtype=np.complex128)
+    return z, w / w[np.abs(w).argmax(axis=0), np.arange(w.shape[1])]

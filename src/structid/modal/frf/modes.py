@@ -1,0 +1,280 @@
+"""Modes from frequency response functions: poles over orders, clusters, refinement, and shapes scaled to mass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.errors import InputError, NoModesError
+from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined
+from structid.modal.frf.spread import DrivingPoint, FrfModes, frequency_damping_covariance, frf_modes, scaled_shapes
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalRecord
+from structid.modal.poles import Poles
+from structid.modal.stabilization import Cluster
+from structid.modal.subspace.modes import picked_poles
+from structid.records.record import FrfRecord
+
+_NO_MODE_REMEDY = "look at the FRFs, choose another band, or raise the greatest order"
+_DOUBTFUL_SCALE = 0.5  # relative standard deviation of a shape's factor above which the driving point shows no mass
+
+
+@dataclass(frozen=True, eq=False)
+class _BandModes:
+    """What one band gives."""
+
+    modes: FrfModes
+    converged: bool
+    sweep: tuple[Poles, ...]
+    clusters: tuple[Cluster, ...]
+    notes: tuple[str, ...]
+
+
+def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
+    """Modes of FRFs by the poly-reference least-squares complex frequency method, refined by least squares.
+
+    Parameters
+    ----------
+    record : FrfRecord
+        Receptance, mobility or accelerance, any number of outputs and inputs. Weighted by its variance if it has one.
+    options : ModalOptions
+        `bands`, or else the frequency range of `criteria`, give the lines used; by default all but 0 Hz. `orders`
+        count states: the number of inputs times the order of the polynomials.
+
+    Returns
+    -------
+    ModalIdentification
+        Complex shapes as displacement: of modal mass 1 where an output and an input share place and direction
+        (`scaled_shapes` states the formula), of largest entry 1 otherwise.
+
+    Raises
+    ------
+    InputError
+        If a band has too few lines, bands overlap, or a channel is zero.
+    NoModesError
+        If no stable mode is found.
+
+    Notes
+    -----
+    The covariance is of first order, for errors independent from line to line. It comes from the record's variance;
+    without one, or where the misfit is more than that variance allows, from the squares of the residual, which is
+    then taken as noise. It holds no bias from what the model leaves out.
+    """
+    outcomes = [_of_band(record, low, high, options) for low, high in _bands(record, options)]
+    modes, notes = _modal_record(record, outcomes)
+    sweep = tuple(poles for outcome in outcomes for poles in outcome.sweep)
+    found, before = [], 0
+    for outcome in outcomes:
+        found += [replace(cluster, number=cluster.number + before) for cluster in outcome.clusters]
+        before += len(outcome.sweep)
+    return ModalIdentification(replace(modes, warnings=tuple(notes)), "lscf", sweep, tuple(found), options)
+
+
+def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
+    if not isinstance(record, FrfRecord):
+        raise InputError("`record` must be an FrfRecord; compute FRFs with frf_from_time, which needs a force channel")
+    if not options.bands:
+        low, high = options.criteria.frequency
+        return [(max(low, float(record.frequency[0])), min(high, float(record.frequency[-1])))]
+    bands = sorted((float(low), float(high)) for low, high in options.bands)
+    for (_, high), (low, _) in pairwise(bands):
+        if low < high:
+            raise InputError(f"`bands` must not overlap, got one to {high:g} Hz and one from {low:g} Hz; join them")
+    return bands
+
+
+def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) -> _BandModes:
+    band = frf_band(record, low, high)
+    poles = pole_sweep(band, options.orders, options.criteria)
+    picked, found, notes = picked_poles(poles.sweep, band.output_scale, options)
+    if not picked:
+        raise NoModesError(
+            f"`record` shows no mode from {low:g} to {high:g} Hz that is stable over `orders` and meets `criteria`; "
+            + _NO_MODE_REMEDY
+        )
+    start = _start(poles, picked, band)
+    at, data, kept, converged, from_residual, words = _refined(band, start, options)
+    found = tuple(found[i] for i in kept) if found else ()
+    return _BandModes(frf_modes(data, at, from_residual), converged, poles.sweep, found, (*notes, *words))
+
+
+def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -> PolesAndParticipation:
+    s = np.array([poles.sweep[k].poles[i] for k, i in picked])
+    participation = np.stack([poles.participation[k][:, i] for k, i in picked], axis=1) * band.input_scale[:, None]
+    return PolesAndParticipation(s, participation, np.zeros(len(s), dtype=bool))
+
+
+def _refined(
+    band: FrfBand, start: PolesAndParticipation, options: ModalOptions
+) -> tuple[PolesAndParticipation, FrfData, IntArray, bool, bool, list[str]]:
+    """At the minimum, sorted; poles that leave the band or the criteria are held, those that fit noise only left out."""
+    notes: list[str] = []
+    kept: IntArray = np.arange(len(start.poles))
+    while True:
+        at, data, converged = _settled(band, start)
+        excess = _excess(data, at) if band.variance is not None else 1.0
+        lost = _lost(at, band, options) & ~at.fixed
+        if lost.any():
+            start = replace(start, fixed=start.fixed | lost)
+            continue
+        modes = frf_modes(data, at, band.variance is None or excess > 1)
+        weak = _weakest(modes) if options.frequencies is None else np.zeros(len(at.poles), dtype=bool)
+        if not weak.any():
+            break
+        if len(weak) == 1:
+            raise NoModesError(
+                f"`record` shows noise only from {band.edges[0]:g} to {band.edges[1]:g} Hz; {_NO_MODE_REMEDY}"
+            )
+        notes.append(f"a pole at {abs(at.poles[weak][0]) / (2 * np.pi):.4g} Hz was left out: it explains noise only")
+        start, kept = start.select(np.flatnonzero(~weak)), kept[~weak]
+    order = np.argsort(np.abs(at.poles), kind="stable")
+    at, kept = at.select(order), kept[order]
+    if at.fixed.any():
+        listed = ", ".join(f"{f:.4g}" for f in np.abs(at.poles[at.fixed]) / (2 * np.pi))
+        notes.append(
+            f"refinement carries the pole at {listed} Hz out of the band or `criteria`: it stays as found from the "
+            "sweep, without standard deviation; narrow the band around it by `bands`"
+        )
+    if not converged:
+        notes.append(
+            "the refinement of the poles did not settle: no covariance; narrow the band, or name `frequencies`"
+        )
+    if excess > 1:
+        notes.append(
+            f"the misfit is {np.sqrt(excess):.2g} times what the record's variance explains (modes outside of the model, "
+            "leakage, nonlinearity, or a variance that is too small); standard deviations are from the residual"
+        )
+    return at, data, kept, converged, band.variance is None or excess > 1, notes
+
+
+def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
+    """At the minimum, with weights from the residual around each line where the record has no variance."""
+    if band.variance is not None:
+        data = _data(band, band.variance)
+        at, converged = refined(data, start)
+        return at, data, converged
+    data, at, converged = _data(band, None), start, False
+    for gain in (1e-3, 1e-5, 1e-10):
+        data = _data(band, _residual_variance(data, at, band))
+        at, converged = refined(data, at, gain)
+    return at, data, converged
+
+
+def _weakest(modes: FrfModes) -> np.ndarray:
+    """The mode least sure to be there, if its shape against the shape's covariance is within what noise can feign.
+
+    The sum over outputs of phi' cov^-1 phi counts as a gain in likelihood, which must pay Schwarz's (1978) price of
+    log(number of values) for each unknown of the mode.
+    """
+    n_outputs, n = modes.shapes.shape
+    price = 2 * (n_outputs + len(modes.at.participation)) * np.log(2 * modes.residuals.size)
+    gain = np.zeros(n)
+    for m in range(n):
+        for o, value in enumerate(modes.shapes[:, m]):
+            parts = np.array([value.real, value.imag])
+            covariance = modes.joint(m, (o, o))[-2:, -2:]
+            if np.isfinite(covariance).all():
+                gain[m] += parts @ np.linalg.lstsq(covariance, parts, rcond=None)[0]
+    weakest = int(np.argmin(gain))
+    return np.asarray((np.arange(n) == weakest) & (gain[weakest] < price))
+
+
+def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
+    scale = band.output_scale[:, None] * band.input_scale
+    weights = np.ones(band.values.shape) if variance is None else np.sqrt(2 / variance)
+    return FrfData(band.laplace, band.values * scale, weights / scale, band.power)
+
+
+def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) -> FloatArray:
+    """Mean square residual of each FRF of `band` over the lines around each one, not below rounding.
+
+    The line itself is left out: a weight that knew its own error would make that error look small.
+    """
+    blocks = output_blocks(data, at, with_slopes=False)
+    residual = np.stack([block.residual.reshape(2, *data.values.shape[::2]) for block in blocks], axis=2)
+    scale = band.output_scale[:, None] * band.input_scale
+    power = np.sum((residual / data.weights / scale) ** 2, axis=0)
+    n = len(power)
+    half = max(15, n // 80)
+    total = np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(power, axis=0)])
+    first, last = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
+    mean = (total[last] - total[first] - power) / (last - first - 1)[:, None, None]
+    return np.maximum(mean, (np.finfo(float).eps * np.abs(band.values).max()) ** 2)
+
+
+def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
+    size = np.abs(at.poles)
+    ratio, frequency = -at.poles.real / size, size / (2 * np.pi)
+    low, high = options.criteria.damping_ratio
+    inside = (frequency > band.edges[0]) & (frequency < band.edges[1]) & (ratio >= low) & (ratio <= high)
+    return np.asarray(~inside | (at.poles.imag <= 0))
+
+
+def _excess(data: FrfData, at: PolesAndParticipation) -> float:
+    """Sum of squares over its degrees of freedom where that is more than noise leaves, else 1."""
+    n_lines, n_outputs, n_inputs = data.values.shape
+    own = 2 * len(at.poles) + 2 * n_inputs
+    freedom = max(2 * n_lines * n_outputs * n_inputs - len(at.free) - n_outputs * own, 1)
+    ratio = misfit(data, at) / freedom
+    return ratio if ratio > 1 + 4 * np.sqrt(2 / freedom) else 1.0
+
+
+def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> tuple[ModalRecord, list[str]]:
+    """Modes of all bands together; errors of different bands are independent, as their lines are."""
+    driving = [
+        DrivingPoint(o, i, out.sign * load.sign)
+        for o, out in enumerate(record.outputs)
+        for i, load in enumerate(record.inputs)
+        if out.unsigned == load.unsigned
+    ]
+    notes = [note for outcome in outcomes for note in outcome.notes]
+    s = np.concatenate([outcome.modes.at.poles for outcome in outcomes])
+    shapes, std = _shapes(outcomes, driving or None)
+    scaling = "mass" if driving else "unit_largest"
+    if driving and (words := _doubts(outcomes, driving, s)):
+        notes.append(words)
+        (shapes, std), scaling = _shapes(outcomes, None), "unit_largest"
+    covariance = np.zeros((2, len(s), 2, len(s)))
+    before = 0
+    for outcome in outcomes:
+        n = len(outcome.modes.at.poles)
+        own = frequency_damping_covariance(outcome.modes) if outcome.converged else np.full((2 * n, 2 * n), np.nan)
+        covariance[:, before : before + n, :, before : before + n] = own.reshape(2, n, 2, n)
+        before += n
+    order = np.argsort(np.abs(s), kind="stable")
+    s = s[order]
+    lines = record.frequency
+    modes = ModalRecord(
+        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), shapes[:, order], record.outputs,
+        covariance=covariance[:, order][:, :, :, order].reshape(2 * len(s), -1), shape_std=std[:, order],
+        scaling="mass" if scaling == "mass" else "unit_largest",
+        source=f"poly-reference LSCF with refinement, {record.kind}, {len(lines)} lines to {lines[-1]:g} Hz",
+    )  # fmt: skip
+    return modes, notes
+
+
+def _shapes(outcomes: Sequence[_BandModes], driving: list[DrivingPoint] | None) -> tuple[ComplexArray, FloatArray]:
+    each = [scaled_shapes(outcome.modes, driving) for outcome in outcomes]
+    std = [
+        one[1] if outcome.converged else np.full(one[1].shape, np.nan)
+        for one, outcome in zip(each, outcomes, strict=True)
+    ]
+    return np.concatenate([one[0] for one in each], axis=1), np.concatenate(std, axis=1)
+
+
+def _doubts(outcomes: Sequence[_BandModes], driving: list[DrivingPoint], s: ComplexArray) -> str:
+    """Why shapes are not scaled to mass, or nothing."""
+    doubt = np.concatenate([scaled_shapes(outcome.modes, driving)[2] for outcome in outcomes])
+    still = np.flatnonzero(~(doubt <= _DOUBTFUL_SCALE))
+    if not len(still):
+        return ""
+    listed = ", ".join(f"{abs(s[m]) / (2 * np.pi):.4g}" for m in still)
+    return (
+        f"the driving point shows no mass for the mode at {listed} Hz, which hardly moves it: shapes have largest entry 1. "
+        "Leave that mode out by `frequencies`, or excite elsewhere"
+    )

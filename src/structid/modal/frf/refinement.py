@@ -1,0 +1,186 @@
+"""Poles, participation and shapes of FRFs by weighted least squares, with what noise does to them.
+
+Shapes and residuals of one output are linear in `frf_residues.terms`; they are eliminated output by output, and
+Gauss-Newton steps with Levenberg-Marquardt damping are taken in poles and participation only. With the record's
+variance it is the maximum-likelihood estimate for noise that is independent from line to line.
+
+References
+----------
+Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
+separate, SIAM J. Numer. Anal. 10; Kaufman (1975), BIT 15; Guillaume, Verboven and Vanlanduit (1998), Frequency-domain
+maximum likelihood identification of modal parameters with confidence intervals, ISMA 23; White (1980), Econometrica 48.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.modal.frf.residues import slopes, terms, weighted
+
+_MAX_STEPS = 60
+_SMALL_GAIN = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class FrfData:
+    """FRFs and the weights of their residuals.
+
+    Attributes
+    ----------
+    laplace : (n_lines,) complex array
+    values : (n_lines, n_outputs, n_inputs) complex array
+    weights : (n_lines, n_outputs, n_inputs) float array
+        One over the standard deviation of real and imaginary part each.
+    power : int
+        0, 1 or 2 for receptance, mobility or accelerance.
+    """
+
+    laplace: ComplexArray
+    values: ComplexArray
+    weights: FloatArray
+    power: int
+
+
+@dataclass(frozen=True, eq=False)
+class PolesAndParticipation:
+    """The nonlinear unknowns: (n_modes,) poles, and (n_inputs, n_modes) participation with one entry a mode held.
+
+    Modes where `fixed` is true, (n_modes,), stay as they are.
+    """
+
+    poles: ComplexArray
+    participation: ComplexArray
+    fixed: NDArray[np.bool_]
+
+    @property
+    def held(self) -> IntArray:
+        """The input of largest participation, mode by mode."""
+        return np.abs(self.participation).argmax(axis=0)
+
+    @property
+    def free(self) -> IntArray:
+        """Columns of `slopes` that belong to unknowns: both parts of poles, and of participation not held."""
+        n_inputs, n = self.participation.shape
+        moving = np.flatnonzero(~self.fixed)
+        entries = np.flatnonzero(((np.arange(n_inputs)[:, None] != self.held) & ~self.fixed).ravel())
+        return np.concatenate([moving, n + moving, 2 * n + entries, 2 * n + n_inputs * n + entries])
+
+    def moved(self, step: FloatArray) -> PolesAndParticipation:
+        """With `step` added to the unknowns in the order of `free`."""
+        n_inputs, n = self.participation.shape
+        whole = np.zeros(2 * n + 2 * n_inputs * n)
+        whole[self.free] = step
+        entries = whole[2 * n :].reshape(2, n_inputs, n)
+        poles = self.poles + whole[:n] + 1j * whole[n : 2 * n]
+        return PolesAndParticipation(poles, self.participation + entries[0] + 1j * entries[1], self.fixed)
+
+    def select(self, modes: NDArray[Any]) -> PolesAndParticipation:
+        """These modes, in this order."""
+        return PolesAndParticipation(self.poles[modes], self.participation[:, modes], self.fixed[modes])
+
+
+@dataclass(frozen=True, eq=False)
+class OutputBlock:
+    """One output at given poles and participation: its own unknowns eliminated.
+
+    Attributes
+    ----------
+    own : (n_own,) float array
+        Least-squares Re phi, Im phi, lower, upper.
+    residual : (n_rows,) float array
+        Weighted data less model.
+    slope : (n_rows, n_unknowns) float array
+        Derivatives of the model, orthogonal to the output's own terms.
+    through : (n_own, n_unknowns) float array
+        By how much `own` falls as the unknowns rise.
+    pseudo_inverse : (n_own, n_rows) float array
+        From errors of the data to `own`.
+    leverage : (n_rows,) float array
+        Part of each value that the output's own terms take up, whatever it is.
+    """
+
+    own: FloatArray
+    residual: FloatArray
+    slope: FloatArray
+    through: FloatArray
+    pseudo_inverse: FloatArray
+    leverage: FloatArray
+
+
+def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = True) -> Iterator[OutputBlock]:
+    """Every output in turn.
+
+    Raises
+    ------
+    LinAlgError
+        If poles coincide.
+    """
+    columns = terms(data.laplace, at.poles, at.participation, data.power)
+    n = len(at.poles)
+    for o in range(data.values.shape[1]):
+        weight = data.weights[:, o]
+        matrix = weighted(columns, weight)
+        right = weighted(data.values[:, o, :, None], weight)[:, 0]
+        q, r = np.linalg.qr(matrix)
+        own = linalg.solve_triangular(r, q.T @ right)
+        residual = right - matrix @ own
+        if not with_slopes:
+            yield OutputBlock(own, residual, *(np.zeros((0, 0)),) * 4)
+            continue
+        shape = own[:n] + 1j * own[n : 2 * n]
+        change = weighted(slopes(data.laplace, at.poles, at.participation, shape, data.power)[:, :, at.free], weight)
+        shared = q.T @ change
+        inverse = linalg.solve_triangular(r, q.T)
+        through = linalg.solve_triangular(r, shared)
+        yield OutputBlock(own, residual, change - q @ shared, through, inverse, np.sum(q**2, axis=1))
+
+
+def misfit(data: FrfData, at: PolesAndParticipation) -> float:
+    """Sum of squares of the weighted residual; infinite where poles coincide."""
+    try:
+        return sum(float(block.residual @ block.residual) for block in output_blocks(data, at, with_slopes=False))
+    except np.linalg.LinAlgError:
+        return np.inf
+
+
+def refined(
+    data: FrfData, start: PolesAndParticipation, gain: float = _SMALL_GAIN
+) -> tuple[PolesAndParticipation, bool]:
+    """The nearest minimum of `misfit`, and whether it was reached: steps go on while each gains `gain` of the misfit."""
+    at, damping = start, 1e-6
+    best = misfit(data, at)
+    for _ in range(_MAX_STEPS):
+        n_free = len(at.free)
+        normal, gradient = np.zeros((n_free, n_free)), np.zeros(n_free)
+        for block in output_blocks(data, at):
+            normal = normal + block.slope.T @ block.slope
+            gradient = gradient + block.slope.T @ block.residual
+        if not len(at.free):
+            return at, True
+        size = np.sqrt(np.diag(normal))
+        if not np.isfinite(best) or not np.isfinite(size).all() or size.min() == 0:
+            return at, False
+        values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+        values = np.maximum(values, 0.0)
+        seen = vectors.T @ (gradient / size)
+        while damping < 1e12:
+            step = vectors @ (seen / (values + damping)) / size
+            trial = at.moved(step)
+            cost = misfit(data, trial)
+            if cost <= best:
+                break
+            damping *= 10
+        else:
+            return at, True  # no step improves on the last digits
+        settled = best - cost <= gain * best
+        at, best, damping = trial, cost, max(damping / 30, 1e-12)
+        if settled:
+            return at, True
+    return at, False

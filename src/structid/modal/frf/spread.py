@@ -1,0 +1,192 @@
+"""What noise of FRFs does to refined poles, participation and shapes, to first order, and shapes scaled.
+
+With errors e_o of output o, C the inverse of the normal equations and B_o, P_o slope and pseudo-inverse of
+`OutputBlock`, the nonlinear unknowns move by C sum of B_o' e_o, and the output's own by P_o e_o - A_o C sum of B' e.
+
+References
+----------
+Pintelon, Guillaume and Schoukens (2007), Uncertainty calculation in (operational) modal analysis, Mech. Syst. Signal
+Process. 21, 2359-2373; White (1980), A heteroskedasticity-consistent covariance matrix estimator, Econometrica 48;
+MacKinnon and White (1985), Some heteroskedasticity-consistent covariance matrix estimators with improved finite sample
+properties, J. Econom. 29, 305-325 (HC3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks
+
+
+@dataclass(frozen=True, eq=False)
+class FrfModes:
+    """Poles, participation and shapes at the minimum, and what is needed for their covariance.
+
+    Attributes
+    ----------
+    at : PolesAndParticipation
+    shapes : (n_outputs, n_modes) complex array
+    residuals : (n_lines, n_outputs, n_inputs) complex array
+        Weighted data less model.
+    covariance : (n_unknowns, n_unknowns) float array
+        Of the nonlinear unknowns in the order of `at.free`.
+    through, cross, own : arrays (n_outputs, 2 n_modes, n_unknowns), the same, (n_outputs, 2 n_modes, 2 n_modes)
+        A_o, the covariance of P_o e_o with the nonlinear unknowns, and that of P_o e_o.
+    """
+
+    at: PolesAndParticipation
+    shapes: ComplexArray
+    residuals: ComplexArray
+    covariance: FloatArray
+    through: FloatArray
+    cross: FloatArray
+    own: FloatArray
+
+    def joint(self, mode: int, outputs: tuple[int, int]) -> FloatArray:
+        """Covariance of the nonlinear unknowns, then Re and Im of the mode's shape at both outputs."""
+        rows = [mode, len(self.at.poles) + mode]
+        through = [self.through[o][rows] for o in outputs]
+        cross = [self.cross[o][rows] for o in outputs]
+        n = len(self.covariance)
+        found = np.zeros((n + 4, n + 4))
+        found[:n, :n] = self.covariance
+        for i, a in enumerate(outputs):
+            here = slice(n + 2 * i, n + 2 * i + 2)
+            found[here, :n] = cross[i] - through[i] @ self.covariance
+            found[:n, here] = found[here, :n].T
+            for j, b in enumerate(outputs):
+                there = slice(n + 2 * j, n + 2 * j + 2)
+                block = through[i] @ self.covariance @ through[j].T - cross[i] @ through[j].T - through[i] @ cross[j].T
+                found[here, there] = block + (self.own[a][np.ix_(rows, rows)] if a == b else 0.0)
+        return found
+
+
+def frf_modes(data: FrfData, at: PolesAndParticipation, from_residual: bool) -> FrfModes:
+    """Shapes and spread at the minimum of `misfit`.
+
+    Parameters
+    ----------
+    from_residual : bool
+        Squares of the residual stand for the variance, value by value, each over the square of the part that the model
+        does not take up (HC3); otherwise weights are right and the variance of every weighted value is 1.
+    """
+    n = len(at.poles)
+    blocks = list(output_blocks(data, at))
+    normal = sum(block.slope.T @ block.slope for block in blocks)
+    inverse = _inverse(np.asarray(normal))
+    middle, cross, own = np.zeros_like(inverse), [], []
+    for block in blocks:
+        power = np.ones(len(block.residual))
+        if from_residual:
+            taken = block.leverage + np.einsum("ri,ij,rj->r", block.slope, inverse, block.slope, optimize=True)
+            power = np.square(block.residual / np.maximum(1 - taken, 0.01))
+        inner = block.pseudo_inverse[: 2 * n] * power
+        middle += (block.slope.T * power) @ block.slope
+        cross.append(inner @ block.slope @ inverse)
+        own.append(inner @ block.pseudo_inverse[: 2 * n].T)
+    shapes = np.array([block.own[:n] + 1j * block.own[n : 2 * n] for block in blocks])
+    half = [block.residual.reshape(2, *data.values.shape[::2]) for block in blocks]
+    return FrfModes(
+        at, shapes, np.stack([h[0] + 1j * h[1] for h in half], axis=1), inverse @ middle @ inverse,
+        np.array([block.through[: 2 * n] for block in blocks]), np.array(cross), np.array(own),
+    )  # fmt: skip
+
+
+def _inverse(normal: FloatArray) -> FloatArray:
+    """NaN where the data leave a direction open."""
+    size = np.sqrt(np.diag(normal))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = normal / np.outer(size, size)
+    if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < 1e-14:
+        return np.full_like(normal, np.nan)
+    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))
+
+
+def frequency_damping_covariance(modes: FrfModes) -> FloatArray:
+    """Of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
+    s, n = modes.at.poles, len(modes.at.poles)
+    size = np.abs(s)
+    jacobian = np.block(
+        [
+            [np.diag(s.real / size), np.diag(s.imag / size)],
+            [np.diag(-(s.imag**2) / size**3), np.diag(s.real * s.imag / size**3)],
+        ]
+    )
+    jacobian[:n] /= 2 * np.pi
+    of_poles = np.full((2 * n, 2 * n), np.nan)
+    own = modes.at.free[modes.at.free < 2 * n]
+    of_poles[np.ix_(own, own)] = modes.covariance[: len(own), : len(own)]
+    moving = np.tile(~modes.at.fixed, 2)
+    found = np.full((2 * n, 2 * n), np.nan)
+    inside = np.ix_(moving, moving)
+    found[inside] = jacobian[inside] @ of_poles[inside] @ jacobian[inside].T
+    return found
+
+
+@dataclass(frozen=True)
+class DrivingPoint:
+    """Output and input at one place and direction; `sense` is -1 where they count in opposite senses."""
+
+    output: int
+    input: int
+    sense: int
+
+
+def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """Shapes of largest entry 1, or of modal mass 1 by the driving point that moves most in each mode.
+
+    Mass scaling: the residue at the driving point is phi_d^2 / (2 i omega_d) with omega_d the damped circular
+    frequency Im p, exact for proportional damping; for complex modes it says that modal a is 2 i omega_d.
+
+    Returns
+    -------
+    (n_outputs, n_modes) complex array
+    (n_outputs, n_modes) float array
+        Standard deviation of real parts.
+    (n_modes,) float array
+        Standard deviation of the factor of each shape relative to the factor itself; 0 for largest entries of 1.
+    """
+    found, std, doubt = np.empty_like(modes.shapes), np.empty(modes.shapes.shape), np.zeros(modes.shapes.shape[1])
+    for m in range(modes.shapes.shape[1]):
+        phi, residue = modes.shapes[:, m], modes.at.participation[:, m]
+        if driving is None:
+            top = int(np.abs(phi).argmax())
+            factor, relative = 1 / phi[top], _largest_change(modes, m, top)
+        else:
+            point = max(driving, key=lambda d: abs(phi[d.output] * residue[d.input]))
+            top, factor, relative = point.output, *_mass_change(modes, m, point)
+            doubt[m] = np.sqrt(np.abs(relative @ modes.joint(m, (top, top)) @ relative.conj()))
+        scaled = phi * factor
+        if driving is not None and scaled[np.abs(scaled).argmax()].real < 0:
+            scaled, factor = -scaled, -factor
+        for o in range(len(phi)):
+            change = scaled[o] * relative
+            change[-4:-2] += factor * np.array([1.0, 1j])
+            std[o, m] = np.sqrt(np.maximum(change.real @ modes.joint(m, (o, top)) @ change.real, 0.0))
+        found[:, m] = scaled
+    std[:, modes.at.fixed] = np.nan
+    return found, std, doubt
+
+
+def _largest_change(modes: FrfModes, mode: int, top: int) -> ComplexArray:
+    """Relative change of 1 / phi_top by the unknowns of `FrfModes.joint`."""
+    change = np.zeros(len(modes.covariance) + 4, dtype=complex)
+    change[-2:] = -np.array([1.0, 1j]) / modes.shapes[top, mode]
+    return change
+
+
+def _mass_change(modes: FrfModes, mode: int, point: DrivingPoint) -> tuple[complex, ComplexArray]:
+    """The factor c with c^2 = 2 i omega_d l_d / phi_d, and its relative change."""
+    s, phi = modes.at.poles[mode], modes.shapes[point.output, mode]
+    own = modes.at.participation[point.input, mode]
+    change = np.zeros(len(modes.covariance) + 4, dtype=complex)
+    columns: IntArray = modes.at.free
+    n = len(modes.at.poles)
+    entry = 2 * n + point.input * n + mode
+    for column, slope in ((n + mode, 1 / s.imag), (entry, 1 / own), (entry + modes.at.participation.size, 1j / own)):
+        change[: len(columns)] += np.where(columns == column, 0.5 * slope, 0.0)
+    change[-2:] = -0.5 * np.array([1.0, 1j]) / phi
+    return complex(np.sqrt(2j * s.imag * point.sense * own / phi)), change

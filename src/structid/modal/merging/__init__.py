@@ -1,0 +1,1 @@
+"""Modes of several set-ups as one."""

@@ -1,0 +1,1 @@
+"""The pseudo-Rayleigh quotient of free motion."""

@@ -1,0 +1,281 @@
+"""The pseudo-Rayleigh quotient: modes from two averages over time of a free response.
+
+With A = <y y'> and B = <ydot ydot'> (or -<yddot y'>) of the measured free motion y(t), the stationary values of
+v'Bv / v'Av are the squared frequencies, and the inverse transpose of the stationary vectors holds the mode shapes.
+
+References
+----------
+Norris (1986), chapter 5. The sign of -<yddot y'> in Eqs. (5.9) to (5.33), which print it positive, is mended here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from structid.arrays import FloatArray, locked, require_finite
+from structid.dof import Dof
+from structid.errors import InputError
+from structid.modal.modal_record import ModalRecord, unit_largest
+from structid.modal.rayleigh.free_motion import RULES, FreeMotion, free_motion
+from structid.modal.rayleigh.warnings import checked_quantities, quotient_warnings, require_oscillation
+from structid.records import TimeRecord
+
+Form = Literal["as_printed", "symmetric_acceleration", "exact", "end_corrected", "second_difference"]
+Pair = Literal[
+    "displacement-velocity", "velocity-acceleration", "displacement-acceleration",
+    "displacement", "velocity", "acceleration",
+]  # fmt: skip
+Rule = Literal["trapezoid", "left", "interior", "gregory"]
+
+_SYMMETRIC = ("as_printed", "symmetric_acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class StationaryValues:
+    """Stationary values of the quotient, smallest first, and what they rest on.
+
+    Attributes
+    ----------
+    eigenvalues : (n_modes,) float or complex array
+        Squared circular frequency, (rad/s)^2.
+    vectors : (n_channels, n_modes) array
+        Stationary vectors v: weights of the channels that let one mode through, v_r' phi_s = delta_rs. They carry
+        the mass: V = M Phi for mass-normalized Phi.
+    mode_shapes : (n_channels, n_modes) array
+        Phi = V^-T, without a mass matrix; scaled to unit <q_r^2> in time for the symmetric forms.
+    unsymmetrized : (n_modes,) float or complex array
+        What the exact form next to a symmetric one gives: its gaps between frequencies are not widened. The
+        eigenvalues themselves for the other forms.
+    gram_eigenvalues : (n_channels,) float array
+        Of A over the largest, after translations and rotations are each brought to unit root mean square.
+    motion : FreeMotion
+    """
+
+    eigenvalues: NDArray[np.inexact]
+    vectors: NDArray[np.inexact]
+    mode_shapes: NDArray[np.inexact]
+    unsymmetrized: NDArray[np.inexact]
+    gram_eigenvalues: FloatArray
+    motion: FreeMotion
+
+
+def pseudo_rayleigh(
+    records: TimeRecord | Sequence[TimeRecord],
+    pair: Pair = "displacement-velocity",
+    form: Form = "end_corrected",
+    rule: Rule | None = None,
+    n_modes: int | None = None,
+    mass: ArrayLike | None = None,
+    tolerance: float = 1e-12,
+) -> ModalRecord:
+    """Undamped modes of a free response, from averages over time; no excitation need be known.
+
+    Parameters
+    ----------
+    records : TimeRecord or sequence of them
+        Free responses. Averages are summed over records: two excitations separate a repeated frequency.
+    pair : str
+        The quantity y, and the one that holds the derivative: ``displacement-velocity``; ``velocity-acceleration``
+        where rigid-body modes take part; ``displacement-acceleration`` for the two forms with -<yddot y'>; or one
+        of ``displacement``, ``velocity``, ``acceleration`` alone for ``second_difference``.
+    form : str
+        ``as_printed``: B = <ydot ydot'> (Eqs. 5.8, 5.23), error of order 1 / (T gap) between frequencies.
+        ``symmetric_acceleration``: B = -sym <yddot y'> (Eqs. 5.9, 5.33), error of order 1 / (T gap)^2.
+        ``exact``: B = -<yddot y'>, not symmetrized: no error for any T, as far as there are no more modes than
+        channels, no damping and no noise. ``end_corrected``: B = <ydot ydot'> - [ydot y'] / T, equal to ``exact``
+        up to the quadrature error. ``second_difference``: from y alone, with omega = (2/h) asin(h sqrt(lambda) / 2),
+        exact at any step h below the Nyquist limit.
+    rule : {"trapezoid", "left", "interior", "gregory"}, optional
+        How samples are averaged, see `sample_weights`; ``gregory`` by default for ``end_corrected``, else
+        ``trapezoid``. ``second_difference`` takes all interior samples.
+    n_modes : int, optional
+        How many independent motions to keep of A, largest first; by default all above `tolerance`.
+    mass : (n_channels,) or (n_channels, n_channels) array, optional
+        Mass of the channels (density times quadrature weight in the collocation form of Eq. 5.26, or the mass
+        matrix of the interpolation functions in the finite element form of Eq. 5.22). Mode shapes are then M^-1 V, as
+        the dissertation has them (of the V that lie in M times the measured motion, Phi (Phi' M Phi)^-1); without it
+        they are Phi = V^-T, which needs no mass and is no less exact.
+    tolerance : float
+        Eigenvalues of A below this part of the largest count as zero.
+
+    Returns
+    -------
+    ModalRecord
+        Frequencies in Hz, mode shapes with largest entry 1; no damping and no covariance.
+
+    Raises
+    ------
+    InputError
+        If quantities or channels are missing, samples are too few, nothing moves, or nothing but a rigid body does.
+
+    Notes
+    -----
+    For light damping, modes no more than channels and a signal-to-noise ratio above 40 dB. Cost 2 n^2 N for n
+    channels and N samples. Undamped frequencies are estimated, with a bias of second order in the damping.
+
+    References
+    ----------
+    Norris (1986), Eqs. (5.10) to (5.33); Chelidze and Zhou (2006), J. Sound Vib. 292, for the mode shapes V^-T.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(200)[:, None] * 0.05
+    >>> both = np.cos(2 * t) * [[1.0, 1.0]] + np.cos(5 * t) * [[1.0, -1.0]]
+    >>> record = TimeRecord(20.0, both, ("1Z", "2Z"), ("displacement",) * 2)
+    >>> pseudo_rayleigh(record, "displacement", "second_difference").omega.round(9).tolist()
+    [2.0, 5.0]
+    """
+    found = stationary_values(records, pair, form, rule, n_modes, tolerance)
+    shapes = found.mode_shapes if mass is None else _by_mass(mass, found.mode_shapes)
+    omega, kept, notes = _omega(found.eigenvalues, found.motion.step if form == "second_difference" else 0.0)
+    require_oscillation(omega, found.motion.duration, pair)
+    order = np.flatnonzero(kept)[np.argsort(omega[kept], kind="stable")]
+    omega = omega[order]
+    apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
+    gram, rank = found.gram_eigenvalues, len(found.eigenvalues)
+    notes += quotient_warnings(omega, apart, gram, rank, found.motion, pair, form, n_modes)
+    source = f"pseudo-Rayleigh quotient, {form}, {pair}, {found.motion.duration:g} s"
+    return ModalRecord(
+        omega / (2 * np.pi), np.full(len(omega), np.nan), unit_largest(shapes[:, order]), found.motion.channels,
+        warnings=notes, source=source,
+    )  # fmt: skip
+
+
+def stationary_values(
+    records: TimeRecord | Sequence[TimeRecord],
+    pair: Pair = "displacement-velocity",
+    form: Form = "end_corrected",
+    rule: Rule | None = None,
+    n_modes: int | None = None,
+    tolerance: float = 1e-12,
+) -> StationaryValues:
+    """The eigenvalue problem behind `pseudo_rayleigh`, with the vectors v; same parameters.
+
+    y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
+    samples; A itself, whose condition number is the square of theirs, is never formed.
+    """
+    quantities = checked_quantities(pair, form)
+    chosen = rule or ("gregory" if form == "end_corrected" else "trapezoid")
+    if chosen not in RULES or (form == "second_difference" and rule not in (None, "interior")):
+        words = "'interior' for second differences" if form == "second_difference" else ", ".join(RULES)
+        raise InputError(f"`rule` must be {words}, got {rule!r}")
+    given = (records,) if isinstance(records, TimeRecord) else tuple(records)
+    motion = free_motion(given, quantities, chosen)
+    to_z, from_z, gram = _independent_motions(motion, tolerance, n_modes)
+    z, derivative = motion.base @ to_z, motion.derivative @ to_z
+    weighted = derivative * motion.weights[:, None]
+    if form == "as_printed":
+        printed, exact = derivative.T @ weighted, _smooth_end_corrected(z, derivative, to_z, motion)
+    elif form == "end_corrected":
+        exact = derivative.T @ weighted - to_z.T @ motion.ends @ to_z
+    else:
+        exact = weighted.T @ z
+        printed = 0.5 * (exact + exact.T)
+    values, x = _real_where_close(*np.linalg.eig(exact))
+    order = np.argsort(values.real, kind="stable")
+    values, x = values[order], x[:, order]
+    if form in _SYMMETRIC:
+        eigenvalues, y = np.linalg.eigh(printed)
+        return StationaryValues(eigenvalues, to_z @ y, from_z @ y, values, gram, motion)
+    return StationaryValues(values, to_z @ np.linalg.inv(x).T, from_z @ x, values, gram, motion)
+
+
+def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArray, motion: FreeMotion) -> FloatArray:
+    """(<zdot zdot'> - [zdot z'] / T) <z z'>^-1 with the most exact quadrature, whatever rule was asked for."""
+    weights = motion.smooth_weights[:, None]
+    b = derivative.T @ (weights * derivative) - to_z.T @ motion.ends @ to_z
+    return np.linalg.solve(z.T @ (weights * z), b.T).T
+
+
+def _independent_motions(
+    motion: FreeMotion, tolerance: float, n_modes: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Maps y -> z (n_channels, rank) and z -> y with <z z'> = 1, and the eigenvalues of A over the largest."""
+    if not 0 < tolerance < 1:
+        raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")
+    scale = _channel_scale(motion.base, motion.channels)
+    root = np.sqrt(motion.weights)[:, None]
+    triangle = np.linalg.qr(root * motion.base / scale, mode="r")
+    _, singular, rows = np.linalg.svd(triangle)
+    gram = np.square(singular / singular[0])
+    rank = int(np.sum(gram > tolerance))
+    if n_modes is not None:
+        if not 1 <= n_modes <= rank:
+            raise InputError(
+                f"`n_modes` must lie from 1 to {rank}, the number of independent motions of {len(scale)} channels, "
+                f"got {n_modes}; add sensors at other places, or a record with another excitation"
+            )
+        rank = n_modes
+    basis = rows[:rank].T
+    return basis / singular[:rank] / scale[:, None], scale[:, None] * basis * singular[:rank], gram
+
+
+def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
+    """Root mean square of all translations, or of all rotations, for each channel."""
+    turning = np.array([dof.is_rotation for dof in channels])
+    scale = np.ones(len(channels))
+    for group in (turning, ~turning):
+        if group.any():
+            scale[group] = np.sqrt(np.mean(np.square(base[:, group])))
+    if not scale.any():
+        raise InputError("`records` hold no motion: every sample is 0; check the channels, or excite the structure")
+    return np.where(scale > 0, scale, 1.0)
+
+
+def _real_where_close(
+    eigenvalues: NDArray[np.inexact], x: NDArray[np.inexact]
+) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """Conjugate pairs that are a repeated real value up to rounding become two real vectors of the same plane.
+
+    Pairs stand side by side, the positive imaginary part first, as LAPACK gives them.
+    """
+    if np.isrealobj(eigenvalues):
+        return eigenvalues, x
+    vectors, x = x, x.copy()
+    small = np.abs(eigenvalues.imag) <= 1e-6 * np.abs(eigenvalues).max()
+    for i in np.flatnonzero(small & (eigenvalues.imag > 0)):
+        x[:, i], x[:, i + 1] = vectors[:, i].real, vectors[:, i].imag
+    eigenvalues = np.where(small, eigenvalues.real, eigenvalues)
+    return (eigenvalues.real, x.real) if small.all() else (eigenvalues, x)
+
+
+def _omega(eigenvalues: NDArray[np.inexact], step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
+    """Circular frequencies, which of them are meaningful, and words on the others."""
+    size = np.abs(eigenvalues)
+    value = np.where(eigenvalues.imag == 0, np.maximum(eigenvalues.real, 0.0), size)
+    kept = eigenvalues.real >= -1e-9 * size.max()
+    sine = 0.5 * step * np.sqrt(value)
+    kept &= sine <= 1.0
+    omega = np.sqrt(value) if step == 0 else 2 / step * np.arcsin(np.minimum(sine, 1.0))
+    notes = []
+    if not kept.all():
+        notes.append(
+            f"{int((~kept).sum())} of {len(kept)} stationary values belong to no vibration (negative, or beyond the "
+            "Nyquist frequency) and are left out: noise, damping or more modes than sensors. Lower `n_modes`, "
+            "filter, or add sensors"
+        )
+    if (eigenvalues.imag != 0).any():
+        notes.append(
+            f"{int((eigenvalues.imag != 0).sum())} stationary values are complex; their magnitudes are given. Damping, "
+            "noise or more modes than sensors: use a method that estimates damping"
+        )
+    return omega, kept, tuple(notes)
+
+
+def _by_mass(mass: ArrayLike, shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+    """M^-1 V with V = M Phi (Phi' M Phi)^-1, the dual of Phi that needs no sensor beyond the measured motion."""
+    matrix = locked(mass, np.float64)
+    require_finite("mass", matrix)
+    n = len(shapes)
+    if matrix.shape not in ((n,), (n, n)):
+        raise InputError(f"`mass` must have shape ({n},) or ({n}, {n}) for {n} channels, got {matrix.shape}")
+    product = shapes.T @ (matrix[:, None] * shapes if matrix.ndim == 1 else matrix @ shapes)
+    if np.linalg.cond(product) > 1e12:
+        raise InputError("`mass` must be positive for every motion of the channels; give no `mass` where it is not")
+    return shapes @ np.linalg.inv(product)

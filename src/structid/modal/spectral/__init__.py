@@ -1,0 +1,1 @@
+"""Modes from the spectra of ambient motion."""

@@ -1,0 +1,236 @@
+"""Fast Bayesian FFT method: modes of ambient motion in bands of the spectrum, with their posterior covariance.
+
+References
+----------
+Au (2011), J. Eng. Mech. 137(3), 214-226; Au (2012), Mech. Syst. Signal Process. 26, 60-75 and 76-90; Au (2017),
+Operational Modal Analysis, Springer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.errors import InputError, NoModesError
+from structid.modal.correlations import Outputs, outputs
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalRecord
+from structid.modal.spectral.bayesian_fft_likelihood import BandLines
+from structid.modal.spectral.bayesian_fft_search import Posterior, posterior
+from structid.modal.spectral.peaks import (
+    Band,
+    Spectrum,
+    automatic_bands,
+    automatic_peaks,
+    centred,
+    default_segment,
+    mode_places,
+    peaks_by_hand,
+    singular_spectrum,
+)
+from structid.records import TimeRecord
+
+_FEW_LINES = 4.0  # half-power bandwidth in lines of the record below which leakage shows in the damping
+
+
+def bayesian_fft(
+    records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | None = None
+) -> ModalIdentification:
+    """Most probable modes of ambient motion and their posterior covariance, band by band.
+
+    In each band the Fourier lines of the whole record, without a window, are complex normal with the spectral density
+    of a few modes under white modal forces (correlated with each other) and of noise that is equal in all channels.
+
+    Parameters
+    ----------
+    records : TimeRecord or sequence of them
+        Displacement, velocity or acceleration. Several records of the same channels are taken to have the same modal
+        forces and noise; their log-likelihoods add up. Channels of various quantities are brought to the commonest one
+        by powers of i omega, and averaged where they share a place.
+    options : ModalOptions, optional
+        Used are `bands`, `frequencies` (where the modes are, one each; in bands given, as a start for the search
+        only), `segment` (of the singular spectra that bands are chosen from) and `criteria`. Without `bands`, these lie
+        around the automatic peaks of the first singular value, and `warnings` names them.
+
+    Returns
+    -------
+    ModalIdentification
+        Real mode shapes. `covariance` and `shape_std` are those of a normal distribution about the most probable
+        values; bands are independent of each other. NaN for a band whose data do not determine its modes.
+
+    Raises
+    ------
+    InputError
+        If a band lies outside the spectrum or has fewer lines than (m + 1)^2 for m modes, no band is found, a
+        frequency is near no peak, or no mode meets `criteria`.
+
+    Notes
+    -----
+    Assumes white forces and noise within a band, light damping and a record much longer than the memory of its modes,
+    1 / (zeta omega): lines are then independent, and leakage is small. A warning says where the half-power bandwidth
+    2 zeta f is less than four lines. Prior distributions are uniform. For one well separated mode and long data the
+    variances are zeta / (2 pi N_c B_f) f^2 and zeta / (2 pi N_c B_zeta), with N_c periods in the record.
+
+    Cost O(n_lines (n m + m^3)) an evaluation and n m evaluations for the Hessian, for n channels.
+
+    References
+    ----------
+    Au (2012), Mech. Syst. Signal Process. 26, 60-75 and 76-90; Au (2014), Uncertainty law in ambient modal
+    identification, Mech. Syst. Signal Process. 48, 15-33.
+    """
+    options = options or ModalOptions()
+    data = centred(outputs(records))
+    notes: list[str] = []
+    bands = _bands(data, options, notes)
+    found, places = [], None
+    for number, band in enumerate(bands, 1):
+        lines, places = band_lines(data, band.low, band.high)
+        need = (band.n_modes + 1) ** 2
+        if len(lines.frequency) < need:
+            raise InputError(
+                f"`bands` must hold at least {need} lines for {band.n_modes} modes, got {len(lines.frequency)} in "
+                f"{band.low:.4g} to {band.high:.4g} Hz; widen the band, or measure longer"
+            )
+        found.append(posterior(lines, band.peaks))
+        notes += _doubts(number, band, found[-1], data)
+    assert places is not None
+    modes = _modal_record(found, places, options, notes, f"Bayesian FFT, {len(bands)} bands, {data.duration:g} s")
+    return ModalIdentification(modes, "bayesian_fft", options=options)
+
+
+def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple[Dof, ...]]:
+    """Fourier lines of all records from `low` to `high` Hz, and the places of their channels.
+
+    Returns
+    -------
+    BandLines
+        Scaled so that their mean square is 1.
+    tuple of Dof
+        One a channel; channels of one place are averaged.
+    """
+    kinds = data.derivative
+    kind = int(np.bincount(kinds).argmax())
+    places = tuple(dict.fromkeys(data.channels))
+    merge = np.array([[channel == place for place in places] for channel in data.channels], dtype=float)
+    merge /= merge.sum(axis=0)
+    frequency, lines = [], []
+    for y in data.series:
+        f = np.fft.rfftfreq(len(y), 1 / data.sampling_rate)
+        keep = np.flatnonzero((f >= low) & (f <= high) & (f > 0) & (f < data.sampling_rate / 2))
+        own = np.stack([np.fft.rfft(column)[keep] for column in y.T], axis=1) * data.scale
+        own = own * np.sqrt(2 / (len(y) * data.sampling_rate))
+        frequency.append(f[keep])
+        lines.append(own * (2j * np.pi * f[keep, None]) ** (kind - kinds) @ merge)
+    values = np.concatenate(lines)
+    size = np.sqrt(np.mean(np.abs(values) ** 2)) if len(values) else 1.0
+    return BandLines(np.concatenate(frequency), np.asarray(values / size, dtype=np.complex128), kind), places
+
+
+def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
+    """Bands given, or around peaks, with the places of their modes; says which."""
+    spectrum = singular_spectrum(data, options.segment or default_segment(data))
+    if options.bands is not None:
+        for (_, high), (low, _) in pairwise(sorted((float(low), float(high)) for low, high in options.bands)):
+            if low < high:
+                raise InputError(f"`bands` must not overlap, got one to {high:g} Hz and one from {low:g} Hz; join them")
+        return tuple(_given_band(spectrum, float(low), float(high), options, notes) for low, high in options.bands)
+    by_hand = options.frequencies is not None
+    peaks = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
+    low, high = options.criteria.frequency
+    peaks = peaks[(spectrum.frequency[peaks] >= low) & (spectrum.frequency[peaks] <= high)]
+    if not len(peaks):
+        raise NoModesError(
+            "`records` show no peak of the first singular value that stands out of its errors; give `bands` or "
+            "`frequencies`, or measure longer"
+        )
+    bands = automatic_bands(spectrum, peaks.tolist())
+    listed = ", ".join(f"{b.low:.4g}-{b.high:.4g} Hz ({b.n_modes})" for b in bands)
+    notes.append(f"bands (number of modes): {listed}; chosen from the singular spectra. Give `bands` to set them")
+    return bands
+
+
+def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
+    top = spectrum.frequency[-1]
+    if high > top:
+        raise InputError(f"`bands` must lie between 0 and {top:g} Hz, got ({low:g}, {high:g}); sample faster")
+    if options.frequencies is not None:
+        own = tuple(sorted(float(f) for f in options.frequencies if low <= f <= high))
+        if not own:
+            raise InputError(f"`frequencies` must name a mode in every band, got none in {low:g} to {high:g} Hz")
+        return Band(low, high, own)
+    places = mode_places(spectrum, low, high, [int(k) for k in automatic_peaks(spectrum)])
+    if not places:
+        middle = 0.5 * (low + high)
+        inside = np.flatnonzero((spectrum.frequency >= low) & (spectrum.frequency <= high))
+        places = (float(spectrum.frequency[inside[spectrum.values[inside, 0].argmax()]]) if len(inside) else middle,)
+        notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is looked for all the same")
+    return Band(low, high, places)
+
+
+def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[str]:
+    """Words on a band whose result is doubtful."""
+    words, spacing = [], 1 / data.duration
+    where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
+    if not found.converged:
+        words.append(f"{where}: the search for the most probable values has not converged; change the band")
+    if not np.isfinite(found.covariance).all():
+        words.append(
+            f"{where}: the data do not determine all that {band.n_modes} modes need, so no covariance is given; widen "
+            "the band, or look for fewer modes there"
+        )
+    for f, zeta in zip(found.modes.frequency, found.modes.damping_ratio, strict=True):
+        if 2 * zeta * f < _FEW_LINES * spacing:
+            words.append(
+                f"{where}: the half-power bandwidth of the mode at {f:.4g} Hz is {2 * zeta * f / spacing:.2g} lines of "
+                f"{spacing:.2g} Hz; leakage raises its damping ratio. Measure longer"
+            )
+        if not band.low < f < band.high:
+            words.append(f"{where}: a mode came out at {f:.4g} Hz, outside; it stands for a slope, not for a peak")
+    return words
+
+
+def _modal_record(
+    found: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
+) -> ModalRecord:
+    """All bands together, by frequency."""
+    frequency = np.concatenate([one.modes.frequency for one in found])
+    ratio = np.concatenate([one.modes.damping_ratio for one in found])
+    shapes = np.concatenate([one.modes.shapes for one in found], axis=1)
+    spreads = np.concatenate([one.shape_covariance for one in found])
+    total, n = np.zeros((2 * len(frequency),) * 2), len(frequency)
+    start = 0
+    for one in found:
+        m = one.modes.n_modes
+        own = np.concatenate([np.arange(start, start + m), n + np.arange(start, start + m)])
+        total[np.ix_(own, own)] = one.covariance
+        start += m
+    low, high = options.criteria.frequency
+    least, greatest = options.criteria.damping_ratio
+    good = (frequency >= low) & (frequency <= high) & (ratio >= least) & (ratio <= greatest)
+    if not good.any():
+        raise NoModesError("`records` show no mode that meets `criteria`; widen them, or change `bands`")
+    notes += [f"the mode at {frequency[k]:.4g} Hz, damping ratio {ratio[k]:.3g}, does not meet `criteria`: left out"
+              for k in np.flatnonzero(~good)]  # fmt: skip
+    order = np.flatnonzero(good)
+    order = order[np.argsort(frequency[order], kind="stable")]
+    both = np.concatenate([order, n + order])
+    unit, std = _unit_largest(shapes[:, order], spreads[order])
+    return ModalRecord(frequency[order], ratio[order], unit, places, total[np.ix_(both, both)], std,
+                       tuple(notes), source)  # fmt: skip
+
+
+def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shapes with largest entry 1, and the standard deviation of every entry."""
+    unit, std = np.empty_like(shapes), np.empty_like(shapes)
+    for r, (shape, covariance) in enumerate(zip(shapes.T, covariances, strict=True)):
+        top = int(np.abs(shape).argmax())
+        unit[:, r] = shape / shape[top]
+        change = np.eye(len(shape))
+        change[:, top] -= unit[:, r]
+        spread = change @ covariance @ change.T / shape[top] ** 2
+        std[:, r] = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    return unit, std

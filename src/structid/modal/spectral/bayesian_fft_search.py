@@ -1,0 +1,256 @@
+"""Most probable modes of one band, and the covariance of their posterior distribution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.modal.spectral.bayesian_fft_likelihood import (
+    BandLines,
+    BandModes,
+    Chart,
+    chart,
+    coordinates,
+    gradient,
+    modes_at,
+    negative_log_likelihood,
+    transfer,
+)
+
+_DAMPING = (0.003, 0.01, 0.03)
+_DAMPING_LIMITS = (1e-5, 0.5)
+_FAR = 15.0  # bound of steps in coordinates of order 1, for the search only
+_SEARCH_LINES = 200
+_SEARCHES = 2
+_SEARCH_STEPS = 20
+_STEPS = 40
+_DECREMENT = 1e-8
+_STEP = 1e-4  # of coordinates of order 1, for differences of gradients
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Modes of a band and how well its data determine them.
+
+    Attributes
+    ----------
+    modes : BandModes
+        Most probable.
+    covariance : (2 m, 2 m) float array
+        Of all frequencies (Hz), then all damping ratios; NaN where the data do not determine them.
+    shape_covariance : (m, n_channels, n_channels) float array
+        Of each shape of unit norm; singular along the shape itself, which the norm fixes.
+    converged : bool
+        Whether a last Newton step would change no coordinate by 1e-4 of its standard deviation.
+    """
+
+    modes: BandModes
+    covariance: FloatArray
+    shape_covariance: FloatArray
+    converged: bool
+
+
+def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
+    """Most probable modes near `places` (Hz, one a mode), and their covariance from the Hessian there.
+
+    Several modes are searched from several starts, with a part of the lines and in the directions in which the band
+    has most power; the best goes on with all lines and channels.
+    """
+    if len(places) == 1:
+        return _refined(data, separate_mode(data, places[0]))
+    every = max(1, len(data.frequency) // _SEARCH_LINES)
+    kept = min(data.n_channels, 2 * len(places) + 2)
+    basis = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1][:, :kept]
+    part = replace(data, frequency=data.frequency[::every], lines=data.lines[::every] @ basis)
+    likely = sorted(starts(part, places), key=lambda modes: negative_log_likelihood(part, modes))[:_SEARCHES]
+    searched = [_newton(part, modes, _SEARCH_STEPS)[0].centre for modes in likely]
+    best = min(searched, key=lambda modes: negative_log_likelihood(part, modes))
+    return _refined(data, replace(best, shapes=basis @ best.shapes))
+
+
+def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
+    """Newton's method with the magnitudes of the curvatures, so that it goes down from anywhere.
+
+    Returns
+    -------
+    Chart
+        Centred where it ends.
+    float
+        Newton decrement: the fall of twice the negative log-likelihood that is still to be expected.
+    (size, size) float array
+        Hessian there; NaN where the steps did not suffice.
+    """
+    place = chart(modes)
+    unknown = np.full((place.size,) * 2, np.nan)
+    decrement = np.inf
+    for _ in range(n_steps):
+        x = coordinates(place)
+        value, slope = gradient(data, place, x)
+        curvature = hessian(data, place, x)
+        if not np.isfinite(curvature).all():
+            return place, decrement, unknown
+        values, vectors = np.linalg.eigh(curvature)
+        along = vectors.T @ slope
+        size = np.maximum(np.abs(values), 1e-9 * np.abs(values).max())
+        decrement = float(np.sum(along**2 / size))
+        if decrement < _DECREMENT:
+            return place, decrement, curvature
+        step = -vectors @ (along / size)
+        step = _shortened(data, place, x, step)
+        while not gradient(data, place, x + step)[0] < value:
+            step = 0.5 * step
+            if np.abs(step).max() < 1e-9:
+                return place, decrement, curvature
+        place = chart(modes_at(place, x + step))
+    return place, decrement, unknown
+
+
+def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
+    """A step of 1 at the most in every coordinate, which keeps frequencies in the band and damping ratios sensible."""
+    step = step / max(1.0, float(np.abs(step).max()))
+    m = place.centre.n_modes
+    low, high = _limits(data, place.centre)
+    step[: 2 * m] = np.clip(x[: 2 * m] + step[: 2 * m], low, high) - x[: 2 * m]
+    return np.asarray(step)
+
+
+def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest coordinates of frequencies in the band and damping ratios, (2 m,) each."""
+    zeta = start.damping_ratio
+    ends = [np.log(f / start.frequency) / zeta for f in (data.frequency.min(), data.frequency.max())]
+    ratios = [np.log(limit / zeta) for limit in _DAMPING_LIMITS]
+    low, high = (np.concatenate(pair) for pair in zip(ends, ratios, strict=True))
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
+def _refined(data: BandLines, modes: BandModes) -> Posterior:
+    """Newton's method from nearly there, and the inverse of the Hessian at its end."""
+    place, decrement, curvature = _newton(data, modes, _STEPS)
+    modes = place.centre
+    n, m = modes.shapes.shape
+    inverse = _inverse(curvature)
+    if inverse is None:
+        return Posterior(modes, np.full((2 * m,) * 2, np.nan), np.full((m, n, n), np.nan), decrement < _DECREMENT)
+    size = np.concatenate([modes.frequency * modes.damping_ratio, modes.damping_ratio])
+    shapes = np.empty((m, n, n))
+    for r, tangent in enumerate(place.tangents):
+        own = slice(2 * m + r * (n - 1), 2 * m + (r + 1) * (n - 1))
+        shapes[r] = tangent @ inverse[own, own] @ tangent.T
+    covariance = size[:, None] * inverse[: 2 * m, : 2 * m] * size
+    return Posterior(modes, covariance, shapes, decrement < _DECREMENT)
+
+
+def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
+    """Second derivatives of the negative log-likelihood to coordinates x, by differences of its gradient."""
+    rows = []
+    for e in np.eye(len(x)) * _STEP:
+        rows.append((gradient(data, place, x + e)[1] - gradient(data, place, x - e)[1]) / (2 * _STEP))
+    return np.asarray((np.array(rows) + np.array(rows).T) / 2)
+
+
+def _inverse(curvature: FloatArray) -> FloatArray | None:
+    """Inverse of a positive definite matrix; None where it is not, to what differences can tell."""
+    if not np.isfinite(curvature).all():
+        return None
+    values, vectors = np.linalg.eigh(curvature)
+    if values[0] <= 1e-7 * values[-1] * _STEP:
+        return None
+    return np.asarray((vectors / values) @ vectors.T)
+
+
+def separate_mode(data: BandLines, place: float) -> BandModes:
+    """The only mode of a band: four unknowns, since the shape is the principal eigenvector of a weighted spectrum.
+
+    Au (2011), Eqs. (22) to (27): with w_k = S |h_k|^2 / (S |h_k|^2 + S_e) the likelihood is greatest for the
+    principal eigenvector of the sum of w_k Re(F_k F_k^*).
+    """
+    from scipy.optimize import minimize
+
+    tried = [_rough(data, [place], [zeta], None) for zeta in _DAMPING]
+    start = min(tried, key=lambda modes: negative_log_likelihood(data, modes))
+    x = np.array([0.0, 0.0, np.log(start.force[0, 0].real), np.log(start.noise)])
+    low, high = x - _FAR, x + _FAR
+    low[:2], high[:2] = _limits(data, start)
+    bounds = np.stack([low, high], axis=1)
+    found = minimize(lambda x: profiled(data, start, x), x, jac=True, method="L-BFGS-B", bounds=bounds)
+    return _profiled_modes(data, start, found.x)
+
+
+def _profiled_modes(data: BandLines, start: BandModes, x: FloatArray) -> BandModes:
+    """One mode at the four coordinates, with the shape that suits them best."""
+    modes = replace(
+        start,
+        frequency=start.frequency * np.exp(start.damping_ratio * x[0]),
+        damping_ratio=start.damping_ratio * np.exp(x[1]),
+        force=np.array([[np.exp(x[2]) + 0j]]),
+        noise=float(np.exp(x[3])),
+    )
+    spectrum = modes.force[0, 0].real * np.abs(transfer(data, modes)[0][:, 0]) ** 2
+    weight = spectrum / (spectrum + modes.noise)
+    matrix = (data.lines.T @ (weight[:, None] * data.lines.conj())).real
+    return replace(modes, shapes=np.linalg.eigh(matrix)[1][:, -1:])
+
+
+def profiled(data: BandLines, start: BandModes, x: FloatArray) -> tuple[float, FloatArray]:
+    """Negative log-likelihood of one mode with the best shape, and its gradient to ln f, ln zeta, ln S and ln S_e.
+
+    The shape is best, so that its own change does not enter the gradient.
+    """
+    modes = _profiled_modes(data, start, x)
+    value, slope = gradient(data, at := chart(modes), coordinates(at))
+    n = data.n_channels
+    scale = start.damping_ratio[0] / modes.damping_ratio[0]  # coordinates of x count in the damping of the start
+    return value, np.array([slope[0] * scale, slope[1], slope[n + 1] / 2, slope[n + 2]])
+
+
+def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
+    """Where the search for several modes begins: shapes from the lines near each place, and from the whole band."""
+    m, n = len(places), data.n_channels
+    whole = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1]
+    basis = whole[:, : min(m, n)]
+    basis = basis[:, np.arange(m) % basis.shape[1]]
+    turned = basis + np.roll(basis, 1, axis=1) * np.array([1.0 if r % 2 else -1.0 for r in range(m)])
+    turned = turned / np.maximum(np.linalg.norm(turned, axis=0), 1e-12) if n > 1 else basis
+    choices = [_local_shapes(data, places)]
+    for shapes in (basis, turned):
+        orders = list(permutations(range(m))) if m <= 3 else [tuple(range(m))]
+        choices += [shapes[:, list(order)] for order in orders]
+    found = []
+    for shapes in choices:
+        rough = [_rough(data, places, [zeta] * m, shapes) for zeta in _DAMPING]
+        found.append(min(rough, key=lambda modes: negative_log_likelihood(data, modes)))
+    return found
+
+
+def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
+    """Principal directions of the lines nearest to each place, less those of the places before where they agree."""
+    shapes: list[FloatArray] = []
+    width = max(5, len(data.frequency) // (4 * len(places)))
+    for f in places:
+        near = data.lines[np.argsort(np.abs(data.frequency - f))[:width]]
+        vectors = np.linalg.eigh((near.T @ near.conj()).real)[1][:, ::-1]
+        free = [v for v in vectors.T if all((v @ s) ** 2 < 0.9 for s in shapes)]
+        shapes.append(free[0] if free else vectors[:, 0])
+    return np.stack(shapes, axis=1)
+
+
+def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray | None) -> BandModes:
+    """Spectral densities that go with frequencies, damping ratios and shapes, in powers over the band."""
+    m, n = len(places), data.n_channels
+    frequency = np.array(places, dtype=float)
+    for r in range(1, m):  # modes that begin alike stay alike
+        frequency[r] = max(frequency[r], frequency[r - 1] * (1 + 0.2 * zetas[r]))
+    values, vectors = np.linalg.eigh((data.lines.T @ data.lines.conj()).real / len(data.lines))
+    if shapes is None:
+        shapes = vectors[:, ::-1][:, :m]
+    power = np.sort(np.sum(np.abs(data.lines) ** 2, axis=1))
+    noise = float(np.mean(values[: n - m])) if n > m else float(power[len(power) // 10]) / (10 * n)
+    noise = max(noise, 1e-12 * float(values[-1]))
+    modes = BandModes(frequency, np.array(zetas, dtype=float), shapes, np.eye(m, dtype=complex), noise)
+    h = transfer(data, modes)[0]
+    seen = np.mean(np.abs(data.lines @ shapes) ** 2, axis=0)
+    return replace(modes, force=np.diag(np.maximum(seen, noise) / np.mean(np.abs(h) ** 2, axis=0) / m).astype(complex))

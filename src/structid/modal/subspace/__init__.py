@@ -1,0 +1,1 @@
+"""Modes from time histories by the shift invariance of a block Hankel matrix."""

@@ -1,0 +1,131 @@
+"""Close and repeated modes: which modes form a group, and what a record can say of its members.
+
+Of a repeated frequency only the space is determined that its shapes span; every basis of it is as good as another.
+Near a repeated frequency the shapes are those of a slightly different structure, and a measurement turns them among
+themselves. Compare such groups with `structid.subspace_angles`, not with MAC, mode by mode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.modal.correlations import Outputs
+from structid.modal.modal_record import ModalRecord
+from structid.modal.subspace.pole_uncertainty import free_decay_fit, is_free_decay
+
+#: Standard deviations of a 95 % interval: a gap below it is not told from none.
+NOT_TOLD_APART = 1.96
+
+
+def gap_std(modes: ModalRecord) -> FloatArray:
+    """Standard deviation of the distance of each mode's frequency to the next one's, Hz, (n_modes - 1,).
+
+    NaN where the modes have no covariance.
+    """
+    n = modes.n_modes
+    if modes.covariance is None:
+        return np.full(max(n - 1, 0), np.nan)
+    return neighbour_std(modes.covariance[:n, :n])
+
+
+def neighbour_std(covariance: FloatArray) -> FloatArray:
+    """Standard deviation of the difference of neighbours, (n - 1,), from the covariance (n, n) of all."""
+    variance = np.diag(covariance)[1:] + np.diag(covariance)[:-1] - 2 * np.diag(covariance, 1)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def is_close(modes: ModalRecord) -> np.ndarray:
+    """Whether each mode is close to the next one, (n_modes - 1,) bool array.
+
+    It is where the gap is less than half the sum of both half-power bandwidths (2 zeta f each), so that their
+    resonances overlap to one peak, or less than the half width of its own 95 % interval, so that the two are not told
+    apart. An unknown bandwidth or standard deviation counts as 0; equal frequencies are always close.
+    """
+    f = modes.frequency
+    bandwidth = 2 * np.maximum(np.nan_to_num(modes.damping_ratio), 0.0) * f
+    overlap = 0.5 * (bandwidth[1:] + bandwidth[:-1])
+    unsure = NOT_TOLD_APART * np.nan_to_num(gap_std(modes))
+    return np.asarray(np.diff(f) <= np.maximum(overlap, unsure))
+
+
+def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
+    """Numbers of the modes (from 0) of every group, single modes included, by frequency; see `is_close`."""
+    return tuple(np.split(np.arange(modes.n_modes), np.flatnonzero(~is_close(modes)) + 1))
+
+
+def multiplicity(modes: ModalRecord) -> IntArray:
+    """How many modes the group of each mode has, (n_modes,): 1 for a mode that stands alone."""
+    return np.concatenate([np.full(len(group), len(group)) for group in close_groups(modes)]).astype(int)
+
+
+def close_mode_notes(
+    modes: ModalRecord, duration: float, n_records: int = 1, free_decay: bool = False
+) -> tuple[str, ...]:
+    """What the user should know of close modes, with remedies.
+
+    Parameters
+    ----------
+    modes : ModalRecord
+    duration : float
+        Of the longest record, s.
+    n_records : int
+        Records with excitations of their own.
+    free_decay : bool
+        Whether the records are free decays. Free motion from one start moves the modes of a repeated frequency in one
+        fixed proportion and shows one combination of their shapes.
+
+    Returns
+    -------
+    tuple of str
+        On pairs with T gap / pi below 1, the gap in rad/s (half a beat; the product must exceed about 1 for the
+        quotient of Norris, and 0.1 for methods with delays even in little noise); on pairs that are not told apart;
+        on repeated modes in too few records.
+
+    References
+    ----------
+    Norris (1986), chapter 5.
+    """
+    notes = []
+    std, close = gap_std(modes), is_close(modes)
+    for k, (first, second) in enumerate(pairwise(modes.frequency.tolist())):
+        gap = second - first
+        pair = f"modes {k + 1} and {k + 2} ({first:.5g} and {second:.5g} Hz)"
+        apart = not (close[k] and gap <= np.nan_to_num(std[k]))
+        if apart and 2 * duration * gap < 1:
+            notes.append(
+                f"{pair}: the longest record of {duration:.4g} s is shorter than half their beat of {1 / gap:.4g} s"
+                f" (T gap / pi = {2 * duration * gap:.2g}): their shapes may be mixed; measure {0.5 / gap:.3g} s or more"
+            )
+        if not apart:
+            notes.append(
+                f"{pair} are not separate: their gap of {gap:.2g} Hz is within its standard deviation of"
+                f" {np.nan_to_num(std[k]):.2g} Hz. Only the common subspace of their shapes is known: compare it by"
+                " principal angles, not by MAC; measure longer to separate them"
+            )
+    for group in close_groups(modes) if free_decay else ():
+        if len(group) > n_records and not any(_told_apart(modes, group, std)):
+            listed = ", ".join(str(i + 1) for i in group)
+            notes.append(
+                f"modes {listed} may be one repeated frequency, and free motion from {n_records} start"
+                f"{'' if n_records == 1 else 's'} shows at most {n_records} of its {len(group)} shapes; give"
+                f" {len(group)} records, excited at different places"
+            )
+    return tuple(notes)
+
+
+def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bool]:
+    """For each neighbouring pair of the group whether its gap exceeds its 95 % interval."""
+    pairs = group[:-1]
+    gaps = modes.frequency[pairs + 1] - modes.frequency[pairs]
+    return (gaps > NOT_TOLD_APART * np.nan_to_num(std[pairs])).tolist()
+
+
+def with_close_mode_notes(data: Outputs, modes: ModalRecord) -> ModalRecord:
+    """`modes` with `close_mode_notes` on them, identified from the records `data`."""
+    is_free = bool(is_close(modes).any()) and is_free_decay(data, free_decay_fit(data, modes.poles)[1], modes.poles)
+    notes = close_mode_notes(modes, data.duration, len(data.series), is_free)
+    return replace(modes, warnings=(*modes.warnings, *notes)) if notes else modes

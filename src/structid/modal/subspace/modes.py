@@ -1,0 +1,283 @@
+"""Modes of free or ambient motion by any method that forms a block Hankel matrix of the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.errors import InputError, NoModesError
+from structid.modal.correlations import Outputs, displacement_rows, outputs
+from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalChanges, ModalRecord
+from structid.modal.poles import Poles
+from structid.modal.stabilization import Cluster, clusters
+from structid.modal.subspace.close_modes import with_close_mode_notes
+from structid.modal.subspace.decay_fit import stands_out
+from structid.modal.subspace.decay_modes import decay_modes
+from structid.modal.subspace.era import era, era_dc
+from structid.modal.subspace.itd import itd
+from structid.modal.subspace.kernel import Subspace, poles_of_orders
+from structid.modal.subspace.pencil import pencil
+from structid.modal.subspace.pole_uncertainty import (
+    Deviations,
+    deviations,
+    free_decay_fit,
+    is_free_decay,
+    is_mostly_explained,
+    overlapping_batches,
+    pole_deviations,
+)
+from structid.modal.subspace.ssi import ssi_cov, ssi_data
+from structid.records import TimeRecord
+
+SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {
+    "pencil": pencil,
+    "era": era,
+    "era_dc": era_dc,
+    "ssi_cov": ssi_cov,
+    "ssi_data": ssi_data,
+    "itd": itd,
+}
+_REFINED = ("pencil",)
+_FREE_DECAYS_ONLY = ("era", "itd")
+_MAX_ORDER = 60
+_BLOCK_ROWS = 30
+
+
+def subspace_modes(
+    records: TimeRecord | Sequence[TimeRecord], method: str, options: ModalOptions
+) -> ModalIdentification:
+    """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
+    data = outputs(records)
+    rows = _block_rows(data, options.block_rows)
+    wanted = _orders(data, rows, options.orders)
+    subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
+    wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
+    sweep = poles_of_orders(subspace, wanted)
+    picked, found, notes = picked_poles(sweep, data.scale, options)
+    if not picked:
+        raise NoModesError(
+            "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
+            "`block_rows` or the greatest order, or measure longer"
+        )
+    if found and options.frequencies is None:
+        picked, found, left_out = _standing_out(data, sweep, picked, found)
+        notes += left_out
+    if method in _FREE_DECAYS_ONLY:
+        notes += _no_free_decay(data, np.array([sweep[k].poles[i] for k, i in picked]), method)
+    modes = _modal_record(subspace, sweep, picked, notes)
+    if method in _REFINED and options.refine:
+        modes = decay_modes(data, modes)
+    if found and options.frequencies is None:
+        modes, found = _resolved(data, modes, found)
+    modes = with_close_mode_notes(data, modes)
+    return ModalIdentification(modes, method, sweep, found, options)
+
+
+def _resolved(data: Outputs, modes: ModalRecord, found: tuple[Cluster, ...]) -> tuple[ModalRecord, tuple[Cluster, ...]]:
+    """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
+
+    Stable poles of mere noise seldom are.
+    """
+    if modes.covariance is None:
+        return modes, found
+    std = np.sqrt(np.diag(modes.covariance)[: modes.n_modes])
+    keep = ~(std > 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration))
+    if keep.all():
+        return modes, found
+    listed = ", ".join(f"{f:.4g} \u00b1 {e:.2g}" for f, e in zip(modes.frequency[~keep], std[~keep], strict=True))
+    words = f"stable poles whose frequency is less certain than their bandwidth are left out: {listed} Hz"
+    if not keep.any():
+        raise NoModesError(
+            f"`records` show no mode that stands out of the noise; {words}. Measure longer, or give `frequencies`"
+        )
+    kept = np.flatnonzero(keep)
+    modes = modes.some_modes(kept)
+    return replace(modes, warnings=(*modes.warnings, words)), tuple(found[i] for i in kept)
+
+
+def _standing_out(
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...]
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """Modes of a free decay without stable poles of the noise, and words on those; all modes of other motion."""
+    s = np.array([sweep[k].poles[i] for k, i in picked])
+    if not is_free_decay(data, free_decay_fit(data, s)[1], s):
+        return picked, found, []
+    keep = stands_out(data, s)
+    if keep.all() or not keep.any():
+        return picked, found, []
+    listed = ", ".join(f"{f:.4g}" for f in np.sort(np.abs(s[~keep])) / (2 * np.pi))
+    kept = np.flatnonzero(keep)
+    return (
+        [picked[i] for i in kept],
+        tuple(found[i] for i in kept),
+        [f"stable poles that do not stand out of the noise of the decay are left out: {listed} Hz"],
+    )
+
+
+def _no_free_decay(data: Outputs, s: ComplexArray, method: str) -> list[str]:
+    """A word where the modes explain less than half of the motion as a free decay."""
+    if is_mostly_explained(data, free_decay_fit(data, s)[1]):
+        return []
+    return [
+        f"the record is no free decay of these modes, as {method} assumes: no covariance, and poles are biased. For ambient "
+        "motion use next_era, pencil or ssi_cov, or give the records that natural_excitation makes of it"
+    ]
+
+
+def _block_rows(data: Outputs, given: int | None) -> int:
+    shortest = min(len(y) for y in data.series)
+    if given is not None:
+        if given < 2:
+            raise InputError(f"`block_rows` must be at least 2, got {given}; a shift needs two samples")
+        return given
+    few_channels = -(-2 * _MAX_ORDER // data.n_channels)
+    rows = min(max(_BLOCK_ROWS, few_channels), shortest // 8)
+    if rows < 2:
+        raise InputError(f"every record must hold at least 16 samples, got {shortest}; measure longer")
+    return rows
+
+
+def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
+    room = (rows - 1) * data.n_channels
+    orders = list(range(2, min(_MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    if not orders or orders[0] < 1 or orders[-1] > room:
+        raise InputError(
+            f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "
+            f"{orders if len(orders) < 5 else f'{orders[0]} to {orders[-1]}'}; raise `block_rows`"
+        )
+    return orders
+
+
+def picked_poles(
+    sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """What stands for each mode, by frequency.
+
+    Returns
+    -------
+    list of (int, int)
+        Number of the order in `sweep`, and index of the pole.
+    tuple of Cluster
+        The poles of all orders behind each mode; empty for a single order.
+    list of str
+        Words on doubtful modes.
+    """
+    criteria, frequencies = options.criteria, options.frequencies
+    if len(sweep) == 1:
+        chosen = [(0, int(i)) for i in criteria.indices(sweep[0])]
+        if frequencies is not None:
+            found = sweep[0].frequency
+            chosen = sorted({min(chosen, key=lambda p: abs(found[p[1]] - f)) for f in frequencies}) if chosen else []
+        return chosen, (), []
+    found_clusters = clusters(sweep, scale, criteria, keep_all=frequencies is not None)
+    notes: list[str] = []
+    if frequencies is not None and found_clusters:
+        nearest = [min(found_clusters, key=lambda c: abs(c.frequency[c.chosen] - f)) for f in frequencies]
+        for wanted, cluster in zip(frequencies, nearest, strict=True):
+            got = cluster.frequency[cluster.chosen]
+            if abs(got / wanted - 1) > 0.02:
+                notes.append(f"the stable pole nearest to {wanted:g} Hz is at {got:.4g} Hz; look at the spectrum")
+        found_clusters = tuple(sorted(set(nearest), key=lambda c: float(c.frequency[c.chosen])))
+    return [(int(c.number[c.chosen]), int(c.index[c.chosen])) for c in found_clusters], found_clusters, notes
+
+
+def _modal_record(
+    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], notes: list[str]
+) -> ModalRecord:
+    data = subspace.data
+    s = np.array([sweep[k].poles[i] for k, i in picked])
+    raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
+    order = np.argsort(np.abs(s), kind="stable")
+    s, raw, picked = s[order], raw[:, order], [picked[i] for i in order]
+    dofs, merge = displacement_rows(data, s)
+    shapes = np.einsum("cdm,dm->cm", merge, raw)
+    largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
+    unit = shapes / shapes[largest]
+    covariance = std = changes = None
+    spread = deviations(subspace, max(sweep[k].order for k, _ in picked), s)
+    if spread is not None:
+        ds, draw = _all_deviations(subspace, spread, sweep, picked)
+        if not spread.free:
+            piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
+            ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
+        dshape = np.einsum("cdm,bdm->bcm", merge, draw)
+        top = dshape[:, largest[0], largest[1]]
+        dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
+        changes = ModalChanges(*frequency_damping_changes(s, ds), dunit)
+        covariance = frequency_damping_covariance(changes, notes)
+        std = np.sqrt(np.sum(dunit.real**2, axis=0))
+    notes += _warnings(data, s, len(subspace.windows) if spread is not None and not spread.free else 0)
+    return ModalRecord(
+        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
+        covariance=covariance, shape_std=std, warnings=tuple(notes), changes=changes,
+        source=f"{subspace.method}, {len(subspace.left) // data.n_channels} block rows, {data.duration:g} s",
+    )  # fmt: skip
+
+
+def _memory(s: ComplexArray) -> float:
+    """1 / (zeta omega) of the slowest mode, s; 0 where none decays."""
+    decaying = -s.real[s.real < 0]
+    return float(1 / decaying.min()) if len(decaying) else 0.0
+
+
+def _all_deviations(
+    subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
+) -> tuple[ComplexArray, ComplexArray]:
+    """`pole_deviations` of modes that come from several orders."""
+    n_pieces = len(spread.right)
+    ds = np.empty((n_pieces, len(picked)), dtype=complex)
+    dshape = np.empty((n_pieces, subspace.data.n_channels, len(picked)), dtype=complex)
+    for k in {k for k, _ in picked}:
+        modes = [m for m, (number, _) in enumerate(picked) if number == k]
+        ds[:, modes], dshape[:, :, modes] = pole_deviations(
+            subspace, spread, sweep[k].order, [picked[m][1] for m in modes]
+        )
+    return ds, dshape
+
+
+def frequency_damping_changes(s: ComplexArray, ds: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Changes of |s| / 2 pi and of -Re s / |s| with those of s, (n_changes, n_modes) each."""
+    size = np.abs(s)
+    dsize = (s.conj() * ds).real / size
+    return dsize / (2 * np.pi), np.asarray(-ds.real / size + s.real * dsize / size**2)
+
+
+def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:
+    """Of frequencies (Hz), then damping ratios; modes taken as independent where pieces are too few to tell."""
+    change = np.concatenate([changes.frequency, changes.damping_ratio], axis=1)
+    n = changes.frequency.shape[1]
+    covariance = change.T @ change
+    if len(change) <= 2 * n:
+        mode = np.tile(np.arange(n), 2)
+        covariance = np.where(mode[:, None] == mode, covariance, 0.0)
+        notes.append(
+            f"{len(change)} pieces cannot tell how {2 * n} numbers vary together: the covariance between modes is "
+            f"left out. Raise `n_pieces` above {2 * n}, with a longer record"
+        )
+    return np.asarray(covariance)
+
+
+def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
+    """What makes the modes doubtful."""
+    notes, duration, omega = [], data.duration, np.abs(s)
+    if data.n_channels == 1:
+        notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")
+    short = np.flatnonzero(omega * duration < 2 * np.pi * 3)
+    if len(short):
+        listed = ", ".join(str(i + 1) for i in short)
+        notes.append(f"mode {listed} turns less than three times in {duration:g} s; measure longer")
+    decay = np.maximum(-s.real, 1e-300)
+    if n_pieces:
+        batch = sum(len(y) for y in data.series) / data.sampling_rate / min(n_pieces, 8)  # as long as they may grow
+        slow = np.flatnonzero((batch * omega < 4 * np.pi) | ((batch * decay < 1) & (duration * decay > 1)))
+        if len(slow):
+            listed = ", ".join(str(i + 1) for i in slow)
+            notes.append(
+                f"parts of {batch:.3g} s are short against the memory of mode {listed}: its standard deviation is "
+                "uncertain. Measure longer"
+            )
+    return notes

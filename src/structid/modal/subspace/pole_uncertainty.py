@@ -1,0 +1,347 @@
+"""First-order covariance of poles and shapes from the spread of the block Hankel matrix over pieces of the record.
+
+Pieces b with parts w_b of all instants contribute G_b to G = sum of G_b; the deviations d_b = G_b - w_b G carry
+cov(G) = nb / (nb - 1) sum of vec(d_b) vec(d_b)'. Each is sent through the singular value decomposition, the
+shift-invariant transition matrix and its eigenvalues to first order, exactly and without repeating any of them.
+For free decays the deviations are what measurement noise does to G.
+
+References
+----------
+Reynders, Pintelon and De Roeck (2008), Uncertainty bounds on modal parameters obtained from stochastic subspace
+identification, Mech. Syst. Signal Process. 22(4), 948-969; Doehler and Mevel (2013), Efficient multi-order
+uncertainty computation for stochastic subspace identification, Mech. Syst. Signal Process. 38(2), 346-366.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.modal.correlations import Outputs, Piece
+from structid.modal.poles import oscillating
+from structid.modal.subspace.kernel import Subspace
+
+_PEAK = 4.0  # peak over median of the residual's spectrum from which motion counts as forced
+_STILL = 1e-9  # of a channel's root mean square: nothing but rounding
+_BATCH = 2.0  # memories of the slowest mode in a batch
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Changes of G seen through its singular vectors, scaled so that covariances are plain sums over them.
+
+    Attributes
+    ----------
+    right : (n_changes, n_rows, max_order) float array
+        d_b V.
+    left : (n_changes, n_columns, max_order) float array
+        d_b' U.
+    free : bool
+        From the noise of a free decay; otherwise from the spread over pieces.
+    moved, gram : (n_changes, max_order, max_order) float arrays, or None
+        For ITD, changes of U' Y1 Y0' U and of U' Y0 Y0' U at constant U.
+    """
+
+    right: FloatArray
+    left: FloatArray
+    free: bool = False
+    moved: FloatArray | None = None
+    gram: FloatArray | None = None
+
+
+def deviations(subspace: Subspace, max_order: int, poles: ComplexArray) -> Deviations | None:
+    """The changes that suit the motion; None where there are none, or fewer than two pieces are asked for.
+
+    Methods whose matrix holds the samples themselves have changes for free decays only, as they are made for them;
+    `ssi_data` has none where its past is singular.
+
+    Parameters
+    ----------
+    poles : (n_modes,) complex array
+        Identified. Motion of which they explain more than half as one free decay is taken for a free decay.
+    """
+    if len(subspace.windows) < 2 or (subspace.parts is None and subspace.samples is None):
+        return None
+    decay, noise = free_decay_fit(subspace.data, poles)
+    n_changes = max(len(subspace.windows), 4 * len(poles))
+    if not is_free_decay(subspace.data, noise, poles):
+        return None if subspace.parts is None else piece_deviations(subspace, max_order)
+    if subspace.parts is None:
+        return sample_deviations(subspace, max_order, noise, n_changes)
+    return noise_deviations(subspace, max_order, decay, noise, n_changes)
+
+
+def is_mostly_explained(data: Outputs, rest: Sequence[FloatArray]) -> bool:
+    """Whether `rest` holds less than half of the power of the records."""
+    total = sum(float(np.sum(np.square(y))) for y in data.series)
+    return sum(float(np.sum(np.square(y))) for y in rest) < 0.5 * total
+
+
+def is_free_decay(data: Outputs, rest: Sequence[FloatArray], poles: ComplexArray) -> bool:
+    """Whether one free decay with `poles` explains the records, but for `rest`.
+
+    It must leave less than half of their power, and no peaks around the modes: what ambient forces add in the course
+    of the record gathers there, while sensors' noise does not. Around each mode, the spectrum of what is left must stay
+    below four times its median.
+    """
+    return is_mostly_explained(data, rest) and all(
+        _peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL
+    )
+
+
+def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
+    """Greatest level of the spectrum at the `poles`, averaged over channels and a 32nd of the lines, over its median."""
+    n = len(y)
+    size = np.sqrt(np.mean(y**2, axis=0))
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
+    lines = np.mean(np.abs(np.fft.rfft(window * y / np.where(size > 0, size, 1.0), axis=0)) ** 2, axis=1)
+    width = 2 * max(2, n // 64) + 1
+    smooth = np.convolve(lines, np.ones(width) / width, "same")
+    level = np.median(lines)
+    at = np.interp(poles.imag / (2 * np.pi), np.fft.rfftfreq(n, 1 / sampling_rate), smooth)
+    return float(at.max(initial=0.0) / level) if level > 0 else 0.0
+
+
+def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
+    """The deviations d_b of all pieces, for stationary motion."""
+    assert subspace.parts is not None
+    u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
+    s = subspace.singular[:max_order]
+    factor = np.sqrt(len(subspace.windows) / (len(subspace.windows) - 1))
+    right, left = [], []
+    parts = subspace.parts(subspace.data, subspace.windows)
+    for window, part in zip(subspace.windows, parts, strict=True):
+        right.append(factor * (part @ v - window.part * u * s))
+        left.append(factor * (part.T @ u - window.part * v * s))
+    return Deviations(np.array(right), np.array(left))
+
+
+def overlapping_batches(
+    ds: ComplexArray, dshape: ComplexArray, piece: float, memory: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Sums of neighbouring changes, whose products add up to a covariance that counts how neighbours vary together.
+
+    Pieces short against the memory of a mode are no independent repeats. Every run of L of them is one, L the least
+    with L pieces as long as `_BATCH` memories, but at most an eighth of all pieces; runs overlap. Standard deviations
+    are scaled so that 1.96 of them are the 95 % interval of Student's t with 1.5 n / L degrees of freedom for n pieces.
+
+    Parameters
+    ----------
+    ds : (n_pieces, n_modes) complex array
+    dshape : (n_pieces, n_channels, n_modes) complex array
+    piece : float
+        Duration of a piece, s.
+    memory : float
+        Of the slowest mode, 1 / (zeta omega), s.
+
+    References
+    ----------
+    Meketon and Schmeiser (1984), Overlapping batch means: something for nothing?, Proc. Winter Simul. Conf., 226-230.
+    """
+    n = len(ds)
+    size = int(np.clip(np.ceil(_BATCH * memory / piece), 1, max(1, n // 8)))
+    if size == 1:
+        return ds, dshape
+    scale = np.sqrt(n * (n - 1) / (size * (n - size + 1) * (n - size)))
+    scale *= float(special.stdtrit(1.5 * n / size, 0.975) / special.ndtri(0.975))
+
+    def sums(changes: ComplexArray) -> ComplexArray:
+        total = np.concatenate([np.zeros_like(changes[:1]), np.cumsum(changes, axis=0)])
+        return scale * (total[size:] - total[:-size])
+
+    return sums(ds), sums(dshape)
+
+
+def noise_deviations(
+    subspace: Subspace, max_order: int, decay: Sequence[FloatArray], noise: Sequence[FloatArray], n_changes: int
+) -> Deviations:
+    """What noise like the residual of a free decay does to G: the residual, shifted in time by various steps.
+
+    Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
+    """
+    assert subspace.parts is not None
+    u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
+    whole = _whole_windows(subspace.windows)
+
+    def matrix(series: Sequence[FloatArray]) -> FloatArray:
+        assert subspace.parts is not None
+        return np.asarray(np.sum(list(subspace.parts(replace(subspace.data, series=tuple(series)), whole)), axis=0))
+
+    clean, right, left = matrix(decay), [], []
+    for k in range(n_changes):
+        drawn = [y + e for y, e in zip(decay, shifted(noise, (k + 0.5) / n_changes), strict=True)]
+        change = (matrix(drawn) - clean) / np.sqrt(n_changes)
+        right.append(change @ v)
+        left.append(change.T @ u)
+    return Deviations(np.array(right), np.array(left), free=True)
+
+
+def shifted(noise: Sequence[FloatArray], part: float) -> list[FloatArray]:
+    """Each series by that part of its length later, its end at its start."""
+    return [np.roll(e, round(part * len(e)), axis=0) for e in noise]
+
+
+def sample_deviations(subspace: Subspace, max_order: int, noise: Sequence[FloatArray], n_changes: int) -> Deviations:
+    """As `noise_deviations` for a matrix Y of delayed samples, to first order: all that counts is Y d' for noise d.
+
+    d V = (Y d')' U / S and V' d' U = U' (Y d') U / S need no right singular vector, of which there would be one entry
+    for each instant.
+    """
+    assert subspace.samples is not None
+    m, rows = subspace.data.n_channels, len(subspace.left)
+    n_delays = subspace.samples.shape[1] // m
+    u, s = subspace.left, subspace.singular
+    known = s > np.finfo(float).eps * len(u) * s[0]
+    over = np.where(known, 1 / np.where(known, s, 1.0), 0.0)
+    right, left, moved, gram = [], [], [], []
+    for k in range(n_changes):
+        drawn = shifted(noise, (k + 0.5) / n_changes)
+        cross = sum(delayed_product(y, e, n_delays) for y, e in zip(subspace.data.series, drawn, strict=True))
+        cross = np.asarray(cross) / np.sqrt(n_changes)
+        own = cross[:rows, :rows]
+        right.append(own.T @ u[:, :max_order] * over[:max_order])
+        left.append(subspace.right @ (over[:, None] * (u.T @ (own @ u[:, :max_order]))))
+        if len(cross) > rows:
+            leading = u[:, :max_order]
+            moved.append(leading.T @ (cross[m:, :rows] + cross[:rows, m:].T) @ leading)
+            gram.append(leading.T @ (own + own.T) @ leading)
+    found = Deviations(np.array(right), np.array(left), free=True)
+    return replace(found, moved=np.array(moved), gram=np.array(gram)) if moved else found
+
+
+def delayed_product(y: FloatArray, e: FloatArray, rows: int) -> FloatArray:
+    """Sum over t of [y(t); ...; y(t+rows-1)] [e(t); ...; e(t+rows-1)]', each lag one product, as `window_hankel`.
+
+    Returns
+    -------
+    (rows * n_channels, rows * n_channels) float array
+    """
+    m, n = y.shape[1], len(y) - rows + 1
+    blocks = np.empty((rows, m, rows, m))
+    for lag in range(1 - rows, rows):
+        r, c = max(lag, 0), max(-lag, 0)
+        block = y[r : r + n].T @ e[c : c + n]
+        blocks[r, :, c] = block
+        for step in range(1, rows - abs(lag)):
+            gone, new = step - 1, n + step - 1
+            block = block - np.outer(y[r + gone], e[c + gone]) + np.outer(y[r + new], e[c + new])
+            blocks[r + step, :, c + step] = block
+    return blocks.reshape(rows * m, rows * m)
+
+
+def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
+    """One window a record instead of several pieces."""
+    found = []
+    for number in sorted({piece.record for piece in windows}):
+        own = [piece for piece in windows if piece.record == number]
+        ends = min(p.start for p in own), max(p.stop for p in own)
+        found.append(Piece(number, *ends, sum(p.part for p in own)))
+    return tuple(found)
+
+
+def free_decay_fit(data: Outputs, poles: ComplexArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Least-squares free decay with `poles` of every record, and the rest, scaled by its degrees of freedom.
+
+    Returns
+    -------
+    list of (n_times, n_channels) float arrays
+        The decay of each record.
+    list of (n_times, n_channels) float arrays
+        Records less decay.
+    """
+    decay, rest = [], []
+    for y in data.series:
+        time = np.arange(len(y)) / data.sampling_rate
+        start = np.where(poles.real > 0, time[-1], 0.0)  # growing poles count back from the end
+        motion = np.exp(poles * (time[:, None] - start))
+        basis = np.concatenate([motion.real, motion.imag], axis=1)
+        basis = basis / np.linalg.norm(basis, axis=0)
+        q = np.linalg.qr(basis)[0]
+        fitted = q @ (q.T @ y)
+        decay.append(fitted)
+        rest.append((y - fitted) * np.sqrt(len(y) / max(len(y) - basis.shape[1], 1)))
+    return decay, rest
+
+
+def pole_deviations(
+    subspace: Subspace, spread: Deviations, order: int, chosen: Sequence[int]
+) -> tuple[ComplexArray, ComplexArray]:
+    """What each piece's deviation does to poles and shapes of the model of `order` states.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        Which of its poles, counted as in `poles_of_orders`.
+
+    Returns
+    -------
+    (n_pieces, n_chosen) complex array
+        Changes of the continuous poles, rad/s.
+    (n_pieces, n_channels, n_chosen) complex array
+        Changes of the shapes C phi, of which the parts along the shapes themselves mean nothing.
+    """
+    m, u = subspace.data.n_channels, subspace.left[:, :order]
+    a, c = subspace.transition(order), subspace.output(order)
+    values, vectors = np.linalg.eig(a)
+    duals = np.linalg.inv(vectors)
+    index = oscillating(values, subspace.data.sampling_rate)[list(chosen)]
+    transition_change = _regressed(subspace, spread, a) if spread.moved is not None else _shift_invariant(u, a, m)
+    changed_poles, changed_shapes = [], []
+    for k, (right, left) in enumerate(zip(spread.right, spread.left, strict=True)):
+        du = _left_change(subspace, right[:, :order], left[:, :order], order)
+        coupling = duals @ transition_change(k, du) @ vectors[:, index]
+        change = coupling[index, np.arange(len(index))]
+        gaps = values[None, index] - values[:, None]
+        weights = np.where(gaps == 0, 0.0, coupling / np.where(gaps == 0, 1.0, gaps))
+        shapes = subspace.data.scale[:, None] * (du[:m] @ vectors[:, index])
+        changed_shapes.append(shapes + c @ (vectors @ weights))
+        changed_poles.append(change / values[index] * subspace.data.sampling_rate)
+    return np.array(changed_poles), np.array(changed_shapes)
+
+
+def _shift_invariant(u: FloatArray, a: FloatArray, m: int) -> Callable[[int, FloatArray], FloatArray]:
+    """From dU to dA of A = U(without the last block row)^+ U(without the first)."""
+    up, down = u[:-m], u[m:]
+    gram, residual = up.T @ up, down - up @ a
+
+    def change(_: int, du: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.solve(gram, up.T @ (du[m:] - du[:-m] @ a) + du[:-m].T @ residual))
+
+    return change
+
+
+def _regressed(subspace: Subspace, spread: Deviations, a: FloatArray) -> Callable[[int, FloatArray], FloatArray]:
+    """The same of A = U' Y1 Y0' U (U' Y0 Y0' U)^-1, where dU is orthogonal to U."""
+    assert subspace.samples is not None
+    assert spread.moved is not None
+    assert spread.gram is not None
+    n, m, rows = len(a), subspace.data.n_channels, len(subspace.left)
+    u, moved, gram = subspace.left[:, :n], spread.moved, spread.gram
+    later, now = subspace.samples[:, m:], subspace.samples[:, :rows]
+    ahead, behind = later.T @ (now @ u), (u.T @ later.T) @ now
+    power = subspace.singular[:n] ** 2
+
+    def change(k: int, du: FloatArray) -> FloatArray:
+        return np.asarray((du.T @ ahead + behind @ du + moved[k, :n, :n] - a @ gram[k, :n, :n]) / power)
+
+    return change
+
+
+def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
+    """First-order change of the leading left singular vectors, as far as it changes the space they span.
+
+    Directions at the level of rounding, which noise-free motion leaves, stay as they are.
+    """
+    u, s, v = subspace.left, subspace.singular, subspace.right
+    known = s[:order] > np.finfo(float).eps * len(u) * s[0]
+    inside, rest = np.where(known, s[:order], np.inf), s[order:]
+    right = np.where(known, right, 0.0)
+    to_rest = u[:, order:].T @ right
+    mixed = to_rest + rest[:, None] * (v[:, order:].T @ left) / inside
+    gaps = inside * (1.0 - (rest[:, None] / inside) ** 2)
+    outside = (right - u @ (u.T @ right)) / inside
+    return np.asarray(outside + u[:, order:] @ np.divide(mixed, gaps, out=np.full_like(mixed, np.nan), where=gaps > 0))

@@ -1,0 +1,1 @@
+"""Modes of one record file from start to end."""

@@ -1,0 +1,313 @@
+"""Modes of one record file from start to end: read, prepare, identify, and what lies behind the answer."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+
+from structid._version import __version__
+from structid.arrays import FloatArray
+from structid.errors import InputError, NoModesError
+from structid.files import digest
+from structid.modal import HardCriteria, ModalIdentification, ModalOptions, ModalRecord, modal_identification
+from structid.modal.spectral.fdd import singular_spectra
+from structid.modal.survey.geometry import record_geometry
+from structid.modal.survey.rates import join_frequency, joined, lower_rate
+from structid.provenance import Provenance
+from structid.records import (
+    Finding,
+    FrfRecord,
+    Geometry,
+    Preparation,
+    ReadOptions,
+    Record,
+    TimeRecord,
+    harmonic_indicator,
+    prepare,
+    read_record,
+)
+
+#: Name of the page that is written beside modes.json.
+MODES_PAGE = "report.html"
+#: Damping ratio below which a machine or the mains may be behind a mode of time histories.
+HARDLY_DAMPED = 1e-3
+_SHORTEST_SEGMENT, _LONGEST_SEGMENT, _SEGMENTS = 512, 4096, 8
+_RATE_OVER_BAND, _FEWEST_SAMPLES = 4.0, 500
+
+
+@dataclass(frozen=True)
+class ModesOptions:
+    """What the user asks for; every default serves without a look at the record.
+
+    Parameters
+    ----------
+    method : str, optional
+        One of `structid.modal.METHODS`; by default the one that fits the kind of record.
+    band : (float, float), optional
+        Least and greatest frequency of modes, Hz.
+    frequencies : tuple of float, optional
+        Hz: the modes wanted, by hand.
+    orders : tuple of int, optional
+        Numbers of states to try.
+    rate : float, optional
+        Hz: sampling rate to which time histories are decimated. By default that of the record; lower where `band` or
+        `frequencies` lie far below it; and for its low modes, where the spectrum shows any, a second look at a lower one.
+    detrend : str or int
+        What is taken off each time history; see `Preparation`.
+    """
+
+    method: str | None = None
+    band: tuple[float, float] | None = None
+    frequencies: tuple[float, ...] | None = None
+    orders: tuple[int, ...] | None = None
+    rate: float | None = None
+    detrend: str | int = "mean"
+
+    def __post_init__(self) -> None:
+        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
+            raise InputError(
+                f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
+            )
+        if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
+            raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
+        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
+            raise InputError(f"`rate` must be greater than 0 Hz, got {self.rate:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class ModeSpectra:
+    """What is drawn behind the poles.
+
+    Attributes
+    ----------
+    frequency : (n_lines,) float array
+        Hz.
+    values : (n_lines, n_values) float array
+        Singular values, greatest first.
+    name, unit : str
+    """
+
+    frequency: FloatArray
+    values: FloatArray
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class ModesResult:
+    """Modes of a record, with what they were found from.
+
+    Attributes
+    ----------
+    title : str
+        Name of the record.
+    record : Record
+        As identified, after its preparation.
+    identification : ModalIdentification
+    spectra : ModeSpectra
+    geometry : Geometry or None
+        Where the sensors are; None where nothing says it.
+    steps : tuple of str
+        What was done to the record before.
+    findings : tuple of Finding
+        What is doubtful about the signals.
+    kurtosis : (n_modes,) float array
+        Of the signal in a narrow band, median over the channels: 1.5 for a pure tone, 3 for a mode under random forces;
+        NaN where damping leaves no doubt.
+    options : ModesOptions
+        As asked for.
+    provenance : Provenance
+    """
+
+    title: str
+    record: Record
+    identification: ModalIdentification
+    spectra: ModeSpectra
+    geometry: Geometry | None
+    provenance: Provenance
+    steps: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    options: ModesOptions = field(default_factory=ModesOptions)
+    kurtosis: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def modes(self) -> ModalRecord:
+        return self.identification.modes
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of frequencies (Hz), then damping ratios, (2 n_modes,); NaN where there are none."""
+        if self.modes.covariance is None:
+            return np.full(2 * self.modes.n_modes, np.nan)
+        return np.asarray(np.sqrt(np.diag(self.modes.covariance)))
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the covariance, where the method gives one, is complete."""
+        return self.modes.covariance is None or bool(np.isfinite(self.modes.covariance).all())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """On the signals, then on the modes."""
+        doubtful = (finding.words for finding in self.findings if finding.severity != "note")
+        return (*doubtful, *self.modes.warnings)
+
+    @property
+    def scale_words(self) -> str:
+        """What the scale of the shapes is, and what the modes therefore cannot tell."""
+        if self.modes.scaling == "mass":
+            return "mode shapes are scaled to a modal mass of 1 kg, from the measured forces"
+        if isinstance(self.record, TimeRecord):
+            return (
+                "no force was used: output-only data give frequencies, damping ratios and mode shapes of arbitrary"
+                " scale, but no masses or stiffnesses; they tell ratios, until one mass, stiffness or force is known"
+            )
+        return "the largest entry of each mode shape is 1: their scale is arbitrary, so they hold no modal masses"
+
+
+def modes_of_file(
+    path: str | Path,
+    options: ModesOptions | None = None,
+    read: ReadOptions | None = None,
+    geometry: str | Path | None = None,
+) -> ModesResult:
+    """The modes of the record in the file at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Time histories or FRFs.
+    options : ModesOptions, optional
+    read : ReadOptions, optional
+        What the file does not say about itself.
+    geometry : str or Path, optional
+        File with the positions of the nodes: universal file or CSV; by default what a universal file holds itself.
+
+    Raises
+    ------
+    NoModesError
+        If no mode is stable.
+    InputError
+        If a file or an option cannot be used.
+    """
+    path = Path(path)
+    options = options or ModesOptions()
+    record = read_record(path, read)
+    places = record_geometry(path, record, None if geometry is None else Path(geometry))
+    ready, steps, findings = _prepared(record, options)
+    identification, more = _identified(ready, options)
+    inputs = {Path(p).name: digest(p) for p in (path, geometry) if p is not None}
+    return ModesResult(
+        title=path.name,
+        record=ready,
+        identification=identification,
+        spectra=mode_spectra(ready),
+        geometry=places,
+        provenance=_provenance(inputs, options, read),
+        steps=(*steps, *more),
+        findings=findings,
+        options=options,
+        kurtosis=_tone_kurtosis(ready, identification.modes),
+    )
+
+
+def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
+    """The record made ready, what was done, and what is doubtful about it."""
+    if isinstance(record, FrfRecord):
+        if options.rate is not None:
+            raise InputError("`rate` is for time histories, but the record holds FRFs; leave it out, or give `band`")
+        if options.band is None:
+            return record, (), ()
+        kept = record.band(*options.band)
+        low, high = options.band
+        return kept, (f"{len(kept.frequency)} of {len(record.frequency)} lines kept, {low:g}-{high:g} Hz",), ()
+    _require_below_nyquist(record, options)
+    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=_rate(record, options)))
+    return ready.record, ready.steps, ready.findings
+
+
+def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
+    highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=0.0)
+    rate = record.sampling_rate if options.rate is None else min(options.rate, record.sampling_rate)
+    if highest >= rate / 2:
+        raise InputError(
+            f"modes up to {highest:g} Hz need a sampling rate above {2.5 * highest:g} Hz, got {rate:g} Hz; "
+            "lower the band, or measure faster"
+        )
+
+
+def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
+    """The sampling rate to decimate to: as given, or by the highest frequency that is asked for."""
+    if options.rate is not None:
+        return options.rate
+    highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=None)
+    if highest is None:
+        return None
+    factor = min(int(record.sampling_rate / (_RATE_OVER_BAND * highest)), len(record.values) // _FEWEST_SAMPLES)
+    return record.sampling_rate / factor if factor > 1 else None
+
+
+def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
+    """The modes, and words on a second look at a lower rate."""
+    criteria = HardCriteria() if options.band is None else HardCriteria(frequency=options.band)
+    settings = ModalOptions(options.orders, None, criteria, options.frequencies)
+    asked = (options.method, options.rate, options.band, options.frequencies)
+    if isinstance(record, FrfRecord) or any(given is not None for given in asked):
+        return _by_method(record, options.method, settings), ()
+    rate = lower_rate(record)
+    if rate is None:
+        return _by_method(record, None, settings), ()
+    slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
+    low = _by_method(slow.record, None, settings)
+    if not low.sweep:  # the method looks at frequencies one by one, where the rate does not matter
+        return _by_method(record, None, settings), ()
+    try:
+        high = _by_method(record, None, settings)
+    except NoModesError:
+        return low, slow.steps
+    split = join_frequency(low.modes, high.modes, rate)
+    words = f"modes below {split:.4g} Hz from a second look: {'; '.join(slow.steps)}"
+    return joined(low, high, split), (words,)
+
+
+def _by_method(record: Record, method: str | None, settings: ModalOptions) -> ModalIdentification:
+    if method is None:
+        return modal_identification(record, options=settings)
+    return modal_identification(record, method, settings)
+
+
+def _tone_kurtosis(record: Record, modes: ModalRecord) -> FloatArray:
+    """`harmonic_indicator` of the modes with hardly any damping."""
+    found = np.full(modes.n_modes, np.nan)
+    if isinstance(record, TimeRecord):
+        for k in np.flatnonzero(modes.damping_ratio < HARDLY_DAMPED):
+            f = float(modes.frequency[k])
+            if f > 0 and 1.25 * f < record.sampling_rate / 2:
+                found[k] = np.nanmedian(harmonic_indicator(record, f))
+    return found
+
+
+def mode_spectra(record: Record) -> ModeSpectra:
+    """Singular values of the spectral matrix of motion, or of the FRF matrix, line by line."""
+    if isinstance(record, FrfRecord):
+        values = np.linalg.svd(record.values, compute_uv=False)
+        return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit)
+    n = len(record.values)
+    segment = min(n, 2 ** int(np.log2(np.clip(n // _SEGMENTS, _SHORTEST_SEGMENT, _LONGEST_SEGMENT))))
+    frequency, values, _ = singular_spectra(record, segment)
+    name = "singular values of the spectral matrix, channels scaled to equal power"
+    return ModeSpectra(frequency[1:], values[1:], name, "1/Hz")
+
+
+def _provenance(inputs: Mapping[str, str], options: ModesOptions, read: ReadOptions | None) -> Provenance:
+    given: dict[str, Any] = {} if read is None else {name: getattr(read, name) for name in read.given()}
+    return Provenance(
+        structid=__version__, numpy=np.__version__, scipy=scipy.__version__, python=platform.python_version(),
+        inputs=inputs, seed=None, settings={**asdict(options), **given},
+    )  # fmt: skip

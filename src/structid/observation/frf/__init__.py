@@ -1,0 +1,1 @@
+"""Frequency response functions as a least-squares problem."""

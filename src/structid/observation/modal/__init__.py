@@ -1,0 +1,1 @@
+"""Modes as a least-squares problem."""

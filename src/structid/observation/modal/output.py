@@ -1,0 +1,226 @@
+"""How modes of a parametrized structure differ from measured ones, with derivatives that stay finite at close modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from structid.arrays import FloatArray, IntArray
+from structid.dynamics import Modes
+from structid.observation.modal.matrix_slopes import MatrixSlopes
+
+_DENSE_UP_TO = 600
+
+
+@dataclass(frozen=True, eq=False)
+class GroupData:
+    """Measured modes that are close to each other, or one that stands alone.
+
+    Attributes
+    ----------
+    members : (m,) int array
+        Their numbers in the record.
+    eigenvalues : (m,) float array
+        Measured omega^2, (rad/s)^2.
+    shapes : (n_channels, m) float array
+        In standard deviations of each channel.
+    mixing_std : (m, m) float array
+        Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
+        of a shape turns it towards the others, which shows as that part of their distance in eigenvalue; and never
+        less than the eigenvalues' own errors, since what blurs those turns close shapes as well.
+    """
+
+    members: IntArray
+    eigenvalues: FloatArray
+    shapes: FloatArray
+    mixing_std: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GroupFit:
+    """One group of modes as the model has it; derivatives have the parameters last, or are None.
+
+    Attributes
+    ----------
+    frequency : (m,) float array
+        Hz; with the slope (m, n_params).
+    damping : (m,) float array
+        Damping ratio, NaN in a group of several; with its slope.
+    shape_residual : (n_channels, m) float array
+        Measured shapes less their nearest in the span of the model's; with its slope.
+    mixing : (m, m) float array
+        Off-diagonal entries of A^-1 Lambda A over their standard deviation, zero on the diagonal; with its slope.
+    """
+
+    frequency: FloatArray
+    frequency_slope: FloatArray
+    damping: FloatArray
+    damping_slope: FloatArray
+    shape_residual: FloatArray
+    shape_slope: FloatArray
+    mixing: FloatArray
+    mixing_slope: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ModelState:
+    """Matrices, modes and sensors of the model at one point, and what differentiates them.
+
+    Attributes
+    ----------
+    mass, damping, stiffness, structural : (n_dofs, n_dofs) sparse arrays
+    modes : Modes
+    sensors : (n_dofs, n_channels) float array
+        In standard deviations of each channel.
+    slopes : MatrixSlopes
+    physical : (n_params,) float array
+    """
+
+    mass: sparse.csc_array
+    damping: sparse.csc_array
+    stiffness: sparse.csc_array
+    structural: sparse.csc_array
+    modes: Modes
+    sensors: FloatArray
+    slopes: MatrixSlopes
+    physical: FloatArray
+
+
+def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit:
+    """The group as the model's modes `chosen` show it.
+
+    With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
+    from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
+    model's shapes are turned among themselves, so derivatives need no difference of eigenvalues inside the group:
+    d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside the group,
+    S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+
+    References
+    ----------
+    Nelson (1976), AIAA J. 14, 1201-1205 (bordered system); Golub and Pereyra (1973), SIAM J. Numer. Anal. 10,
+    413-432, Eq. (4.12) (derivative of a projection).
+    """
+    phi = state.modes.mode_shapes[:, chosen]
+    omega = 2 * np.pi * state.modes.frequency[chosen]
+    eigenvalues = omega**2
+    m = len(chosen)
+    loss = _loss_force(state, phi, omega) if m == 1 else np.zeros((len(phi), 0))
+    adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
+    x = phi.T[:, :, None]
+    y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
+    forms = state.slopes.products(state.physical, ("inertia", "elastic", "viscous", "structural"), y, x)
+    n_y = adjoint.shape[2]
+    d_mass, d_stiffness = forms["inertia"][:, :, 0], forms["elastic"][:, :, 0]  # (m, n_y + m, n_params), mode first
+    outside = -(d_stiffness[:, :n_y] - eigenvalues[:, None, None] * d_mass[:, :n_y])
+    inside = d_mass[:, n_y:]  # phi_l' dM phi_k at [k, l]
+    weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
+    change = np.moveaxis(outside, 0, 1) - 0.5 * np.einsum("yl,klp->ykp", weights, inside)
+    mean = 0.5 * (eigenvalues[:, None] + eigenvalues[None, :])
+    d_lambda = d_stiffness[:, n_y:] - mean[:, :, None] * inside
+    n_channels = state.sensors.shape[1]
+    shape, d_shape, a, d_a = _projected(weights[:n_channels], change[:n_channels], group.shapes)
+    frequency, d_frequency, mixing, d_mixing = _turned(eigenvalues, d_lambda, a, d_a, group)
+    ratio, d_ratio = np.full(m, np.nan), np.full((m, d_lambda.shape[2]), np.nan)
+    if m == 1:
+        viscous, structural = forms["viscous"][0, -1, 0], forms["structural"][0, -1, 0]
+        ratio, d_ratio = _damping(state, phi[:, 0], omega[0], d_lambda[0, 0], change[-1, 0], viscous, structural)
+    return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
+
+
+def group_changes(
+    state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What changes of the measured shapes do to `GroupFit`, the model as it is.
+
+    Parameters
+    ----------
+    shapes : (n_channels, m, n_changes) float array
+        In standard deviations of each channel.
+
+    Returns
+    -------
+    (m, n_changes), (n_channels, m, n_changes) and (m, m, n_changes) float arrays
+        Of the frequency (Hz), the shapes' residual and the mixing.
+    """
+    eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
+    b = state.sensors.T @ state.modes.mode_shapes[:, chosen]
+    pseudo = np.linalg.pinv(b)
+    d_a = np.einsum("kc,crp->krp", pseudo, shapes)
+    still = np.zeros((len(chosen), *d_a.shape[1:]))
+    _, frequency, _, mixing = _turned(eigenvalues, still, pseudo @ group.shapes, d_a, group)
+    return frequency, shapes - np.einsum("ck,krp->crp", b, d_a), mixing
+
+
+def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatArray:
+    """(C / omega + D / omega^2) phi of a single mode, (n_dofs, 1)."""
+    return (state.damping @ phi) / omega + (state.structural @ phi) / omega**2
+
+
+def _damping(
+    state: ModelState,
+    phi: FloatArray,
+    omega: float,
+    d_lambda: FloatArray,
+    loss_change: FloatArray,
+    viscous: FloatArray,
+    structural: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 and its slope."""
+    c, d = float(phi @ (state.damping @ phi)), float(phi @ (state.structural @ phi))
+    d_omega = d_lambda / (2 * omega)
+    slope = viscous / omega + structural / omega**2 + 2 * loss_change - (c / omega**2 + 2 * d / omega**3) * d_omega
+    return np.array([0.5 * (c / omega + d / omega**2)]), 0.5 * slope[None]
+
+
+def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
+    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system."""
+    n, m = phi.shape
+    border = state.mass @ phi
+    if n <= _DENSE_UP_TO:
+        system = np.zeros((m, n + m, n + m))
+        system[:, :n, :n] = state.stiffness.toarray() - eigenvalues[:, None, None] * state.mass.toarray()
+        system[:, :n, n:], system[:, n:, :n] = border, border.T
+        padded = np.vstack([right, np.zeros((m, right.shape[1]))])
+        return np.linalg.solve(system, np.broadcast_to(padded, (m, *padded.shape)))[:, :n]
+    found = []
+    padded = np.vstack([right, np.zeros((m, right.shape[1]))])
+    for value in eigenvalues:
+        upper = sparse.hstack([state.stiffness - value * state.mass, sparse.csc_array(border)])
+        lower = sparse.hstack([sparse.csc_array(border.T), sparse.csc_array((m, m))])
+        found.append(splu(sparse.csc_matrix(sparse.vstack([upper, lower]))).solve(padded)[:n])
+    return np.array(found)
+
+
+def _projected(
+    b: FloatArray, d_b: FloatArray, measured: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Psi - B A and A of the least squares B A = Psi, each with its slope."""
+    pseudo = np.linalg.pinv(b)
+    a = pseudo @ measured
+    residual = measured - b @ a
+    moved = np.einsum("ckp,kr->crp", d_b, a)
+    turned = np.einsum("ckp,cr->krp", d_b, residual)
+    gram = pseudo @ pseudo.T
+    d_a = -np.einsum("kc,crp->krp", pseudo, moved) + np.einsum("kl,lrp->krp", gram, turned)
+    d_residual = -moved - np.einsum("ck,krp->crp", b, d_a)
+    return residual, d_residual, a, d_a
+
+
+def _turned(
+    eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Frequencies on the diagonal of T = A^-1 Lambda A and the scaled rest of it, each with its slope."""
+    inverse = np.linalg.inv(a)
+    turned = inverse @ (eigenvalues[:, None] * a)
+    inner = np.einsum("klp,lr->krp", d_lambda, a) + eigenvalues[:, None, None] * d_a
+    d_turned = np.einsum("sk,krp->srp", inverse, inner - np.einsum("klp,lr->krp", d_a, turned))
+    diagonal = np.arange(len(eigenvalues))
+    omega = np.sqrt(np.maximum(turned[diagonal, diagonal], np.finfo(float).tiny))
+    d_omega = d_turned[diagonal, diagonal] / (2 * omega[:, None])
+    size = group.mixing_std * np.sqrt(np.outer(group.eigenvalues, group.eigenvalues))
+    off = 1.0 - np.eye(len(eigenvalues))
+    scale = off / np.where(off > 0, size, 1.0)
+    return omega / (2 * np.pi), d_omega / (2 * np.pi), turned * scale, d_turned * scale[:, :, None]

@@ -1,0 +1,1 @@
+"""Time histories as least-squares problems."""

@@ -1,0 +1,357 @@
+"""What sensors of a structure read at the samples of a record, and its derivatives, without discretization error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from structid.arrays import FloatArray, IntArray
+from structid.dof import Dof
+from structid.dynamics.exact_discretization import Step, exact_step, stepped
+from structid.errors import InputError, SingularModelError
+from structid.observation.sensitive import require_nominal_thickness
+from structid.observation.time.options import Hold, Oscillation
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+_MOST_DOFS = 200
+_LAWS = ("inertia", "viscous", "elastic")
+_CHUNK = 4_000_000
+ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class TimeModel:
+    """A structure with mass, viscous damping and stiffness, its loads and its sensors.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    step : float
+        Time between samples, s.
+    gap : float
+        Time from the start to the first sample, s.
+    start : float
+        Time of the start, s.
+    sensors : tuple of Dof
+    orders : (n_sensors,) int array
+        Derivative that each sensor reads: 0 displacement, 1 velocity, 2 acceleration.
+    loads : tuple of Dof
+    force : {"first", "zero"} or Oscillation
+    """
+
+    structure: Structure
+    unknown: Parameters
+    step: float
+    gap: float
+    start: float
+    sensors: tuple[Dof, ...]
+    orders: IntArray
+    loads: tuple[Dof, ...]
+    force: Hold | Oscillation
+
+    def __post_init__(self) -> None:
+        require_viscous(self.structure, self.unknown)
+        if self.structure.n_dofs > _MOST_DOFS:
+            raise InputError(
+                f"the structure must have at most {_MOST_DOFS} free degrees of freedom for a time-domain fit, got"
+                f" {self.structure.n_dofs}; condense it (see `reduction`), or identify from FRFs with `identify`"
+            )
+        if self.gap > 0 and not isinstance(self.force, Oscillation):
+            raise InputError(
+                f"the rest must last until the first sample where the force is known by samples, but they begin {self.gap:g}"
+                " s later; begin the record at rest, take initial 'unknown', or give the force as an Oscillation"
+            )
+
+    @cached_property
+    def load_columns(self) -> FloatArray:
+        """Where each load acts, (n_dofs, n_loads)."""
+        return np.asarray(self.structure.selection(self.loads).toarray(), dtype=np.float64)
+
+    @cached_property
+    def sensor_columns(self) -> FloatArray:
+        """What each sensor reads, (n_dofs, n_sensors)."""
+        return np.asarray(self.structure.selection(self.sensors).toarray(), dtype=np.float64)
+
+    @cached_property
+    def generator(self) -> FloatArray:
+        """Rate of the inputs, for `exact_step`; their state is all forces, and then slopes or quadratures."""
+        n, eye = len(self.loads), np.eye(len(self.loads))
+        if isinstance(self.force, Oscillation):
+            return self.force.omega * np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), eye)
+        if self.force == "zero":
+            return np.zeros((n, n))
+        return np.kron(np.array([[0.0, 1.0], [0.0, 0.0]]), eye) / self.step
+
+    def oscillation(self, time: FloatArray) -> FloatArray:
+        """State of the generator at `time` for unit amplitudes, (n_times, n_inputs, n_force_values)."""
+        assert isinstance(self.force, Oscillation)
+        c, s = np.cos(self.force.omega * time), np.sin(self.force.omega * time)
+        eye = np.eye(len(self.loads))
+        cosine = np.kron(np.stack([c, -s], axis=1)[..., None], eye)
+        if not self.force.sine:
+            return cosine
+        return np.concatenate([cosine, np.kron(np.stack([s, c], axis=1)[..., None], eye)], axis=2)
+
+    def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
+        """State of the generator at each sample, from the start on, (n_steps + 1, n_inputs).
+
+        `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
+        """
+        time = self.times(n_times)
+        if isinstance(self.force, Oscillation):
+            return self.oscillation(time) @ force
+        if self.force == "zero":
+            return force
+        return np.concatenate([force, np.diff(force, axis=0, append=force[-1:])], axis=1)
+
+    def times(self, n_times: int) -> FloatArray:
+        """The start where it precedes the first sample, and the samples, s."""
+        samples = self.start + self.gap + self.step * np.arange(n_times)
+        return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
+
+    def readings(self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int) -> FloatArray:
+        """What the sensors read, (n_times, n_sensors).
+
+        Parameters
+        ----------
+        values : (n_params,) float array
+            Physical parameters.
+        force : (n_times, n_loads) float array
+            N or N m; for an `Oscillation` (n_force_values,), all cosines and then all sines.
+        initial : (2 n_dofs,) float array, optional
+            Displacement and velocity at the start; rest if None.
+        n_times : int
+
+        Raises
+        ------
+        SingularModelError
+            If the mass matrix is not positive definite.
+        """
+        system = self._linear(values, derivatives=False)
+        return system.readings(system.start_of(initial)[:, None], self.inputs(force, n_times)[..., None], n_times)[
+            ..., 0
+        ]
+
+    def derivatives(
+        self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """`readings`, and their derivative with respect to the parameters, (n_times, n_sensors, n_params)."""
+        system = self._linear(values, derivatives=True)
+        return system.derivatives(system.start_of(initial), self.inputs(force, n_times), n_times)
+
+    def unit_forces(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings from rest for unit amplitudes of an oscillation, (n_times, n_sensors, n_force_values)."""
+        system, inputs = self._linear(values, derivatives=False), self.oscillation(self.times(n_times))
+        return system.readings(np.zeros((2 * self.structure.n_dofs, inputs.shape[2])), inputs, n_times)
+
+    def unit_starts(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_dofs)."""
+        system = self._linear(values, derivatives=False)
+        nothing = np.zeros((len(self.times(n_times)), len(self.generator), 2 * self.structure.n_dofs))
+        return system.readings(system.start_of(np.eye(2 * self.structure.n_dofs)), nothing, n_times)
+
+    def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads)."""
+        system, n_loads = self._linear(values, derivatives=False), len(self.loads)
+        found = np.zeros((n_times, len(self.sensors), n_times, n_loads))
+        rest = np.zeros((2 * self.structure.n_dofs, 2))
+        for load in range(n_loads):
+            signal = np.zeros((2, n_times + 1, n_loads))
+            signal[0, 0, load] = signal[1, 1, load] = 1.0
+            inputs = np.stack([self.inputs(s, n_times + 1) for s in signal], axis=2)
+            both = system.readings(rest, inputs, n_times + 1)
+            found[:, :, 0, load] = both[:n_times, :, 0]
+            for k in range(1, n_times):
+                found[k:, :, k, load] = both[1 : n_times - k + 1, :, 1]
+        return found
+
+    def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
+        """State-space matrices at these parameters, and their derivatives."""
+        properties = self.unknown.values(values)
+        mass, damping, stiffness = (self.structure.matrix(law, properties).toarray() for law in _LAWS)
+        try:
+            squares, shapes = linalg.eigh(stiffness, mass)
+        except (linalg.LinAlgError, ValueError) as error:
+            raise SingularModelError(
+                "the mass matrix must be positive definite; give every degree of freedom some mass"
+            ) from error
+        scale = np.sqrt(np.maximum(squares, 0.0))
+        scale = np.where(scale * self.step > 1e-3, scale, 1e-3 / self.step)
+        n_params = self.unknown.n_params if derivatives else 0
+        change = {law: self._modal_change(law, shapes) for law in _LAWS} if derivatives else {}
+        n, modal_damping, load = len(squares), shapes.T @ damping @ shapes, shapes.T @ self.load_columns
+        rate = np.zeros((2 * n, 2 * n))
+        rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
+        coupling = np.zeros((2 * n, len(self.generator)))
+        coupling[n:, : load.shape[1]] = load
+        rate_change, coupling_change = (
+            np.zeros((2 * n, n_params, 2 * n)),
+            np.zeros((2 * n, n_params, len(self.generator))),
+        )
+        if derivatives:
+            inertia = change["inertia"]
+            rate_change[n:, :, :n] = (inertia * squares - change["elastic"]) / scale
+            rate_change[n:, :, n:] = inertia @ modal_damping - change["viscous"]
+            coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
+        return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
+
+    def _modal_change(self, law: str, shapes: FloatArray) -> FloatArray:
+        """Derivative of a matrix with respect to each parameter between modes, (n_modes, n_params, n_modes)."""
+        n, n_params = len(shapes), self.unknown.n_params
+        total = np.zeros((n_params, n * n))
+        design = self.unknown.design.tocsr()
+        for part in self.structure.contributions:
+            if part.law != law:
+                continue
+            rows = design[part.value]
+            used = np.flatnonzero(np.diff(rows.indptr))
+            if len(used):
+                forms = part.blocks.take(used).bilinear(shapes, shapes).reshape(len(used), -1)
+                total += rows[used].T @ forms
+        return np.swapaxes(total.reshape(n_params, n, n), 0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """Modal state space of a `TimeModel` at given parameters; shapes stay fixed where derivatives are taken."""
+
+    model: TimeModel
+    shapes: FloatArray
+    scale: FloatArray
+    inverse_shapes: FloatArray
+    rate: FloatArray
+    coupling: FloatArray
+    rate_change: FloatArray
+    coupling_change: FloatArray
+
+    def _step(self, length: float) -> Step:
+        generator = self.model.generator
+        return exact_step(self.rate, self.coupling, generator, length, self.rate_change, self.coupling_change)
+
+    @cached_property
+    def _steps(self) -> tuple[Step, Step]:
+        """The first step, and all others."""
+        usual, gap = self._step(self.model.step), self.model.gap
+        same = gap == 0 or abs(gap - self.model.step) < 1e-12 * self.model.step
+        return (usual if same else self._step(gap)), usual
+
+    def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
+        """Steps and stretches of them that fit into memory; the first may be of another length than the others."""
+        n_steps = n_times - 1 + (self.model.gap > 0)
+        first = 0
+        if self.model.gap > 0:
+            yield self._steps[0], slice(0, 1)
+            first = 1
+        chunk = max(1, _CHUNK // (len(self.rate) * width))
+        for begin in range(first, n_steps, chunk):
+            yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
+
+    def start_of(self, initial: FloatArray | None) -> FloatArray:
+        """Modal state of displacement and velocity (2 n_dofs, ...); rest for None."""
+        n = len(self.scale)
+        if initial is None:
+            return np.zeros(2 * n)
+        displacement, velocity = self.inverse_shapes @ initial[:n], self.inverse_shapes @ initial[n:]
+        return np.concatenate([(displacement.T * self.scale).T, velocity])
+
+    @cached_property
+    def _output(self) -> tuple[FloatArray, FloatArray]:
+        """Rows of the sensors for state (n_sensors, n_states) and input (n_sensors, n_inputs)."""
+        n, seen = len(self.scale), self.model.sensor_columns.T @ self.shapes
+        order = self.model.orders[:, None]
+        slow = [np.where(order == 0, seen / self.scale, 0.0), np.where(order == 1, seen, 0.0)]
+        fast = np.where(order == 2, seen, 0.0)
+        return np.concatenate(slow, axis=1) + fast @ self.rate[n:], fast @ self.coupling[n:]
+
+    def readings(self, start: FloatArray, inputs: FloatArray, n_times: int) -> FloatArray:
+        """Readings of several motions at once, (n_times, n_sensors, n_motions).
+
+        Parameters
+        ----------
+        start : (n_states, n_motions) float array
+        inputs : (n_steps + 1, n_inputs, n_motions) float array
+        n_times : int
+        """
+        of_state, of_input = self._output
+        found = np.empty((len(inputs), len(of_state), start.shape[1]))
+        found[0], state = of_state @ start, start
+        for step, span in self._pieces(n_times, start.shape[1]):
+            states = stepped(step.transition, step.entry @ inputs[span], state)
+            found[span.start + 1 : span.stop + 1], state = of_state @ states[1:], states[-1]
+        return (found + of_input @ inputs)[-n_times:]
+
+    def derivatives(self, start: FloatArray, inputs: FloatArray, n_times: int) -> tuple[FloatArray, FloatArray]:
+        """Readings of one motion and their derivatives, (n_times, n_sensors) and (n_times, n_sensors, n_params).
+
+        Parameters
+        ----------
+        start : (n_states,) float array
+        inputs : (n_steps + 1, n_inputs) float array
+        n_times : int
+        """
+        n_params = self.rate_change.shape[1]
+        values, slopes = [], []
+        state = np.concatenate([start[:, None], np.zeros((len(start), n_params))], axis=1)
+        if self.model.gap == 0:
+            value, slope = self._read(state[None], inputs[:1])
+            values.append(value)
+            slopes.append(slope)
+        for step, span in self._pieces(n_times, 1 + n_params):
+            states = self._advanced(step, state, inputs[span])
+            value, slope = self._read(states[1:], inputs[span.start + 1 : span.stop + 1])
+            values.append(value)
+            slopes.append(slope)
+            state = states[-1]
+        return np.concatenate(values), np.concatenate(slopes)
+
+    def _advanced(self, step: Step, state: FloatArray, inputs: FloatArray) -> FloatArray:
+        """States and their derivatives over the next steps, (n_steps + 1, n_states, 1 + n_params)."""
+        own = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
+        wide = np.concatenate([step.transition_change, step.entry_change], axis=2)
+        given = np.concatenate([own[:-1], inputs], axis=1)
+        pushed = (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(len(state), -1, len(inputs))
+        drive = np.ascontiguousarray(np.moveaxis(pushed, 2, 0))
+        return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
+
+    def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Readings and their derivatives at some states, (n_times, n_sensors) and (n_times, n_sensors, n_params)."""
+        of_state, of_input = self._output
+        n_params, n = self.rate_change.shape[1], len(self.scale)
+        found = of_state @ states
+        values, slopes = found[..., 0] + inputs @ of_input.T, found[..., 1:]
+        fast = np.flatnonzero(self.model.orders == 2)
+        if len(fast):
+            seen = self.model.sensor_columns[:, fast].T @ self.shapes
+            wide = np.concatenate([self.rate_change[n:], self.coupling_change[n:]], axis=2)
+            given = np.concatenate([states[..., 0], inputs], axis=1)
+            pushed = seen @ (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(n, -1)
+            slopes[:, fast] += np.moveaxis(pushed.reshape(len(fast), n_params, -1), 2, 0)
+        return values, slopes
+
+
+def require_viscous(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where friction or loss factors take part: they have no linear equation of motion in time."""
+    require_nominal_thickness(structure, unknown)
+    touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
+    for part in structure.contributions:
+        if part.law.startswith("friction:") and touched[part.value].any():
+            raise InputError(
+                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
+                " from FRFs with `identify`"
+            )
+        if part.factor is not None and touched[part.factor].any():
+            raise InputError(
+                "loss factors must be 0 in the time domain, since structural damping is defined for harmonic motion only;"
+                " use viscous damping, or identify them from FRFs with `identify`"
+            )
+
+
+def names_of(dofs: Sequence[Dof]) -> str:
+    """Degrees of freedom in one line, for messages."""
+    return ", ".join(str(dof.unsigned) for dof in dofs)

@@ -1,0 +1,210 @@
+"""Output error from few samples to all of them: where the search starts, and how it is led to the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import FloatArray, locked
+from structid.errors import InputError
+from structid.estimation import Estimate, LevenbergMarquardt, Linearization
+from structid.estimation.diagnostics.refusal import bound_at
+from structid.estimation.estimate import estimate
+from structid.estimation.search.multistart import named
+from structid.estimation.search.work import ALONE, StageProgress, Tools, Work
+from structid.observation.motion.fit import identify_motion
+from structid.observation.time.options import TimeOptions
+from structid.observation.time.output_error import OutputErrorProblem
+from structid.observation.time.problem import output_error_problem
+from structid.observation.time.weak_form import identified_by_weak_form
+from structid.records import TimeRecord
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+_NEAR, _FAR = 0.05, 0.2
+_HELD = 0.5
+_STAGE_TOLERANCE = 1e-4
+_LINEAR_SAMPLES = (4, 8, 16)
+
+#: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
+_Way = tuple[int, float, FloatArray]
+
+
+def identified_by_output_error(
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord,
+    options: TimeOptions,
+    work: Work = ALONE,
+    progress: StageProgress | None = None,
+) -> Estimate:
+    """Maximum likelihood, first from few samples and then from ever more of them.
+
+    A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
+    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
+    chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
+    fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
+    depend on each other run ahead of the verdict on those before them; the answer is the same.
+    """
+    problem = output_error_problem(structure, unknown, record, options)
+    sizes = _stages(problem, options)
+    ways: list[_Way] = []
+    iterations = 0
+    for way, spent in _tried(
+        _rounds(structure, unknown, record, options, ways), (problem, sizes, options), work, progress
+    ):
+        iterations += spent
+        ways.append(way)
+        if way[0] == len(sizes):
+            break
+    reached, _, theta = _furthest(ways)
+    if reached < len(sizes):
+        tools = Tools(work.minimize, progress)
+        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
+        iterations += spent
+    final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
+    method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
+    found = estimate(final, method, misfit_probability=options.misfit_probability, progress=progress, work=work)
+    return replace(
+        found,
+        initial=locked(unknown.start),
+        bound_initial=bound_at(problem, unknown.theta_start, "the initial values").std,
+        n_iterations=found.n_iterations + iterations,
+        n_starts=len(ways),
+    )
+
+
+def _tried(
+    rounds: Iterator[list[FloatArray]],
+    shared: tuple[OutputErrorProblem, list[int], TimeOptions],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[tuple[_Way, int]]:
+    """What became of each start in turn, and the iterations spent; `rounds` is asked for more when these are taken."""
+    count = 0
+    for starts in rounds:
+        for first in range(0, len(starts), work.n_workers):
+            ahead = starts[first : first + work.n_workers]
+            for found in work.map("starts", _way, shared, ahead, progress, first=count):
+                yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
+            count += len(ahead)
+
+
+def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], theta: FloatArray, tools: Tools) -> dict[str, Any]:
+    """The way from one start, as a task."""
+    problem, sizes, options = shared
+    reached, excess, theta, spent = _followed(problem, sizes, theta, options, True, tools)
+    return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
+
+
+def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
+    """Numbers of samples, the last all of them."""
+    n_times, n_sensors = problem.measured.shape
+    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
+    size = options.first_samples or max(2, -(-(problem.unknown.n_params + n_initial) // n_sensors))
+    sizes = []
+    while size < n_times:
+        sizes.append(size)
+        size *= 2
+    return [*sizes, n_times]
+
+
+def _followed(
+    problem: OutputErrorProblem,
+    sizes: list[int],
+    theta: FloatArray,
+    options: TimeOptions,
+    strict: bool,
+    tools: Tools,
+) -> tuple[int, float, FloatArray, int]:
+    """Stages passed, chi-square per degree of freedom of the last one, free variables there, and iterations spent.
+
+    While stages are short, parameters are drawn to where they begin by half of each value, so that what the data do
+    not say yet stays where it is; the last stage is without.
+    """
+    spent, excess = 0, np.inf
+    method = LevenbergMarquardt(max_iterations=options.max_iterations, gain_tolerance=_STAGE_TOLERANCE)
+    for passed, size in enumerate(sizes):
+        stage = problem.first(size)
+        if size < problem.n_times:
+            begin = problem.unknown.started_at(problem.physical(theta))
+            stage = stage.with_parameters(begin.kept_near_start(_HELD))
+        minimum = tools.minimize(stage, method, theta, named(tools.progress, f"{size} samples"))
+        spent += len(minimum.costs) - 1
+        excess, probability = _misfit(stage, minimum.linearization)
+        if strict and probability < options.misfit_probability:
+            return passed, excess, minimum.theta, spent
+        theta = minimum.theta
+    return len(sizes), excess, theta, spent
+
+
+def _misfit(problem: OutputErrorProblem, at: Linearization) -> tuple[float, float]:
+    """Chi-square per degree of freedom, and the probability of a larger one."""
+    data = at.residual[: problem.n_data]
+    freedom, chi_square = problem.n_data - at.jacobian.shape[1] - at.n_eliminated, float(data @ data)
+    if freedom <= 0:
+        return 1.0, 1.0
+    return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))
+
+
+def _furthest(ways: list[_Way]) -> _Way:
+    return max(ways, key=lambda way: way[:2])
+
+
+def _rounds(
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, ways: list[_Way]
+) -> Iterator[list[FloatArray]]:
+    """Free variables to start from: linear fits where they can be had, the given start, and others.
+
+    The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
+    of the first. Each round is made when those before have failed; `ways` holds what became of them.
+    """
+    sound: list[FloatArray] = []
+    rng = np.random.default_rng(options.seed)
+    for makers in (_linear_starts, _given_start, _weak_start):
+        made = list(makers(structure, unknown, record))
+        sound += made
+        yield made
+    for attempt in range(0, options.restarts, 2):
+        centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
+        points: list[FloatArray] = []
+        for distance, theta in centres[: options.restarts - attempt]:
+            size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
+            points.append(theta + distance * size * rng.standard_normal(len(theta)))
+        yield points
+
+
+def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    """Free variables of linear fits to the first 4, 8 and 16 samples, where every degree of freedom is measured."""
+    for n_samples in _LINEAR_SAMPLES:
+        if n_samples > len(record.values):
+            return
+        short = replace(record, values=record.values[:n_samples])
+        try:
+            found = identify_motion(structure, unknown.without_priors(), short).values
+        except InputError:
+            return
+        yield _free(unknown, found)
+
+
+def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    yield unknown.theta_start
+
+
+def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    """Free variables of the weak form, which needs no start, where every degree of freedom is measured."""
+    try:
+        found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
+    except InputError:
+        return
+    yield _free(unknown, found.values)
+
+
+def _free(unknown: Parameters, values: FloatArray) -> FloatArray:
+    """Free variables of `values`; of the start where these are out of range or not determined."""
+    inside = (values > unknown.transforms.lower) & (values < unknown.transforms.upper)
+    return unknown.transforms.free(np.where(inside, values, unknown.start))

@@ -1,0 +1,102 @@
+"""A structure and a time record become a time-domain problem: which channels are fitted, which forces drive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.observation.time.model import ORDERS, TimeModel
+from structid.observation.time.options import TimeOptions
+from structid.observation.time.output_error import OutputErrorProblem
+from structid.records import TimeRecord
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+_NO_NOISE = (
+    "the record has no noise level; declare `variance`, one value a channel (0 for a force that is known), as found from"
+    " a stretch of the record without motion"
+)
+
+
+def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> TimeModel:
+    """The model of what the fitted channels of `record` read.
+
+    Raises
+    ------
+    InputError
+        If nothing is there to fit or to drive the structure, a channel is not part of it, or the rest does not last
+        until the first sample where only samples of the force are known.
+    """
+    fitted, loads = _chosen(record, options.quantities), _chosen(record, ("force",))
+    if not len(fitted):
+        kinds = ", ".join(options.quantities)
+        raise InputError(f"the record must hold channels of {kinds}, got {', '.join(record.quantities) or 'none'}")
+    if not len(loads) and options.initial == "rest":
+        raise InputError(
+            "the record must hold force channels where motion begins at rest; add them, or take initial 'unknown' for"
+            " free motion (which gives ratios of parameters unless one is known)"
+        )
+    begin = record.start if options.rest_time is None else options.rest_time
+    if begin > record.start:
+        raise InputError(f"`rest_time` must not come after the first sample at {record.start:g} s, got {begin:g} s")
+    return TimeModel(
+        structure,
+        unknown,
+        1 / record.sampling_rate,
+        record.start - begin,
+        begin,
+        tuple(record.channels[i] for i in fitted),
+        np.array([ORDERS[record.quantities[i]] for i in fitted]),
+        tuple(record.channels[i] for i in loads),
+        options.force,
+    )
+
+
+def output_error_problem(
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions | None = None
+) -> OutputErrorProblem:
+    """The maximum-likelihood problem of `record`; see `identify_time` for what the arguments mean.
+
+    Raises
+    ------
+    InputError
+        As `time_model`, and if the noise of a fitted channel is not declared.
+    """
+    chosen = options or TimeOptions()
+    model = time_model(structure, unknown, record, chosen)
+    fitted, loads = _chosen(record, chosen.quantities), _chosen(record, ("force",))
+    variance = declared_variance(record)
+    for i in fitted:
+        if not variance[i] > 0:
+            raise InputError(
+                f"noise variance of {record.quantities[i]} at {record.channels[i]} must be greater than 0, got"
+                f" {variance[i]:g}; declare it, or leave the kind out of `quantities`"
+            )
+    return OutputErrorProblem(
+        model,
+        record.values[:, fitted],
+        np.sqrt(variance[fitted]),
+        record.values[:, loads],
+        np.sqrt(variance[loads]),
+        chosen.initial == "unknown",
+    )
+
+
+def declared_variance(record: TimeRecord) -> FloatArray:
+    """Noise variance of every channel, (n_channels,).
+
+    Raises
+    ------
+    InputError
+        If it is not declared, negative or not finite.
+    """
+    if record.variance is None:
+        raise InputError(_NO_NOISE)
+    if not np.isfinite(record.variance).all() or (record.variance < 0).any():
+        raise InputError("`variance` must be finite and not negative for every channel")
+    return record.variance
+
+
+def _chosen(record: TimeRecord, quantities: tuple[str, ...]) -> IntArray:
+    return np.array([i for i, q in enumerate(record.quantities) if q in quantities], dtype=np.int64)

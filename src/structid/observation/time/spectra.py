@@ -1,0 +1,274 @@
+"""Forces and motions of one finite record as a least-squares problem: no leakage error, noise on both sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
+from structid.dynamics.modes import modes
+from structid.errors import InputError
+from structid.estimation.problem import Linearization, Problem
+from structid.observation.frf.response import Response, response
+from structid.records import FrfRecord, TimeRecord
+from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
+from structid.structure import Friction, Structure
+from structid.unknowns import NamedUnknowns, Parameters
+
+#: Columns of the transients with singular values below this part of the largest count as dependent.
+_DEPENDENT = 1e-10
+#: Modes up to this multiple of the highest line take part in the transient.
+_REACH = 2.0
+#: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
+_WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
+#: Relative error that the start is taken to have, and that of each value in the stages.
+_START_ERROR, _STAGE_ERROR = 0.5, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class SpectraProblem(NamedUnknowns):
+    """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
+
+    A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
+
+        y = s^d S' Z(s)^-1 [F u + M dv + (s M + C) dw] + polynomial in s,    s = i omega,
+
+    with minus the changes of displacement, dw, and of velocity, dv, over the record; leakage is that transient and
+    nothing else. Both changes are unknown and linear: they are solved for at every step (variable projection) and
+    take their degrees of freedom from chi-square. So are the true forces, whose measurements carry noise:
+    with e = H u + t - y and C = cov(y) + H cov(u) H', the sum of e' C^-1 e is the likelihood of forces and motions
+    together, which is unbiased where H1 is not.
+
+    Parameters
+    ----------
+    structure : Structure
+        Without friction.
+    parameters : Parameters
+    spectra : FiniteSpectra
+    transient : bool
+        Off: the record is periodic, or starts and ends at rest.
+    order : int
+        Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
+        the modes above the band, and the alias of the jump between the end and the start of the record.
+
+    Raises
+    ------
+    InputError
+        If the structure has friction, or sensors and loads are not part of it.
+
+    References
+    ----------
+    Pintelon and Schoukens (2012), System Identification: A Frequency Domain Approach, 2nd ed., sections 6.3 (the
+    transient), 8 and 9 (maximum likelihood with noise on inputs and outputs). Golub and Pereyra (1973), SIAM J. Numer.
+    Anal. 10, 413-432; Kaufman (1975), BIT 15, 49-57 (variable projection; this Jacobian gives the exact gradient).
+    """
+
+    structure: Structure
+    parameters: Parameters
+    spectra: FiniteSpectra
+    transient: bool = True
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
+        if friction:
+            raise InputError(
+                f"friction {friction[0]!r} has no linear response to a general force; take it out of the structure, or"
+                " use FRFs of a stepped sine"
+            )
+
+    @property
+    def n_data(self) -> int:
+        return 2 * self.spectra.motion.size
+
+    @cached_property
+    def lines(self) -> IntArray:
+        """Frequency index of each data row."""
+        index = np.repeat(np.arange(len(self.spectra.frequency)), len(self.spectra.outputs))
+        return np.concatenate([index, index])
+
+    @cached_property
+    def series(self) -> IntArray:
+        """Channel of each data row: 2 output, plus 1 for imaginary parts."""
+        index = np.tile(2 * np.arange(len(self.spectra.outputs)), len(self.spectra.frequency))
+        return np.concatenate([index, index + 1])
+
+    @cached_property
+    def model(self) -> Response:
+        """The structure at the record's lines; of its sensors one stands for each place and direction."""
+        distinct = tuple(dict.fromkeys(self.spectra.outputs))
+        shape = (len(self.spectra.frequency), len(distinct), len(self.spectra.inputs))
+        decay = np.full(shape[0], self.spectra.decay)
+        place = FrfRecord(
+            self.spectra.frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, "receptance", decay=decay
+        )
+        return response(self.structure, self.parameters, place)
+
+    @cached_property
+    def _columns(self) -> sparse.csc_array:
+        """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
+        loads = self.structure.selection(self.spectra.inputs)
+        sensors = self.structure.selection(self.spectra.outputs)
+        return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self._transient_forces)]))
+
+    @cached_property
+    def _transient_forces(self) -> FloatArray:
+        """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n)."""
+        n_dofs = self.structure.n_dofs
+        if not self.transient:
+            return np.zeros((n_dofs, 0))
+        values = self.parameters.values(self.parameters.start)
+        mass = self.structure.matrix("inertia", values)
+        found = modes(mass, self.structure.matrix("elastic", values))
+        near = found.frequency <= _REACH * self.spectra.frequency[-1]
+        return mass @ found.mode_shapes[:, near]
+
+    @cached_property
+    def _powers(self) -> ComplexArray:
+        """s^d of each line and output, (n_frequencies, n_outputs)."""
+        return self.spectra.laplace[:, None] ** self.spectra.orders[None, :]
+
+    @cached_property
+    def _relative_laplace(self) -> ComplexArray:
+        """s in parts of its size at the highest line, (n_frequencies,)."""
+        return self.spectra.laplace / abs(self.spectra.laplace[-1])
+
+    def predicted(self, theta: FloatArray) -> ComplexArray:
+        """The model's FRFs, each in the kind of its sensor, (n_frequencies, n_outputs, n_inputs)."""
+        return self._state(self.physical(theta))[2]
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return self._evaluated(theta, False).residual
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        return self._evaluated(theta, True)
+
+    def _state(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Motions under loads and transient forces, motions under unit sensor forces, and H."""
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        fields = self.model.fields_at(physical, self._columns)
+        y = fields[:, :, n_in : n_in + n_out]
+        x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
+        loads = self._columns[:, :n_in]
+        h = np.swapaxes((loads.T @ np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)).reshape(n_in, -1, n_out), 0, 1)
+        return x, y, np.swapaxes(h, 1, 2) * self._powers[:, :, None]
+
+    def _transient_columns(self, y: ComplexArray) -> ComplexArray:
+        """How each linear unknown of the transient shows in the motions, (n_frequencies, n_outputs, n_unknowns)."""
+        if not self.transient:
+            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
+        reach = np.einsum("fdo,dq->foq", y, self._transient_forces, optimize=True) * self._powers[:, :, None]
+        s = self._relative_laplace
+        n_lines, n_out = self.spectra.motion.shape
+        powers = s[:, None] ** np.arange(self.order + 1)
+        poly = np.zeros((n_lines, n_out, n_out, self.order + 1), dtype=np.complex128)
+        poly[:, np.arange(n_out), np.arange(n_out)] = powers[:, None, :]
+        return np.concatenate([reach, s[:, None, None] * reach, poly.reshape(n_lines, n_out, -1)], axis=2)
+
+    def _evaluated(self, theta: FloatArray, wanted: bool) -> Linearization:
+        physical, spectra = self.physical(theta), self.spectra
+        x, y, h = self._state(physical)
+        noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
+        diagonal = np.arange(len(spectra.outputs))
+        noise[:, diagonal, diagonal] += spectra.motion_variance
+        factor = np.linalg.cholesky(noise) / np.sqrt(2)
+        error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
+        columns = self._transient_columns(y)
+        whitened = np.linalg.solve(factor, np.concatenate([error[:, :, None], columns], axis=2))
+        stacked = stack_real(whitened.reshape(error.size, -1))
+        basis, unknowns, scale = _orthonormal(stacked[:, 1:])
+        data = stacked[:, 0] - basis @ (basis.T @ stacked[:, 0])
+        prior, prior_slope = self.parameters.prior_rows(physical)
+        rank = basis.shape[1]
+        residual = np.concatenate([data, prior])
+        if not wanted:
+            return Linearization(residual, np.zeros((len(residual), 0)), rank)
+        coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
+        drive = self._drive(h, noise, error + columns @ coefficients, coefficients)
+        motion = (x @ drive[:, :, None])[:, :, :1]
+        change = self.model.sensitivity_at(physical, motion, y)[:, :, 0] * self._powers[:, :, None]
+        rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
+        rows -= basis @ (basis.T @ rows)
+        return Linearization(residual, np.concatenate([rows, prior_slope]) * self.slope(theta), rank)
+
+    def _drive(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray, given: FloatArray) -> ComplexArray:
+        """The likeliest forces, u - cov(u) H' C^-1 e, and after them the amplitudes of the transient's forces."""
+        spectra = self.spectra
+        weighed = np.linalg.solve(noise, error[:, :, None])
+        pull = (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
+        n = self._transient_forces.shape[1]
+        s = self._relative_laplace[:, None]
+        return np.concatenate([spectra.force - spectra.force_variance * pull, given[:n] + s * given[n : 2 * n]], axis=1)
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a."""
+    scale = np.linalg.norm(columns, axis=0)
+    safe = np.where(scale > 0, scale, 1.0)
+    orthogonal, triangle = np.linalg.qr(columns / safe)
+    left, singular, right = np.linalg.svd(triangle)
+    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
+    return orthogonal @ left[:, :rank], right[:rank].T / singular[:rank], 1 / safe
+
+
+def spectra_problem(
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord,
+    band: tuple[float, float] | None = None,
+    transient: bool = True,
+) -> SpectraProblem:
+    """The `SpectraProblem` of all channels of a time record, without windows, averages or leakage.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    record : TimeRecord
+        Forces and motions, with the noise variance of each channel.
+    band : (float, float), optional
+        Hz.
+    transient : bool
+        Off for periodic records and for those that start and end at rest.
+    """
+    return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient)
+
+
+def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[tuple[tuple[str, Problem], ...], ...]:
+    """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
+
+    Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient
+    exp(-sigma T) w(T) - w(0); nothing is approximated. Far from the axis there are no resonances to be caught
+    between, and the answer is followed down to the axis. Every parameter is drawn to its start, and each value
+    counts with an error of a tenth of its size. The first way goes in finer steps than the second.
+
+    Parameters
+    ----------
+    problem : SpectraProblem
+    record : TimeRecord
+        Where its spectra come from.
+
+    References
+    ----------
+    Shin and Cha (2009), Geophys. J. Int. 177, 1067-1079 (waveform inversion in the Laplace-Fourier domain).
+    """
+    top = 2 * np.pi * problem.spectra.frequency[-1]
+    near = replace(problem, parameters=problem.parameters.kept_near_start(_START_ERROR))
+    band = (problem.spectra.frequency[0], problem.spectra.frequency[-1])
+    ways = []
+    for decays, order in _WAYS:
+        way = []
+        for decay in decays:
+            faded = finite_spectra(
+                record, problem.spectra.inputs, dict.fromkeys(problem.spectra.outputs), band, decay * top
+            )
+            loose = faded.motion_variance + (_STAGE_ERROR * np.abs(faded.motion)) ** 2
+            spectra = replace(faded, motion_variance=loose)
+            way.append(
+                (f"decay of {decay * top:.3g}/s", replace(near, spectra=spectra, order=min(order, problem.order)))
+            )
+        ways.append(tuple(way))
+    return tuple(ways)

@@ -1,0 +1,118 @@
+"""The options of a plan with every default filled in, and what is wrong with them said at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from structid.arrays import require_finite
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.planning.planned import PlanOptions
+from structid.records.record import DERIVATIVES
+from structid.structure import Friction, Structure
+from structid.unknowns import Parameters
+
+_DEFAULT_SENSORS = 4
+
+
+def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
+    """`options` with candidates and numbers filled in.
+
+    Raises
+    ------
+    InputError
+        If they cannot be used; the message says which and why.
+    """
+    frequency = np.asarray(options.frequency, dtype=np.float64)
+    _require_lines(frequency)
+    if not (options.relative_noise >= 0 and options.absolute_noise >= 0) or not (
+        options.relative_noise + options.absolute_noise > 0
+    ):
+        raise InputError(
+            f"`relative_noise` or `absolute_noise` must be greater than 0, got {options.relative_noise:g} and"
+            f" {options.absolute_noise:g}; without noise every test is perfect"
+        )
+    if unknown.n_params == 0:
+        raise InputError("`unknown` must hold at least one parameter, got none; declare what is to be identified")
+    if options.target is not None and not options.target > 0:
+        raise InputError(f"`target` must be greater than 0, got {options.target:g}; 0.02 is 2 % of each parameter")
+    if options.criterion not in ("d", "a"):
+        raise InputError(
+            f"`criterion` must be 'd' or 'a', got {options.criterion!r}; d is the determinant, a the trace"
+        )
+    if options.kind not in DERIVATIVES:
+        raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}")
+    installed_sensors, installed_loads = parse_dofs(options.installed_sensors), parse_dofs(options.installed_loads)
+    every = tuple(dof.unsigned for dof in structure.dofs if not dof.is_rotation)
+    sensors = _joined(installed_sensors, parse_dofs(options.sensors) or every)
+    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else every))
+    for name, dofs in (("sensors", sensors), ("loads", loads)):
+        if not dofs:
+            raise InputError(f"`{name}` must name at least one place; the structure has no free translation")
+        structure.selection(dofs)
+    n_sensors = _count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
+    n_loads = _count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
+    if n_loads > 1 and any(isinstance(element, Friction) for element in structure.elements):
+        raise InputError("`n_loads` must be 1 for a structure with friction, whose motion is not a sum over loads")
+    if options.n_frequencies is not None:
+        _count("frequencies", options.n_frequencies, 0, len(frequency))
+    wanted_parameters(unknown, options.of_interest)
+    return replace(
+        options,
+        frequency=tuple(float(f) for f in frequency),
+        sensors=sensors,
+        loads=loads,
+        installed_sensors=installed_sensors,
+        installed_loads=installed_loads,
+        n_sensors=n_sensors,
+        n_loads=n_loads,
+    )
+
+
+def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
+    """Which parameters `wanted` names, each in full or by its property; all of them if it is empty, (n_params,) bool."""
+    if not wanted:
+        return np.ones(unknown.n_params, dtype=bool)
+    properties = [name.split("[")[0] for name in unknown.names]
+    mask = np.zeros(unknown.n_params, dtype=bool)
+    for text in wanted:
+        found = [text in (name, kind) for name, kind in zip(unknown.names, properties, strict=True)]
+        if not any(found):
+            near = difflib.get_close_matches(text, [*unknown.names, *properties], 1, 0.0)
+            raise InputError(f"`of_interest` names {text!r}, which is no parameter; the nearest is {near[0]!r}")
+        mask |= np.array(found)
+    return mask
+
+
+def positions(wanted: Iterable[Dof], among: Sequence[Dof]) -> tuple[int, ...]:
+    """Where each of `wanted` stands in `among`, whatever its sense."""
+    place = {dof.unsigned: i for i, dof in enumerate(among)}
+    return tuple(place[dof.unsigned] for dof in wanted)
+
+
+def _require_lines(frequency: np.ndarray) -> None:
+    if frequency.ndim != 1 or frequency.size == 0:
+        raise InputError(f"`frequency` must be a list of at least one line in Hz, got shape {frequency.shape}")
+    require_finite("frequency", frequency)
+    if frequency[0] < 0 or (np.diff(frequency) <= 0).any():
+        raise InputError("`frequency` must increase and not be negative; sort the lines and remove repeated ones")
+
+
+def _joined(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
+    """Both, each place and direction once, in the sense in which it comes first."""
+    return tuple({dof.unsigned: dof for dof in (*others, *first)}.values())
+
+
+def _count(name: str, wanted: int | None, default: int, available: int) -> int:
+    if wanted is None:
+        return min(default, available)
+    if not 1 <= wanted <= available:
+        raise InputError(
+            f"number of {name} must be from 1 to {available}, the number of candidates, got {wanted};"
+            f" ask for fewer or name more candidates"
+        )
+    return wanted

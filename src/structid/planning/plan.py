@@ -1,0 +1,286 @@
+"""What a test would tell before it is run: predicted accuracy, and the sensors, loads and lines that tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation.diagnostics.design import (
+    effective_independence,
+    exchanged,
+    gains,
+    greedy,
+    ignorance,
+    information_root,
+    merit,
+    optimal,
+    relative_std,
+)
+from structid.estimation.diagnostics.identifiability import identifiability
+from structid.identification.checks import require_sound_model
+from structid.identification.identify import structure_modes
+from structid.planning.options import positions, resolved, wanted_parameters
+from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
+from structid.planning.rows import Candidates, line_roots, pair_roots
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+__all__ = ["Enough", "Plan", "PlanOptions", "PlannedTest", "plan"]
+
+_SHOWN_NEXT = 10
+_MOST_ROUNDS, _MOST_STARTS = 10, 8
+
+
+def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Plan:
+    """The best sensors, loads and lines of a test, and how well it would determine each parameter.
+
+    The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
+    parameters (Udwadia 1994); sets are chosen by greedy addition and exchange (Fedorov 1972), sensors and loads in
+    turn. The prediction holds at the initial values, for a right model and noise that is independent from value to
+    value. No record is needed.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        Their priors count as information.
+    options : PlanOptions
+
+    Raises
+    ------
+    InputError
+        If a candidate is not part of the structure, more are asked for than there are, or there is no noise.
+    SingularModelError
+        If the initial model has a mechanism.
+
+    References
+    ----------
+    Udwadia (1994), J. Eng. Mech. 120, 368-390; Fedorov (1972), Theory of Optimal Experiments; Kammer (1991), J.
+    Guidance, Control, and Dynamics 14, 251-259.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from structid.unknowns import Unknown, parameters
+    >>> from structid.structure import Beam, Structure
+    >>> beam = Beam("beam", [[i, i + 1] for i in range(3)], mass=2.0, bending_stiffness=500.0)
+    >>> cantilever = Structure({i: float(i) for i in range(4)}, [beam], fixed=["0Y", "0RZ"])
+    >>> unknown = parameters(cantilever, [Unknown("bending_stiffness", "beam", each=True)])
+    >>> found = plan(cantilever, unknown, PlanOptions(np.linspace(0.5, 40, 80), n_sensors=1, absolute_noise=1e-3))
+    >>> str(found.chosen.loads[0]), found.determined
+    ('2Y+', True)
+    """
+    options = resolved(structure, unknown, options)
+    require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
+    ground = _ground(structure, unknown, options)
+    sensors, loads = _best_places(ground)
+    chosen = _at_all_lines(ground, "chosen", sensors, loads)
+    installed = None
+    if options.installed_sensors:
+        there = positions(options.installed_loads, options.loads) or loads
+        installed = _at_all_lines(ground, "installed", positions(options.installed_sensors, options.sensors), there)
+    everything = _at_all_lines(ground, "all candidates", range(len(options.sensors)), range(len(options.loads)))
+    needs_lines = options.n_frequencies is not None or options.target is not None
+    lines = line_roots(ground.candidates, sensors, loads) if needs_lines else None
+    best, spread = _best_lines(ground, chosen, lines, options.n_frequencies)
+    return Plan(
+        structure=structure,
+        parameters=unknown,
+        options=options,
+        installed=installed,
+        chosen=chosen,
+        kammer=_at_all_lines(ground, "effective independence", _kammer_places(ground, len(sensors)), loads),
+        everything=everything,
+        frequencies=best,
+        spread=spread,
+        next_sensors=_next_sensors(ground, installed or chosen),
+        enough=None if lines is None or options.target is None else _enough(ground, chosen, loads, lines),
+        identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
+        determined=everything.determined,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """All that a choice is made from.
+
+    Attributes
+    ----------
+    candidates : Candidates
+    options : PlanOptions
+    pairs : (n_sensors, n_loads, n_params, n_params) float array
+        See `pair_roots`.
+    prior : (n_priors, n_params) float array
+        Rows of the priors, by relative parameters.
+    of_interest : (n_params,) bool array
+    """
+
+    candidates: Candidates
+    options: PlanOptions
+    pairs: FloatArray
+    prior: FloatArray
+    of_interest: np.ndarray
+
+    @property
+    def known(self) -> FloatArray:
+        """Priors, and ignorance of what they say nothing of."""
+        return np.vstack([ignorance(self.pairs.shape[-1]), self.prior])
+
+    def rows(self, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range) -> FloatArray:
+        """What these sensors and loads tell at all lines."""
+        n_params = self.pairs.shape[-1]
+        return information_root(self.pairs[np.ix_(list(sensors), list(loads))].reshape(-1, n_params))
+
+    def by_sensor(self, loads: tuple[int, ...]) -> FloatArray:
+        """What each sensor tells under these loads, (n_sensors, n_rows, n_params)."""
+        n_sensors, _, _, n_params = self.pairs.shape
+        return information_root(self.pairs[:, list(loads)].reshape(n_sensors, -1, n_params))
+
+    def by_load(self, sensors: tuple[int, ...] | range) -> FloatArray:
+        """What each load tells to these sensors, (n_loads, n_rows, n_params)."""
+        _, n_loads, _, n_params = self.pairs.shape
+        rows = np.swapaxes(self.pairs[list(sensors)], 0, 1).reshape(n_loads, -1, n_params)
+        return information_root(rows)
+
+
+def _ground(structure: Structure, unknown: Parameters, options: PlanOptions) -> _Ground:
+    candidates = Candidates(
+        structure,
+        unknown,
+        tuple(options.sensors),
+        tuple(options.loads),
+        np.asarray(options.frequency, dtype=np.float64),
+        options.kind,
+        options.relative_noise,
+        options.absolute_noise,
+    )
+    prior = unknown.prior_rows(unknown.start)[1] * candidates.scale
+    return _Ground(candidates, options, pair_roots(candidates), prior, wanted_parameters(unknown, options.of_interest))
+
+
+def _best_places(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The best sensors and loads found from several first choices of the loads."""
+    options, known = ground.options, ground.known
+    how = (options.criterion, ground.of_interest)
+    by_load = ground.by_load(range(len(options.sensors)))
+    count = options.n_loads or 1
+    starts = [optimal(by_load, known, count, *how)]
+    for load in np.argsort(-gains(by_load, known, *how), kind="stable")[:_MOST_STARTS].tolist():
+        others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *how)
+        starts.append((load, *[i for i in others if i != load][: count - 1]))
+    found = {_settled(ground, start) for start in dict.fromkeys(starts)}
+    return max(sorted(found), key=lambda places: merit(np.vstack([known, ground.rows(*places)]), *how))
+
+
+def _settled(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Sensors and loads, each exchanged for the other until neither changes."""
+    options, known = ground.options, ground.known
+    how = (options.criterion, ground.of_interest)
+    sensors = optimal(ground.by_sensor(loads), known, options.n_sensors or 1, *how)
+    for _ in range(_MOST_ROUNDS):
+        better_loads = exchanged(ground.by_load(sensors), known, loads, *how)
+        better_sensors = exchanged(ground.by_sensor(better_loads), known, sensors, *how)
+        if (better_loads, better_sensors) == (loads, sensors):
+            break
+        loads, sensors = better_loads, better_sensors
+    return sensors, loads
+
+
+def _kammer_places(ground: _Ground, count: int) -> tuple[int, ...]:
+    """Sensors by effective independence of the modes in the band (the lowest modes where there are none in it)."""
+    structure, unknown, frequency = (
+        ground.candidates.structure,
+        ground.candidates.parameters,
+        ground.candidates.frequency,
+    )
+    found = structure_modes(structure, unknown.values(unknown.start), structure.n_dofs)
+    inside = np.flatnonzero((found.frequency >= frequency[0]) & (found.frequency <= frequency[-1]))
+    used = (inside if len(inside) else np.arange(len(found.frequency)))[:count]
+    shapes = structure.selection(ground.candidates.sensors).T @ found.mode_shapes[:, used]
+    return effective_independence(np.asarray(shapes), count)
+
+
+def _at_all_lines(
+    ground: _Ground, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
+) -> PlannedTest:
+    """The test with these sensors and loads at every line."""
+    options = ground.options
+    std = relative_std(np.vstack([ground.rows(sensors, loads), ground.prior]))
+    return PlannedTest(
+        label,
+        tuple(options.sensors[s] for s in sensors),
+        tuple(options.loads[i] for i in loads),
+        ground.candidates.frequency,
+        std,
+        ground.of_interest,
+    )
+
+
+def _at_lines(
+    ground: _Ground, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
+) -> PlannedTest:
+    """`test` at some of its lines."""
+    index = sorted(chosen)
+    std = relative_std(np.vstack([lines[index].reshape(-1, lines.shape[-1]), ground.prior]))
+    return replace(test, label=label, frequency=ground.candidates.frequency[index], std=std)
+
+
+def _best_lines(
+    ground: _Ground, chosen: PlannedTest, lines: FloatArray | None, count: int | None
+) -> tuple[PlannedTest | None, PlannedTest | None]:
+    """`chosen` at its best `count` lines, and at as many that are spread evenly."""
+    if lines is None or count is None:
+        return None, None
+    options = ground.options
+    best = optimal(lines, ground.known, count, options.criterion, ground.of_interest)
+    even = tuple(int(i) for i in np.unique(np.rint(np.linspace(0, len(lines) - 1, count)).astype(int)))
+    return (
+        _at_lines(ground, chosen, f"chosen, best {count} lines", lines, best),
+        _at_lines(ground, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),
+    )
+
+
+def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...]:
+    """`start` with one more sensor, for the candidates that would add most."""
+    options = ground.options
+    there, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
+    known = np.vstack([ground.known, ground.rows(there, loads)])
+    gain = gains(ground.by_sensor(loads), known, options.criterion, ground.of_interest)
+    gain[list(there)] = -np.inf
+    order = [int(i) for i in np.argsort(-gain, kind="stable") if np.isfinite(gain[i])][:_SHOWN_NEXT]
+    return tuple(_at_all_lines(ground, f"{start.label} + {options.sensors[i]}", (*there, i), loads) for i in order)
+
+
+def _enough(ground: _Ground, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray) -> Enough:
+    """The smallest numbers of sensors and of lines that reach the target, by greedy choice."""
+    target = float(ground.options.target or 0.0)
+
+    def with_sensors(places: tuple[int, ...]) -> PlannedTest:
+        return _at_all_lines(ground, f"enough for {target:g}: sensors", places, loads)
+
+    def with_lines(places: tuple[int, ...]) -> PlannedTest:
+        return _at_lines(ground, chosen, f"enough for {target:g}: lines", lines, places)
+
+    return Enough(
+        target,
+        _smallest(ground, ground.by_sensor(loads), with_sensors, target),
+        _smallest(ground, lines, with_lines, target),
+        (chosen.worst_std / target) ** 2,
+    )
+
+
+def _smallest(
+    ground: _Ground, candidates: FloatArray, made: Callable[[tuple[int, ...]], PlannedTest], target: float
+) -> PlannedTest | None:
+    """The test of the fewest candidates, taken greedily, that reaches `target`; None where all of them do not."""
+    if made(tuple(range(len(candidates)))).worst_std > target:
+        return None
+    criterion, wanted = ground.options.criterion, ground.of_interest
+
+    def reached(places: tuple[int, ...]) -> bool:
+        return made(places).worst_std <= target
+
+    return made(greedy(candidates, ground.known, len(candidates), criterion, wanted, reached))

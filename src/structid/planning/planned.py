@@ -1,0 +1,192 @@
+"""A planned test, and how well it would determine each parameter, beside its alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.estimation import Identifiability
+from structid.estimation.diagnostics.design import Criterion
+from structid.records.record import FrfKind
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a planned test may use.
+
+    Parameters
+    ----------
+    frequency : sequence of float
+        Candidate lines, Hz, increasing.
+    sensors : sequence of Dof
+        Candidate sensors; every free translation of the structure by default.
+    loads : sequence of Dof
+        Candidate loads; the installed ones by default, or every free translation where there is none.
+    installed_sensors, installed_loads : sequence of Dof
+        What is there already. It is a candidate too.
+    kind : {"receptance", "mobility", "accelerance"}
+    relative_noise, absolute_noise : float
+        Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`.
+    n_sensors, n_loads : int, optional
+        How many to choose; by default as many as are installed, or four sensors and one load.
+    n_frequencies : int, optional
+        How many lines to choose; all of them are used by default.
+    criterion : {"d", "a"}
+        Determinant (D-optimality) or trace (A-optimality) of the covariance of the relative parameters.
+    of_interest : sequence of str
+        Parameters, by name or property, whose accuracy counts; all by default. The others stay unknown.
+    target : float, optional
+        Relative standard deviation that every parameter of interest should reach.
+    """
+
+    frequency: Sequence[float]
+    sensors: Sequence[Dof] = ()
+    loads: Sequence[Dof] = ()
+    installed_sensors: Sequence[Dof] = ()
+    installed_loads: Sequence[Dof] = ()
+    kind: FrfKind = "accelerance"
+    relative_noise: float = 0.01
+    absolute_noise: float = 0.0
+    n_sensors: int | None = None
+    n_loads: int | None = None
+    n_frequencies: int | None = None
+    criterion: Criterion = "d"
+    of_interest: Sequence[str] = ()
+    target: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedTest:
+    """One possible test and the accuracy that it would have.
+
+    Attributes
+    ----------
+    label : str
+    sensors, loads : tuple of Dof
+    frequency : (n_lines,) float array
+        Hz.
+    std : (n_params,) float array
+        Predicted relative standard deviation of each parameter, priors included: the Cramer-Rao bound at the initial
+        values; NaN where it is not determined.
+    of_interest : (n_params,) bool array
+    """
+
+    label: str
+    sensors: tuple[Dof, ...]
+    loads: tuple[Dof, ...]
+    frequency: FloatArray
+    std: FloatArray
+    of_interest: np.ndarray
+
+    @property
+    def worst(self) -> int:
+        """Index of the parameter of interest that is determined worst."""
+        return int(np.argmax(np.where(self.of_interest, np.where(np.isnan(self.std), np.inf, self.std), -1.0)))
+
+    @property
+    def worst_std(self) -> float:
+        """Its relative standard deviation; infinite where it is not determined."""
+        return float(np.inf if np.isnan(self.std[self.worst]) else self.std[self.worst])
+
+    @property
+    def rms_std(self) -> float:
+        """Root of the mean square over the parameters of interest; infinite where one is not determined."""
+        value = float(np.sqrt(np.mean(self.std[self.of_interest] ** 2)))
+        return value if np.isfinite(value) else np.inf
+
+    @property
+    def n_determined(self) -> int:
+        """How many parameters, of all, are determined to better than their own size."""
+        return int((self.std <= 1).sum())
+
+    @property
+    def determined(self) -> bool:
+        """Whether every parameter of interest is."""
+        return self.worst_std <= 1
+
+
+@dataclass(frozen=True, eq=False)
+class Enough:
+    """What it takes to reach a wanted accuracy, by greedy choice.
+
+    Attributes
+    ----------
+    target : float
+        Wanted relative standard deviation of the worst parameter of interest.
+    sensors : PlannedTest or None
+        The smallest set of sensors at all lines that reaches it; None where all of them do not.
+    frequencies : PlannedTest or None
+        The fewest lines for the chosen sensors and loads; None where all lines do not reach it.
+    averages : float
+        How many times as many averages the chosen test needs, since the noise falls with their root.
+    """
+
+    target: float
+    sensors: PlannedTest | None
+    frequencies: PlannedTest | None
+    averages: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A planned test beside its alternatives.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+    options : PlanOptions
+        With the candidates filled in.
+    installed : PlannedTest or None
+        What is there already.
+    chosen : PlannedTest
+        The best sensors and loads found, at all lines.
+    kammer : PlannedTest
+        As many sensors by effective independence of the mode shapes, under the same loads.
+    everything : PlannedTest
+        Every candidate at once.
+    frequencies : PlannedTest or None
+        `chosen` at the best lines, where a number of lines is asked for.
+    spread : PlannedTest or None
+        `chosen` at as many lines spread evenly over the candidate lines, for comparison.
+    next_sensors : tuple of PlannedTest
+        The installed (or else the chosen) test with one more sensor, the most telling first.
+    enough : Enough or None
+    identifiability : Identifiability
+        Rank, undetermined directions and collinear groups of the chosen test, from its data alone.
+    determined : bool
+        Whether all candidates together determine every parameter of interest to better than its own size.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    options: PlanOptions
+    installed: PlannedTest | None
+    chosen: PlannedTest
+    kammer: PlannedTest
+    everything: PlannedTest
+    frequencies: PlannedTest | None
+    spread: PlannedTest | None
+    next_sensors: tuple[PlannedTest, ...]
+    enough: Enough | None
+    identifiability: Identifiability
+    determined: bool
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters of interest that all candidates together do not determine to better than their own size."""
+        lost = ~(self.everything.std <= 1) & self.everything.of_interest
+        return tuple(name for name, is_lost in zip(self.parameters.names, lost, strict=True) if is_lost)
+
+    @property
+    def tests(self) -> tuple[PlannedTest, ...]:
+        """Every test to compare, in the order of a table."""
+        following = self.next_sensors[:1]
+        given = (self.installed, *following, self.chosen, self.kammer, self.everything, self.frequencies, self.spread)
+        return tuple(test for test in given if test is not None)

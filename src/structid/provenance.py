@@ -1,0 +1,35 @@
+"""What an answer was made from: versions, digests of the input files, and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What an answer was made from; the same input gives the same provenance, on any day and in any folder.
+
+    Attributes
+    ----------
+    structid, numpy, scipy, python : str
+        Versions.
+    inputs : mapping of str to str
+        SHA-256 of every input file, by the name that the study gives it.
+    seed : int or None
+        Of the starts that are tried where a fit misses the noise; None where none may be.
+    settings : mapping
+        The ``[method]`` of the study with its defaults filled in.
+    factorizer : str
+        What solves for the response of the model; empty where there is no model.
+    """
+
+    structid: str
+    numpy: str
+    scipy: str
+    python: str
+    inputs: Mapping[str, str]
+    seed: int | None
+    settings: Mapping[str, Any]
+    factorizer: str = ""

@@ -1,0 +1,67 @@
+"""CSV tables as a spreadsheet writes them: one column an axis, one a channel, headed by what it holds.
+
+Time histories: ``time_s``, then ``12Z+ [m/s^2]``, ``3Z+ [N]``.
+Frequency response functions: ``frequency_hz``, then for each pair of output and input
+``12Z+/3Z+ [(m/s^2)/N] re`` and ``... im``, optionally ``12Z+/3Z+ coherence`` and ``12Z+/3Z+ [(m/s^2)/N] std``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.errors import FileError
+from structid.files import atomic_write
+from structid.records.io.csv.columns import frf_header, frf_record, time_header, time_record
+from structid.records.io.csv.table import AXES, read_table
+from structid.records.io.options import ReadOptions
+from structid.records.io.selection import selected
+from structid.records.record import FrfRecord, TimeRecord
+
+SUFFIXES: tuple[str, ...] = (".csv", ".txt", ".tsv")
+
+
+def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """The record in the table at `path`: UTF-8 with or without a mark, comma, semicolon or tab between cells.
+
+    With semicolons or tabs a decimal comma is understood. Lines without an entry at the end are skipped.
+
+    Raises
+    ------
+    FileError
+        If a cell is no number, a line has too few cells, a header cannot be read, or time is not even; the
+        message names line and column.
+    """
+    table = read_table(path)
+    if AXES[table.names[0].lower()] == "time":
+        return selected(table.path, time_record(table, options), options)
+    return selected(table.path, frf_record(table), options)
+
+
+def write(path: Path, record: FrfRecord | TimeRecord) -> None:
+    """Write `record` as a table with commas; every number in full precision.
+
+    Time records lose their noise variance and source, FRF records `averages`, `noise_source` and `source`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written, or a time record has fewer than two samples.
+    """
+    if isinstance(record, TimeRecord):
+        if record.values.shape[0] < 2:
+            raise FileError(f"{path}: one sample does not tell a sampling rate in a table; write .npz instead")
+        header, columns = time_header(record)
+    else:
+        header, columns = frf_header(record)
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        stream.write(",".join(header) + "\n")
+        stream.writelines(_lines(columns))
+
+
+def _lines(columns: list[FloatArray]) -> Iterator[str]:
+    for row in np.column_stack(columns).tolist():
+        yield ",".join(map(repr, row)) + "\n"

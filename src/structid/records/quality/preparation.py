@@ -1,0 +1,322 @@
+"""Time records made ready for identification, with every step in words and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.records.quality.findings import Finding
+from structid.records.quality.linear_phase import (
+    PASS,
+    Fir,
+    band_filter,
+    decimated,
+    decimation_filter,
+    filtered,
+    rate_ratio,
+)
+from structid.records.quality.repairs import repaired
+from structid.records.quality.signal_checks import signal_checks
+from structid.records.record import TimeRecord
+
+Repair = Literal["report", "replace", "none"]
+_LEAST = 16  # samples that must be left
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What is done to a time record before modes or parameters are looked for; the default looks and takes off means.
+
+    Parameters
+    ----------
+    detrend : {"mean", "linear", "none"} or int
+        What is taken off each channel: its mean, a straight line, nothing, or a polynomial of that degree (1 to 10).
+        To a free decay of a few periods this adds poles at 0 (one more than the degree), for which the order needs room.
+    band : (float or None, float or None), optional
+        Hz that pass unchanged; None for an open end.
+    sampling_rate : float, optional
+        Samples per second wanted, by decimation; 0.8 of its Nyquist frequency pass unchanged.
+    interval : (float or None, float or None), optional
+        Time in s, on the record's own axis, of the first and last sample kept; None for an open end.
+    channels : sequence of str or Dof, optional
+        Degrees of freedom kept, with all their quantities, in this order.
+    outliers, dropouts : {"report", "replace", "none"}
+        Spikes, and runs of a repeated value: named, replaced by cubic interpolation, or not looked for.
+    longest_gap : int
+        Samples of the longest drop-out that is replaced; longer ones stay and are named.
+    edges : {"drop", "keep"}
+        Samples within half a filter of either end, which hold the motion cut off there as if it were 0.
+    exponential_window : float, optional
+        Time constant in s of an exponential window that lies on the record, e^(-t / constant). The samples stay as they
+        are (to divide by the window blows up the noise); the decay it adds is handed on in `Prepared.window_decay`, for
+        `structid.modal.without_window_damping`.
+
+    Raises
+    ------
+    InputError
+        If an entry is not one of these.
+    """
+
+    detrend: str | int = "mean"
+    band: tuple[float | None, float | None] | None = None
+    sampling_rate: float | None = None
+    interval: tuple[float | None, float | None] | None = None
+    channels: Sequence[str | Dof] | None = None
+    outliers: Repair = "report"
+    dropouts: Repair = "report"
+    longest_gap: int = 10
+    edges: Literal["drop", "keep"] = "drop"
+    exponential_window: float | None = None
+
+    def __post_init__(self) -> None:
+        degree = self.detrend
+        whole = isinstance(degree, int) and not isinstance(degree, bool) and 1 <= degree <= 10
+        if degree not in ("mean", "linear", "none") and not whole:
+            raise InputError(f"`detrend` must be mean, linear, none, or a degree from 1 to 10, got {degree!r}")
+        for name in ("outliers", "dropouts"):
+            if getattr(self, name) not in ("report", "replace", "none"):
+                raise InputError(f"`{name}` must be report, replace or none, got {getattr(self, name)!r}")
+        if self.edges not in ("drop", "keep"):
+            raise InputError(f"`edges` must be drop or keep, got {self.edges!r}")
+        for name in ("band", "interval"):
+            ends = getattr(self, name)
+            if ends is not None and (len(ends) != 2 or (None not in ends and not ends[0] < ends[1])):
+                raise InputError(f"`{name}` must be two numbers that increase, None for an open end, got {ends!r}")
+        if self.band is not None and any(f is not None and not f > 0 for f in self.band):
+            raise InputError(f"`band` must be above 0 Hz, got {self.band!r}; write None for an open end")
+        if self.exponential_window is not None and not self.exponential_window > 0:
+            raise InputError(f"`exponential_window` must be a positive time in s, got {self.exponential_window!r}")
+        if self.longest_gap < 1:
+            raise InputError(f"`longest_gap` must be at least 1 sample, got {self.longest_gap!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A record made ready, and how.
+
+    Attributes
+    ----------
+    record : TimeRecord
+    steps : tuple of str
+        What was done, in order, in words with numbers.
+    findings : tuple of Finding
+        What was wrong with the record as given (after `interval` and `channels`), and what the filters do.
+    window_decay : float
+        Decay in 1/s that an exponential window added to every pole; 0 without.
+    """
+
+    record: TimeRecord
+    steps: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    window_decay: float = 0.0
+
+
+def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepared:
+    """`record` cut, repaired, detrended, decimated and filtered, in this order.
+
+    Parameters
+    ----------
+    record : TimeRecord
+    preparation : Preparation, optional
+        By default means are taken off, and faults are looked for and named.
+
+    Returns
+    -------
+    Prepared
+        The variance of noise in the record is carried as that of white noise; noise is coloured by a filter.
+
+    Raises
+    ------
+    InputError
+        If a channel is not there, the interval is empty, the sampling rate is too low for the band, the rates are in no
+        ratio of whole numbers, or a filter is longer than the record.
+
+    Notes
+    -----
+    Filters are linear-phase FIR filters applied without delay (Kaiser window). The anti-alias filter is flat within
+    0.001 dB to 0.8 of the new Nyquist frequency and down by 80 dB from it on. With ``edges="drop"`` the poles of a free
+    decay are exactly those of the record, also its damping; see `structid.records.quality.linear_phase`. A subspace method
+    sees only what lies in the band.
+
+    References
+    ----------
+    Kaiser (1974), Nonrecursive digital filter design using the I0-sinh window function, IEEE Int. Symp. Circuits Syst.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> motion = np.random.default_rng(1).standard_normal((4000, 1)) + 3
+    >>> prepare(TimeRecord(100.0, motion, ("1X",), ("velocity",)), Preparation(interval=(None, 30.0))).steps
+    ('cut to 0-30 s, 3001 of 4000 samples', 'mean taken off each channel')
+    """
+    wanted = preparation or Preparation()
+    steps: list[str] = []
+    _require_rate(record, wanted)
+    result = _cut(_selected(record, wanted, steps), wanted, steps)
+    low = None if wanted.band is None else wanted.band[0]
+    found = [*signal_checks(result, None if low is None else (low, np.inf))]
+    off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
+    found = [finding for finding in found if off.get(finding.kind) != "none"]
+    replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
+    result, repairs = repaired(result, *replaced, longest_gap=wanted.longest_gap)
+    steps += repairs
+    result = _detrended(result, wanted.detrend, steps)
+    result = _decimated(result, wanted, steps)
+    result = _filtered(result, wanted, steps, found)
+    decay = 0.0
+    if wanted.exponential_window is not None:
+        decay = 1 / wanted.exponential_window
+        steps.append(
+            f"exponential window of {wanted.exponential_window:g} s left on the record: it adds a decay of {decay:.6g} 1/s "
+            "to every pole; take it off the modes with `without_window_damping`"
+        )
+    return Prepared(result, tuple(steps), tuple(found), decay)
+
+
+def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
+    """Refuse a sampling rate too low for the band asked for."""
+    if wanted.band is None:
+        return
+    high = max(f for f in (*wanted.band, 0.0) if f is not None)
+    if high >= record.sampling_rate / 2:
+        raise InputError(
+            f"`band` must end below {record.sampling_rate / 2:g} Hz, half the record's sampling rate of "
+            f"{record.sampling_rate:g} Hz, got {high:g} Hz; measure with more than {2.5 * high:g} Hz, or lower the band"
+        )
+    rate = wanted.sampling_rate
+    if rate is not None and rate < record.sampling_rate and high > PASS * rate / 2 * (1 + 1e-9):
+        raise InputError(
+            f"`sampling_rate` must be at least {2 * high / PASS:g} Hz for a band up to {high:g} Hz, got {rate:g} Hz, which "
+            f"passes up to {PASS * rate / 2:g} Hz; raise it, or lower the band"
+        )
+
+
+def _selected(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    if wanted.channels is None:
+        return record
+    dofs = parse_dofs(wanted.channels)
+    missing = [str(dof) for dof in dofs if dof not in record.channels]
+    if missing or not dofs:
+        has = ", ".join(map(str, record.channels))
+        raise InputError(
+            f"`channels` must name channels of the record, got {', '.join(missing) or 'none'}; it has {has}"
+        )
+    keep = [i for dof in dict.fromkeys(dofs) for i, channel in enumerate(record.channels) if channel == dof]
+    steps.append(f"kept {len(keep)} of {len(record.channels)} channels: {', '.join(map(str, dict.fromkeys(dofs)))}")
+    return replace(
+        record,
+        values=record.values[:, keep],
+        channels=tuple(record.channels[i] for i in keep),
+        quantities=tuple(record.quantities[i] for i in keep),
+        variance=None if record.variance is None else record.variance[keep],
+    )
+
+
+def _cut(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    if wanted.interval is None:
+        return record
+    time, (start, stop) = record.time, wanted.interval
+    slack = 1e-6 / record.sampling_rate
+    keep = np.flatnonzero(
+        (time >= (-np.inf if start is None else start - slack)) & (time <= (np.inf if stop is None else stop + slack))
+    )
+    if len(keep) < _LEAST:
+        raise InputError(
+            f"`interval` must keep at least {_LEAST} samples of {time[0]:g}-{time[-1]:g} s at {record.sampling_rate:g} Hz, "
+            f"got {wanted.interval!r} with {len(keep)}; widen it"
+        )
+    first, last = time[keep[0]], time[keep[-1]]
+    steps.append(f"cut to {first:g}-{last:g} s, {len(keep)} of {len(time)} samples")
+    return replace(record, values=record.values[keep], start=float(first))
+
+
+def _detrended(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
+    if degree == "none":
+        return record
+    power = {"mean": 0, "linear": 1}.get(str(degree)) if isinstance(degree, str) else degree
+    n, terms = len(record.values), 1 + int(power or 0)
+    if n <= terms:
+        raise InputError(f"`detrend` of degree {power} needs more than {terms} samples, got {n}")
+    basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, n), terms - 1)
+    q = np.linalg.qr(basis)[0]
+    values = record.values - q @ (q.T @ record.values)
+    words = {1: "mean", 2: "straight line"}.get(terms, f"polynomial of degree {power}")
+    steps.append(f"{words} taken off each channel")
+    variance = None if record.variance is None else record.variance * (n - terms) / n
+    return replace(record, values=values, variance=variance)
+
+
+def _decimated(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    if wanted.sampling_rate is None:
+        return record
+    ratio = rate_ratio(record.sampling_rate, wanted.sampling_rate)
+    if ratio == 1:
+        return record
+    new_rate = record.sampling_rate * ratio.numerator / ratio.denominator
+    fir = decimation_filter(record.sampling_rate, ratio)
+    _require_longer(record, fir, wanted)
+    values, dropped = decimated(record.values, ratio, fir, wanted.edges == "keep")
+    factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
+    steps.append(
+        f"decimated by {factor} to {new_rate:g} Hz (FIR of {len(fir.taps)} taps, flat to {PASS * new_rate / 2:g} Hz, -3 dB at "
+        f"{fir.crossing(0.9 * new_rate / 2):.3g} Hz, -80 dB from {new_rate / 2:g} Hz on); {_edge_words(fir, wanted)}"
+    )
+    gain = fir.noise_gain * ratio.numerator
+    variance = None if record.variance is None else record.variance * gain
+    start = record.start + dropped / new_rate
+    return replace(record, values=values, sampling_rate=new_rate, start=start, variance=variance)
+
+
+def _filtered(record: TimeRecord, wanted: Preparation, steps: list[str], found: list[Finding]) -> TimeRecord:
+    if wanted.band is None or wanted.band == (None, None):
+        return record
+    low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
+    fir = band_filter(low, high, record.sampling_rate)
+    _require_longer(record, fir, wanted)
+    values, dropped = filtered(record.values, fir, wanted.edges == "keep")
+    ends = [f"{f:g}" for f in wanted.band if f is not None]
+    what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
+    cut = [
+        fir.crossing(near) for f, near in ((wanted.band[0], 0.75 * low), (wanted.band[1], 1.1 * high)) if f is not None
+    ]
+    steps.append(
+        f"{what} filtered, flat {'within' if len(ends) == 2 else 'from' if what == 'high-pass' else 'to'} {'-'.join(ends)} Hz "
+        f"(FIR of {len(fir.taps)} taps without delay, -3 dB at {' and '.join(f'{f:.3g} Hz' for f in cut)}); "
+        f"{_edge_words(fir, wanted)}"
+    )
+    half = fir.half / record.sampling_rate
+    words = (
+        f"the filter spreads what happens at an instant over {half:.3g} s before and after it: the damping of a free decay is "
+        "right only from that time after an impact on"
+    )
+    words += (
+        ", and not at the ends, which were kept"
+        if wanted.edges == "keep"
+        else "; begin `interval` at the impact or later"
+    )
+    words += f". A subspace method sees modes within {low:g}-{high:g} Hz only, and poles at the slopes are the filter's"
+    found.append(Finding("filter", words, "note"))
+    variance = None if record.variance is None else record.variance * fir.noise_gain
+    return replace(record, values=values, start=record.start + dropped / record.sampling_rate, variance=variance)
+
+
+def _require_longer(record: TimeRecord, fir: Fir, wanted: Preparation) -> None:
+    """Refuse a filter that leaves nothing, or that is never wholly on the record."""
+    duration, span = (len(record.values) - 1) / record.sampling_rate, 2 * fir.half / fir.rate
+    if duration - span < _LEAST / record.sampling_rate:
+        raise InputError(
+            f"the record of {duration:.4g} s is too short for a filter of {len(fir.taps)} taps ({span:.4g} s); measure longer, "
+            "raise the lower end of `band` or leave it open (`detrend` takes off a drift), or raise `sampling_rate`"
+        )
+
+
+def _edge_words(fir: Fir, wanted: Preparation) -> str:
+    half = fir.half / fir.rate
+    return (
+        f"{half:.3g} s {'kept at either end, with edge effects' if wanted.edges == 'keep' else 'dropped at either end'}"
+    )

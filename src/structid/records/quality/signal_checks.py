@@ -1,0 +1,144 @@
+"""What is wrong with a record before anything is computed from it: channels, samples, spectrum, length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.records.quality.findings import Finding, channel_name
+from structid.records.quality.sample_faults import clipped_samples, drop_outs, spikes
+from structid.records.quality.spectral_checks import spectral_checks
+from structid.records.record import TimeRecord
+
+_DEAD = 1e-9  # part of the median level of a quantity below which a channel holds no motion
+_LEVEL = 100.0  # ratio to that median from which a level is doubtful
+_MUCH = 0.05  # part of samples clipped or lost from which a channel is unusable
+
+
+def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -> tuple[Finding, ...]:
+    """Findings on every channel and on the record as a whole; empty for a sound record.
+
+    Looked for are dead and constant channels, clipping, drop-outs (runs of one value), spikes, levels far from those of
+    the other channels, records of a few periods only, power up to the Nyquist frequency (aliasing), and lines of the
+    mains.
+
+    Parameters
+    ----------
+    band : (float, float), optional
+        Hz: what will be looked for; it says how long the record has to be. Otherwise the spectrum tells.
+
+    Returns
+    -------
+    tuple of Finding
+        Channels in order, then the record.
+
+    Notes
+    -----
+    Clipping is seen in samples as the converter gave them, before any filter. Impacts are natural in force channels:
+    these are not searched for spikes, and runs at rest are no drop-outs there. A time offset between channels is not
+    looked for.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> motion = np.random.default_rng(1).standard_normal((4000, 2)) * [1.0, 0.0]
+    >>> record = TimeRecord(100.0, motion, ("1X", "2X"), ("velocity",) * 2)
+    >>> signal_checks(record)[0].words
+    'channel 2X+ velocity is 0 at every sample; check sensor and cable, or leave the channel out with `channels`'
+    """
+    level = record.values.std(axis=0)
+    usual = _usual_level(record, level)
+    found: list[Finding] = []
+    sound = []
+    for i in range(len(record.channels)):
+        silent = _silent(record, i, float(level[i]), float(usual[i]))
+        if silent is not None:
+            found.append(silent)
+            continue
+        sound.append(i)
+        found += _sample_findings(record, i)
+        ratio = level[i] / usual[i]
+        if not 1 / _LEVEL < ratio < _LEVEL:
+            name = channel_name(record, i)
+            words = (
+                f"channel {name} has {ratio:.3g} times the level that is usual among the {record.quantities[i]} "
+                "channels; check its sensitivity, unit and cable"
+            )
+            found.append(Finding("level", words, "warning", name))
+    return (*found, *spectral_checks(record, sound, band))
+
+
+def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
+    """Median level of the channels of one quantity that move, (n_channels,)."""
+    kinds = [(q, c.is_rotation) for q, c in zip(record.quantities, record.channels, strict=True)]
+    moving = np.ptp(record.values, axis=0) > 0
+    alike = [[j for j, k in enumerate(kinds) if k == kind and moving[j]] for kind in kinds]
+    return np.array([np.median(level[same]) if same else 0.0 for same in alike])
+
+
+def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding | None:
+    y, name = record.values[:, i], channel_name(record, i)
+    remedy = "check sensor and cable, or leave the channel out with `channels`"
+    if np.ptp(y) <= 1e-12 * np.abs(y).max():
+        return Finding("constant", f"channel {name} is {y[0]:.6g} at every sample; {remedy}", "unusable", name)
+    if level < _DEAD * usual:
+        words = f"channel {name} is dead: it moves by {level:.3g}, where {usual:.3g} is usual; {remedy}"
+        return Finding("dead", words, "unusable", name)
+    return None
+
+
+def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
+    y, name, n = record.values[:, i], channel_name(record, i), len(record.values)
+    unit = record.units[i]
+    found: list[Finding] = []
+    clipped = clipped_samples(y)
+    if clipped.any():
+        share = clipped.mean()
+        at = " and ".join(f"{value:.4g}" for value in np.unique(y[clipped]))
+        words = (
+            f"channel {name} is clipped at {at} {unit}: {clipped.sum()} of {n} samples ({share:.2%}) sit there, the "
+            f"first at sample {np.argmax(clipped)}; lower the gain and measure again, or cut this part with `interval`"
+        )
+        found.append(Finding("clipped", words, "unusable" if share > _MUCH else "warning", name))
+    found += _drop_out_findings(record, i)
+    thrown = spikes(y) if record.quantities[i] != "force" else np.zeros(n, dtype=bool)
+    if thrown.any():
+        words = (
+            f"channel {name} has {thrown.sum()} samples thrown off the motion around them (spikes), the first at sample "
+            f'{np.argmax(thrown)}; check plugs and grounding, or interpolate them with `outliers` = "replace"'
+        )
+        found.append(Finding("spikes", words, "warning", name))
+    return found
+
+
+def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
+    y, name = record.values[:, i], channel_name(record, i)
+    found: list[Finding] = []
+    runs_of_one = drop_outs(y, clipped_samples(y))
+    if runs_of_one and runs_of_one[0][0] == 0 and record.quantities[i] != "force":
+        stop = runs_of_one[0][1]
+        words = (
+            f"channel {name} stays at {y[0]:.4g} up to sample {stop} ({record.time[stop]:.4g} s): not yet moving or not "
+            "yet switched on; cut that part with `interval` unless the start from rest is wanted"
+        )
+        found.append(Finding("late_start", words, "note", name))
+    lost = lost_samples(record, i)
+    if lost:
+        count, (start, stop) = sum(b - a for a, b in lost), max(lost, key=lambda part: part[1] - part[0])
+        words = (
+            f"channel {name} drops out {len(lost)} times, {count} samples in all: the longest run is {stop - start} samples "
+            f"at {y[start]:.4g} from sample {start} ({record.time[start]:.4g} s) on; check the connection, interpolate "
+            'short runs with `dropouts` = "replace", or cut with `interval`'
+        )
+        found.append(Finding("drop_out", words, "unusable" if count > _MUCH * len(y) else "warning", name))
+    return found
+
+
+def lost_samples(record: TimeRecord, i: int) -> list[tuple[int, int]]:
+    """Drop-outs of channel number `i`: not those at the start (not yet switched on), nor a force at rest."""
+    y = record.values[:, i]
+    found = [part for part in drop_outs(y, clipped_samples(y)) if part[0] > 0]
+    if record.quantities[i] == "force":
+        rest = np.median(y)
+        found = [(start, stop) for start, stop in found if y[start] != rest]
+    return found

@@ -1,0 +1,175 @@
+"""What the spectra of a record give away: too few periods, aliasing, lines of the mains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.errors import InputError
+from structid.records.quality.findings import Finding, channel_name
+from structid.records.record import TimeRecord
+
+_FEW, _TOO_FEW = 20.0, 3.0  # periods in a record
+_TOP = 0.9  # part of the Nyquist frequency above which an anti-alias filter leaves little
+_TOP_SHARE = 0.05  # of the power, from which it is called suspicious there
+_HARMONIC = 2.1  # kurtosis half way (by ratio) from 1.5 of a harmonic to 3 of a Gaussian process
+_LINE = 0.125  # Hz, spacing of spectral lines wanted to see the mains
+_RARE = 1e-6  # probability at which a spectral line of a smooth spectrum is called a peak
+
+
+def spectral_checks(
+    record: TimeRecord, sound: Sequence[int], band: tuple[float, float] | None = None
+) -> tuple[Finding, ...]:
+    """Findings on the channels number `sound`; `band` as in `signal_checks`."""
+    n = len(record.values)
+    motion = [i for i in sound if record.quantities[i] != "force"]
+    if not motion:
+        return ()
+    if n < 64:
+        words = f"the record has {n} samples, too few for a spectrum; measure longer"
+        return (Finding("short", words, "unusable"),)
+    return (*_short(record, motion, band), *_aliasing(record, motion), *_mains(record, motion))
+
+
+def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None = None) -> FloatArray:
+    """Kurtosis of every channel in a narrow band: 1.5 for a harmonic, 3 for a mode under random forces.
+
+    Parameters
+    ----------
+    frequency : float
+        Hz.
+    width : float, optional
+        Of the band around it, Hz; by default the greatest of 1 % of the frequency and 100 lines of the record, at
+        most 40 % of the frequency. With B T = width times duration the estimate of a Gaussian channel has a standard
+        deviation near 3 / sqrt(B T).
+
+    Returns
+    -------
+    (n_channels,) float array
+        NaN for a channel without motion in the band. Decaying motion gives values above 1.5 up to far above 3.
+
+    Raises
+    ------
+    InputError
+        If the band is not within 0 and the Nyquist frequency.
+
+    References
+    ----------
+    Jacobsen, Andersen and Brincker (2007), Using EFDD as a robust technique for deterministic excitation in
+    operational modal analysis, IOMAC 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20000)[:, None] / 200
+    >>> hum = TimeRecord(200.0, np.sin(2 * np.pi * 50.02 * t), ("1X",), ("velocity",))
+    >>> harmonic_indicator(hum, 50.0).round(1).tolist()
+    [1.5]
+    """
+    n, rate = record.values.shape[0], record.sampling_rate
+    span = max(0.01 * frequency, min(100 * rate / n, 0.4 * frequency)) if width is None else width
+    low, high = frequency - span / 2, frequency + span / 2
+    if not (span > 0 and low > 0 and high < rate / 2):
+        raise InputError(
+            f"`frequency` must lie with its band of {span:g} Hz between 0 and {rate / 2:g} Hz, got {frequency:g} Hz; "
+            "give a smaller `width`"
+        )
+    lines = np.fft.rfftfreq(n, 1 / rate)
+    spectrum = np.fft.rfft(record.values - record.values.mean(axis=0), axis=0)
+    spectrum[(lines < low) | (lines > high)] = 0
+    edge = n // 20
+    part = np.fft.irfft(spectrum, n, axis=0)[edge : n - edge]
+    power = np.mean(part**2, axis=0)
+    return np.divide(np.mean(part**4, axis=0), power**2, out=np.full(len(power), np.nan), where=power > 0)
+
+
+def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
+    """Whether the record holds enough periods of the lowest frequency of the band, or of most of the motion."""
+    n = len(record.values)
+    duration = n / record.sampling_rate
+    if band is not None and band[0] > 0:
+        low, what = band[0], f"the lowest frequency of the band, {band[0]:g} Hz"
+        few = _FEW
+    else:
+        y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
+        power = np.abs(np.fft.rfft(y, axis=0)[1:]) ** 2
+        share = np.mean(np.cumsum(power, axis=0) / power.sum(axis=0), axis=1)
+        low = (1 + int(np.argmax(share >= 0.5))) / duration
+        what, few = f"the half of the motion that is below {low:.3g} Hz (or drifts)", _TOO_FEW
+    periods = low * duration
+    if periods >= few or (band is None and periods > _TOO_FEW):
+        return []
+    remedy = f"measure at least {_FEW / low:.3g} s"
+    remedy += ", or take a drift off with `detrend`" if band is None else ", or raise the band"
+    words = f"the record of {duration:.4g} s holds {periods:.3g} periods of {what}; {remedy}"
+    return [Finding("short", words, "unusable" if band is not None and periods < _TOO_FEW else "warning")]
+
+
+def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatArray, FloatArray]:
+    """Frequencies without 0, and auto spectra by Welch's method, (n_lines, len(columns))."""
+    from scipy.signal import welch
+
+    lines, power = welch(record.values[:, columns], record.sampling_rate, nperseg=segment, axis=0)
+    return lines[1:], power[1:]
+
+
+def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
+    lines, power = _power(record, motion, min(512, len(record.values) // 2))
+    nyquist = record.sampling_rate / 2
+    share = power[lines > _TOP * nyquist].sum(axis=0) / power.sum(axis=0)
+    doubtful = np.flatnonzero(share > _TOP_SHARE)
+    if not len(doubtful):
+        return []
+    worst = int(share.argmax())
+    words = (
+        f"{share[worst]:.1%} of the power of channel {channel_name(record, motion[worst])} lies between "
+        f"{_TOP * nyquist:g} and {nyquist:g} Hz, where an anti-alias filter would leave little ({len(doubtful)} of "
+        f"{len(motion)} channels have more than {_TOP_SHARE:.0%} there): motion from above may appear folded down; measure "
+        "faster or with an analogue filter, and decimate by `prepare`, never by leaving out samples"
+    )
+    return [Finding("aliasing", words, "warning")]
+
+
+def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
+    """Narrow lines of steady amplitude at multiples of 50 and 60 Hz."""
+    rate, n = record.sampling_rate, len(record.values)
+    segment = min(round(rate / _LINE), n // 5)
+    spacing = rate / max(segment, 1)
+    if segment < 64 or spacing > 1.0 or rate < 120:
+        return []
+    lines, power = _power(record, motion, segment)
+    found = []
+    for base in (50.0, 60.0):
+        for multiple in np.arange(base, 0.95 * rate / 2, base):
+            if base == 60.0 and multiple % 50 == 0:
+                continue
+            hit = _lines_at(record, motion, lines, power, float(multiple))
+            if hit:
+                found.append(hit)
+    return found
+
+
+def _lines_at(record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, at: float) -> Finding | None:
+    from scipy.stats import chi2
+
+    spacing = lines[1] - lines[0]
+    averages = 0.9 * 2 * len(record.values) / record.sampling_rate * spacing
+    near = np.flatnonzero(np.abs(lines - at) <= max(0.1, 1.5 * spacing))
+    aside = (np.abs(lines - at) > 4 * spacing) & (np.abs(lines - at) < 30 * spacing)
+    top = near[power[near].argmax(axis=0)], np.arange(len(motion))
+    height = power[top] / np.median(power[aside], axis=0)
+    limit = chi2.isf(_RARE, 2 * averages) / chi2.isf(0.5, 2 * averages)
+    skirt = np.stack([power[np.clip(top[0] + k, 0, len(lines) - 1), top[1]] for k in (-4, 4)]).mean(axis=0)
+    steady = harmonic_indicator(record, at, min(max(0.5, 40 * record.sampling_rate / len(record.values)), 8.0))[motion]
+    hits = np.flatnonzero((height > 2 * limit) & (skirt < 0.1 * power[top]) & (steady < _HARMONIC))
+    if not len(hits):
+        return None
+    worst = int(hits[height[hits].argmax()])
+    words = (
+        f"{len(hits)} channels show a line of steady amplitude at {at:g} Hz, at most {10 * np.log10(height[worst]):.0f} dB "
+        f"above the spectrum around it ({channel_name(record, motion[worst])}, kurtosis {steady[worst]:.2f} where 1.5 is a "
+        "harmonic and 3 a mode): the mains, no mode; mend the grounding, or keep it out of the `band`"
+    )
+    return Finding("mains", words, "warning")

@@ -1,0 +1,1 @@
+"""From time histories to spectra and frequency response functions."""

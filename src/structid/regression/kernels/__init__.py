@@ -1,0 +1,1 @@
+"""Compiled kernels of the streaming reduction; imported only where numba is wanted."""

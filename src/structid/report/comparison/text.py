@@ -1,0 +1,79 @@
+"""A comparison in words and tables, as the terminal and the page show it."""
+
+from __future__ import annotations
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from structid.comparison.comparing import ComparisonResult
+from structid.report.text import number, percent, unit_text, with_std
+
+HEADER = (
+    "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",
+)  # fmt: skip
+
+
+def comparison_rows(result: ComparisonResult) -> list[tuple[str, ...]]:
+    """One row a parameter under `HEADER`, those declared first."""
+    found = result.comparison
+    order = sorted(range(len(found.names)), key=lambda i: (not found.changed[i], i))
+    rows: list[tuple[str, ...]] = []
+    for i in order:
+        before = with_std(float(found.before[i]), float(found.covariance_before[i, i]) ** 0.5)
+        after = with_std(float(found.after[i]), float(found.covariance_after[i, i]) ** 0.5)
+        rows.append(
+            (
+                found.names[i],
+                unit_text(found.units[i]) or "1",
+                before,
+                after,
+                percent(float(found.relative_change[i])),
+                percent(float(found.relative_std[i]), 2, signed=False),
+                _probability(float(found.p_values[i])),
+                _probability(float(found.adjusted[i])),
+                "changed" if found.changed[i] else "",
+                percent(float(found.relative_detection_limit[i]), 2, signed=False),
+            )
+        )
+    return rows
+
+
+def facts(result: ComparisonResult) -> list[str]:
+    """How the comparison was made, and what it can see."""
+    found = result.comparison
+    rule = (
+        "Holm: no false declaration among all of them with probability"
+        f" {percent(1 - found.level, 3, signed=False)} or more"
+        if found.correction == "holm"
+        else f"Benjamini-Hochberg: on average at most {percent(found.level, 2, signed=False)} of those declared are false"
+    )
+    together = (
+        f"all changes together: chi-square {number(found.statistic, 3)} for {len(found.names)} parameters,"
+        f" probability {_probability(found.probability)} if nothing had changed"
+    )
+    power = percent(found.power, 2, signed=False)
+    return [
+        f"{result.baseline.title} → {result.later.title}",
+        f"basis: {result.basis_words}",
+        f"corrected for {len(found.names)} tests by {rule}",
+        together,
+        f"detection limit: smallest single change that is declared with probability {power}",
+    ]
+
+
+def comparison_text(result: ComparisonResult) -> list[RenderableType]:
+    """What the terminal shows: warnings, the result in a sentence, how it was made, and the table."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for i, heading in enumerate(HEADER):
+        table.add_column(heading, overflow="fold" if i == 0 else "ellipsis")
+    for row in comparison_rows(result):
+        table.add_row(*row)
+    warnings = [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
+    first, *rest = facts(result)
+    return [Text(first, style="bold"), *warnings, Text(result.comparison.words, style="bold"), *map(Text, rest), table]
+
+
+def _probability(value: float) -> str:
+    """Two digits; what is below one in a million million is told as that."""
+    return f"< 10{chr(0x207B)}¹²" if value < 1e-12 else number(value, 2)

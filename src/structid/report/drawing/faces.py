@@ -1,0 +1,129 @@
+"""Cells of a mesh as the drawing shows them: plates and shells whole, solids by the outer faces that the eye sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.report.drawing.element_outlines import AREA_CORNERS, outer_faces
+from structid.report.drawing.picture import Mark
+from structid.report.drawing.projection import SPACE_AXES
+from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
+from structid.structure.elements import ElementSet
+
+#: Size of a flat cell as drawn, so that a gap shows between neighbours.
+_SHRUNK = 0.94
+#: Nodes times faces beyond which no node of cells is drawn.
+_MOST_PAIRS = 20_000_000
+#: Marks beyond which names of element sets are not moved to where they are seen best.
+_MOST_LABELLED = 1000
+
+
+def is_cells(element: ElementSet) -> bool:
+    """Whether an element set is drawn by `cell_faces`."""
+    return isinstance(element, Membrane | Plane | Plate | Shell | Solid)
+
+
+def _sight(structure: Structure) -> FloatArray:
+    """Direction towards the eye."""
+    if structure.dimension == 3:
+        return np.cross(*SPACE_AXES.T)
+    return np.array([0.0, 0.0, 1.0])[: structure.dimension]
+
+
+def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
+    """One mark for every cell, of solids for every outer face that looks at the eye; the farthest first.
+
+    Parameters
+    ----------
+    structure : Structure
+    points : mapping of node to (2,) float array
+        Where each node is on paper.
+    """
+    sight = _sight(structure)
+    faces = _seen_faces(structure, sight)
+    for element in structure.elements:
+        if is_cells(element) and not isinstance(element, Solid):
+            rows = (row[row >= 0] for row in element.nodes)
+            faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
+    found: list[tuple[float, Mark]] = []
+    for element, index, nodes in faces:
+        labels = tuple(int(n) for n in nodes)
+        outline = np.array([points[n] for n in labels])
+        centre = outline.mean(axis=0)
+        share = 1.0 if isinstance(element, Shell | Solid) else _SHRUNK
+        name = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
+        path = centre + share * (_counter_clockwise(outline) - centre)
+        depth = float(np.mean([structure.nodes[n] @ sight for n in labels]))
+        found.append((depth, Mark(element.name, index, name, path, True, centre, labels)))
+    return [mark for _, mark in sorted(found, key=lambda pair: pair[0])]
+
+
+def _counter_clockwise(outline: FloatArray) -> FloatArray:
+    """The same outline in the sense in which overlapping ones do not cut holes into each other."""
+    x, y = outline.T
+    doubled = float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    return outline if doubled >= 0 else outline[::-1]
+
+
+def _seen_faces(structure: Structure, sight: FloatArray) -> list[tuple[ElementSet, int, IntArray]]:
+    """The outer faces of all solids together whose outside the eye sees."""
+    owners = [(e, index) for e in structure.elements if isinstance(e, Solid) for index in range(len(e.nodes))]
+    rows = [np.asarray(e.nodes[index]) for e, index in owners]
+    rows = [row[row >= 0] for row in rows]
+    found: list[tuple[ElementSet, int, IntArray]] = []
+    for number, nodes in outer_faces(rows):
+        corners = np.array([structure.nodes[int(n)] for n in nodes])
+        middle = np.mean([structure.nodes[int(n)] for n in rows[number]], axis=0)
+        normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
+        outward = normal * np.sign(normal @ (corners.mean(axis=0) - middle))
+        if outward @ sight > 0:
+            found.append((*owners[number], nodes))
+    return found
+
+
+def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
+    """Nodes of cells in space that a face covers, and those within solids; all of them where the mesh is large."""
+    faces = [mark for mark in marks if mark.nodes]
+    if structure.dimension < 3 or not faces:
+        return frozenset()
+    own = {int(n) for e in structure.elements if is_cells(e) for n in np.unique(e.nodes) if n >= 0}
+    own -= {int(n) for e in structure.elements if not is_cells(e) for n in np.unique(e.nodes)}
+    labels = np.array(sorted(own), dtype=np.int64)
+    if len(labels) * len(faces) > _MOST_PAIRS:
+        return frozenset(own)
+    at = np.array([points[int(n)] for n in labels]).reshape(-1, 2)
+    depth = np.array([structure.nodes[int(n)] @ _sight(structure) for n in labels])
+    slack = 1e-3 * float(np.ptp(at, axis=0).max(initial=0.0))
+    covered = np.zeros(len(labels), dtype=bool)
+    for mark in faces:
+        corners = np.array([points[n] for n in mark.nodes])
+        heights = np.array([structure.nodes[n] @ _sight(structure) for n in mark.nodes])
+        plane = np.linalg.lstsq(np.column_stack([corners, np.ones(len(corners))]), heights, rcond=1e-9)[0]
+        behind = depth < at @ plane[:2] + plane[2] - slack
+        covered |= _inside(corners, at) & behind & ~np.isin(labels, mark.nodes)
+    seen = {node for mark in faces for node in mark.nodes}
+    return frozenset(labels[covered].tolist()) | (own - seen)
+
+
+def _inside(corners: FloatArray, at: FloatArray) -> np.ndarray:
+    """Whether points (n, 2) lie in a convex outline."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    away = at[:, None] - corners
+    turns = sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0]
+    return np.asarray((turns >= 0).all(axis=1) | (turns <= 0).all(axis=1))
+
+
+def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
+    """One mark of each element set for its name: the nearest face whose middle no other set covers, else the last."""
+    last = {mark.element: mark for mark in marks}
+    open_: dict[str, Mark] = {}
+    for k, mark in reversed(list(enumerate(marks))):
+        if not mark.nodes or mark.element in open_ or len(marks) > _MOST_LABELLED:
+            continue
+        others = (m for m in marks[k + 1 :] if m.nodes and m.element != mark.element)
+        if not any(_inside(m.path, mark.centre[None])[0] for m in others):
+            open_[mark.element] = mark
+    return list((last | open_).values())

@@ -1,0 +1,330 @@
+"""The tables of the report as rows of text."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation import Estimate
+from structid.estimation.intervals.intervals import span_digits
+from structid.identification.identify import Identification
+from structid.identification.resonances import Resonance
+from structid.report.figures.data import ModeRows
+from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit
+from structid.structure import Structure
+from structid.structure.elements import ElementSet
+
+_FORMS = {
+    "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",
+    "log": "difference of the logarithms of measured and modelled FRF (errors in proportion to the FRF)",
+    "pole_free": "difference over the mean size of measured and modelled FRF (pole-free)",
+    "equation": "equation error of the measured outputs",
+}
+_NOISE = {
+    "coherence": "from coherence and number of averages",
+    "repeats": "from the scatter of repeated measurements",
+    "declared": "declared by the user",
+    "unknown": "not stated",
+}
+_INTERVALS = {
+    "laplace": "from the curvature at the estimate (Laplace), taken to physical units: not symmetric for a positive"
+    " or bounded parameter",
+    "profile": "from the profile likelihood: all other parameters fitted again at each value",
+    "bootstrap": "from refits to data drawn again (bootstrap), 400 of them",
+    "sampling": "from samples of the posterior by the no-U-turn sampler",
+}
+_MANY = 24
+
+
+@dataclass(frozen=True)
+class Table:
+    """Header and rows of text; `numeric` columns are set flush right, `marks` are CSS classes of rows."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numeric: tuple[int, ...] = ()
+    marks: tuple[str, ...] = ()
+
+    def first(self, count: int) -> Table:
+        """The same table with its first `count` rows."""
+        return replace(self, rows=self.rows[:count], marks=self.marks[:count])
+
+    def after(self, count: int) -> Table:
+        """The same table without its first `count` rows."""
+        return replace(self, rows=self.rows[count:], marks=self.marks[count:])
+
+
+def parameter_states(identification: Identification) -> tuple[str, ...]:
+    """For each parameter whether it is identified, and if only with help."""
+    found = identification.estimate
+    weak = np.zeros(len(found.names), dtype=bool)
+    for direction in found.identifiability.directions:
+        weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
+    has_prior = bool(np.isfinite(identification.prior_std).any())
+    states = []
+    for identified, doubtful in zip(found.identified, weak, strict=True):
+        if not identified:
+            states.append("not identified")
+        elif doubtful:
+            states.append("rests on a prior" if has_prior else "weakly identified")
+        else:
+            states.append("identified")
+    return tuple(states)
+
+
+def parameter_table(identification: Identification) -> Table:
+    """Every parameter in physical units, with both standard deviations."""
+    found = identification.estimate
+    adopted = "model error" if found.covariance_basis == "model_error" else "noise"
+    header = (
+        "Parameter", "Unit", "Initial", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std",
+        "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
+    )  # fmt: skip
+    states = parameter_states(identification)
+    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+    rows = []
+    for i, name in enumerate(found.names):
+        value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
+        prior = with_std(float(identification.prior_mean[i]), float(identification.prior_std[i]))
+        rows.append(
+            (
+                name,
+                unit_text(found.units[i]) or "1",
+                exact(initial),
+                prior if np.isfinite(identification.prior_std[i]) else NOTHING,
+                with_std(value, std),
+                percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
+                span_text(float(ends[i, 0]), float(ends[i, 1])),
+                percent(value / initial - 1) if initial else NOTHING,
+                number(float(found.std_noise[i]), 2),
+                number(float(found.std_model_error[i]), 2),
+                states[i],
+            )
+        )
+    marks = tuple("" if state == "identified" else "doubtful" for state in states)
+    return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8, 9), marks)
+
+
+def span_text(low: float, high: float) -> str:
+    """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
+    if math.isnan(low) or math.isnan(high):
+        return NOTHING
+    if not math.isfinite(high):
+        return f"above {number(low)}, no upper limit"
+    first, second = span_digits(low, high)
+    return f"{number(low, first)} to {number(high, second)}"
+
+
+def interval_words(identification: Identification) -> str:
+    """How the intervals of the parameters were found."""
+    kind = "laplace" if identification.intervals is None else identification.intervals.kind
+    return _INTERVALS[kind]
+
+
+def residual_table(found: Estimate) -> Table | None:
+    """Tests of every channel's residual; real and imaginary parts have a row each. None where nothing was tested."""
+    tests = found.residual_tests
+    if tests is None:
+        return None
+    header = (
+        "Channel", "Lines", "First autocorrelation", "p of whiteness", "Runs", "Runs expected", "p of runs",
+    )  # fmt: skip
+    rows = [
+        (
+            test.name, str(test.n_rows), number(test.lag_1, 2), number(test.whiteness_probability, 2), str(test.runs),
+            number(test.runs_expected, 3), number(test.runs_probability, 2),
+        )
+        for test in tests.series
+    ]  # fmt: skip
+    doubtful = {*tests.not_white, *tests.one_sided}
+    marks = tuple("doubtful" if test.name in doubtful else "" for test in tests.series)
+    return Table(header, tuple(rows), (1, 2, 3, 4, 5, 6), marks)
+
+
+def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
+    """Modes before and after; those in the band that was used are marked."""
+    header = (
+        "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",
+        "Initial damping ratio", "Identified damping ratio", "MAC with initial shape", "In the band used",
+    )  # fmt: skip
+    table = []
+    for i in range(len(rows.frequency)):
+        before, after = float(rows.initial_frequency[i]), float(rows.frequency[i])
+        rigid = after < 1e-4 * float(rows.frequency.max())
+        table.append(
+            (
+                str(i + 1),
+                number(before, 5),
+                "0 (rigid body)" if rigid else number(after, 5),
+                NOTHING if rigid or before <= 0 else percent(after / before - 1),
+                percent(float(rows.initial_damping[i]), 3, signed=False),
+                NOTHING if rigid else percent(float(rows.damping[i]), 3, signed=False),
+                f"{rows.mac[i]:.2f}",
+                "yes" if band[0] <= after <= band[1] else "no",
+            )
+        )
+    return Table(header, tuple(table), (0, 1, 2, 3, 4, 5, 6))
+
+
+def resonance_table(found: tuple[Resonance, ...]) -> Table:
+    """Peaks of the imaginary part, measured beside fitted."""
+    rows = [
+        (number(r.measured, 5), number(r.predicted, 5), percent(r.predicted / r.measured - 1))
+        if math.isfinite(r.predicted)
+        else (number(r.measured, 5), NOTHING, NOTHING)
+        for r in found
+    ]
+    return Table(("Measured resonance (Hz)", "Fitted model (Hz)", "Difference"), tuple(rows), (0, 1, 2))
+
+
+def direction_table(found: Estimate) -> Table:
+    """Directions that the data do not determine, in words, with how badly they are determined."""
+    directions = found.identifiability.directions
+    rows = tuple((f"the data determine {d.words}", number(d.relative_std, 2)) for d in directions)
+    return Table(("In words", "Relative std along it"), rows, (1,))
+
+
+def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
+    """What was measured, as pairs of a label and a text."""
+    whole, problem = identification.measured, identification.problem
+    used = problem.record
+    errors = "none stated" if used.variance is None else _NOISE.get(used.noise_source, used.noise_source)
+    if used.variance is not None:
+        size = np.maximum(np.abs(used.values), np.finfo(float).tiny)
+        median = float(np.median(np.sqrt(used.variance) / size))
+        errors += f"; median {percent(median, 2, signed=False)} of the magnitude"
+    lines = (
+        f"{len(used.frequency)} of {len(whole.frequency)}, {_span(used.frequency)} Hz of {_span(whole.frequency)} Hz"
+    )
+    averages = f", {used.averages} averages" if used.averages else ""
+    coherence = "none" if used.coherence is None else f"in the record{averages}"
+    assumed = f"{percent(problem.model_error, 3, signed=False)} of the magnitude" if problem.model_error else "none"
+    apart = not np.array_equal(used.frequency, identification.evaluation.frequency)
+    judged = (("Lines judged", _judged(identification)),) if apart else ()
+    facts = [
+        ("Source", whole.source or "not stated"),
+        ("Kind and unit", f"{whole.kind}, {unit_text(whole.unit)}"),
+        ("Lines used", lines + _gaps(whole.frequency, used.frequency)),
+        *judged,
+        ("Sensors", _listed(map(str, used.outputs))),
+        ("Loads", _listed(map(str, used.inputs))),
+        ("Coherence", coherence),
+        ("Noise", errors),
+        ("Model error assumed", assumed),
+        ("Residual", _FORMS.get(problem.form, problem.form)),
+    ]
+    return tuple(facts)
+
+
+def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
+    """What was assumed of the structure, as pairs of a label and a text."""
+    positions = np.array(list(structure.nodes.values()))
+    extent = f" {TIMES} ".join(exact(float(x), 4) for x in np.ptp(positions, axis=0))
+    ties = [f"{tie.name} ({type(tie).__name__})" for tie in structure.ties]
+    return (
+        ("Nodes", f"{len(structure.nodes)} in {structure.dimension}-D, extent {extent} m"),
+        ("Free degrees of freedom", str(structure.n_dofs)),
+        ("Directions", " ".join(structure.active or ())),
+        ("Fixed", _listed(str(d.unsigned).rstrip("+") for d in structure.fixed)),
+        ("Links and constraints", _listed(ties)),
+    )
+
+
+def element_table(structure: Structure) -> Table:
+    """Element sets with their types and nominal properties; properties that are all 0 are left out."""
+    rows = []
+    for element in structure.elements:
+        own = [p for p in structure.properties if p.element == element.name]
+        texts = [
+            f"{p.term.property.replace('_', ' ')} {with_unit(_range(p.term.values), p.term.unit)}"
+            for p in own
+            if np.any(p.term.values)
+        ]
+        rows.append((element.name, _type_words(element), str(len(element.nodes)), "; ".join(texts) or NOTHING))
+    return Table(("Element set", "Type", "Elements", "Nominal properties"), tuple(rows), (2,))
+
+
+def provenance_facts(provenance: Mapping[str, Any] | None) -> tuple[tuple[str, str], ...]:
+    """The provenance as pairs of a label and a text; nested values are written as JSON."""
+    given = provenance or {}
+    return tuple((str(key), value if isinstance(value, str) else _json(value)) for key, value in given.items())
+
+
+def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
+    """The answer in a line: label, value and a remark."""
+    found = identification.estimate
+    mass, std = identification.total_mass, identification.total_mass_std
+    has_mass = np.isfinite(mass) and mass > 0
+    rank, n = found.identifiability.rank, len(found.names)
+    basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
+    chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
+    steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
+    weighed = (
+        (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}") if has_mass else (NOTHING, "no mass in kg")
+    )
+    return (
+        ("Total mass", *weighed),
+        ("Status", found.status.value.replace("_", " "), steps),
+        ("Rank", f"{rank} of {n}", f"condition {number(found.identifiability.condition, 2)}"),
+        ("Chi-square per degree of freedom", number(found.chi_square_per_dof, 3), chance),
+        *(_frf_cards(identification) if identification.fits else ()),
+    )
+
+
+def _frf_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
+    error = percent(float(np.median(identification.relative_error)), 3, signed=False)
+    before = percent(float(np.median(identification.fits[0].initial_relative_error)), 3, signed=False)
+    return (("Median relative FRF error", error, f"initial model {before}; lines {_judged(identification)}"),)
+
+
+def _judged(identification: Identification) -> str:
+    frequency = identification.evaluation.frequency
+    return f"{len(frequency)}, {_span(frequency)} Hz"
+
+
+def _span(frequency: FloatArray) -> str:
+    return f"{exact(float(frequency[0]), 4)}{DASH}{exact(float(frequency[-1]), 4)}"
+
+
+def _gaps(whole: FloatArray, used: FloatArray) -> str:
+    """Stretches inside the band that were left out."""
+    inside = whole[(whole >= used[0]) & (whole <= used[-1])]
+    out = ~np.isin(inside, used)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))
+    if len(edges) > 12:
+        return f", without {int(out.sum())} lines in between"
+    parts = [_span(inside[a:b]) for a, b in edges.reshape(-1, 2)]
+    return f", without {', '.join(parts)} Hz" if parts else ""
+
+
+def _listed(items: Iterable[str]) -> str:
+    """`items` with commas; the count first where there are many."""
+    words = list(items)
+    if not words:
+        return "none"
+    return (f"{len(words)}: " if len(words) > 6 else "") + ", ".join(words)
+
+
+def _range(values: FloatArray) -> str:
+    low, high = float(np.min(values)), float(np.max(values))
+    return exact(low) if high - low <= 1e-9 * abs(high) else f"{exact(low, 4)} to {exact(high, 4)}"
+
+
+def _type_words(element: ElementSet) -> str:
+    name = type(element).__name__
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)
+
+
+def is_long(items: Sequence[Any]) -> bool:
+    """Whether a table is long enough to be folded away."""
+    return len(items) > _MANY

@@ -1,0 +1,155 @@
+"""What `structid modes` prints, and the words and tables that its page shows."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from structid.modal.survey.survey import HARDLY_DAMPED, ModesResult
+from structid.records import FrfRecord
+from structid.report.identification.tables import provenance_facts
+from structid.report.text import counted, exact, number, percent, with_std
+from structid.similarity import mac
+
+HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
+_ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
+
+
+def modes_text(result: ModesResult) -> list[RenderableType]:
+    """Heading, warnings, what was done, and the table of modes."""
+    parts: list[RenderableType] = [Text(f"{result.title}: {counted(result.modes.n_modes, 'mode')}", style="bold")]
+    parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
+    parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for column in HEADER:
+        table.add_column(column, overflow="fold")
+    for row in mode_rows(result):
+        table.add_row(*row)
+    return [*parts, table, Text(scale_sentence(result))]
+
+
+def mode_rows(result: ModesResult) -> list[tuple[str, ...]]:
+    """One row a mode: values with one standard deviation, how real the shape is, and the poles behind it."""
+    modes, std, n = result.modes, result.std, result.modes.n_modes
+    clusters = result.identification.clusters
+    collinearity, notes = mpc(result), remarks(result)
+    rows: list[tuple[str, ...]] = []
+    for k in range(n):
+        count, spread = "", ""
+        if len(clusters) == n:
+            count = f"{clusters[k].size} in {counted(len(result.identification.sweep), 'order')}"
+            spread = with_std(float(clusters[k].frequency.mean()), clusters[k].frequency_spread)
+        rows.append(
+            (
+                str(k + 1),
+                value_words(modes.frequency[k], std[k]),
+                value_words(100 * modes.damping_ratio[k], 100 * std[n + k]),
+                f"{collinearity[k]:.3f}",
+                count,
+                spread,
+                "; ".join(notes[k]),
+            )
+        )
+    return rows
+
+
+def value_words(value: float, std: float) -> str:
+    """`value` ± `std`, or the value alone where there is no standard deviation."""
+    return with_std(float(value), float(std)) if math.isfinite(std) else number(float(value), 5)
+
+
+def mpc(result: ModesResult) -> np.ndarray:
+    """Modal phase collinearity of every mode."""
+    from structid.modal.poles import modal_phase_collinearity
+
+    return modal_phase_collinearity(np.asarray(result.modes.mode_shapes, dtype=np.complex128))
+
+
+def remarks(result: ModesResult) -> list[list[str]]:
+    """What is doubtful about each mode, in plain words."""
+    modes, n = result.modes, result.modes.n_modes
+    found: list[list[str]] = [[] for _ in range(n)]
+    alike = mac(modes.mode_shapes)
+    collinearity = mpc(result)
+    for k in range(n):
+        ratio, std = modes.damping_ratio[k], result.std[n + k]
+        if ratio <= 0:
+            found[k].append("damping is not positive: noise, a tone, or motion that grows")
+        elif std > ratio / 2:
+            found[k].append("damping is not told apart from 0")
+        if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord):
+            found[k].append(_tone_words(float(result.kurtosis[k])))
+        if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:
+            found[k].append("complex shape: damping, noise, or two modes in one")
+        same = [str(j + 1) for j in range(n) if j != k and alike[k, j] > _ALIKE]
+        if same and len(modes.channels) > 1:
+            found[k].append(f"at the sensors the shape is that of mode {', '.join(same)}")
+    return found
+
+
+def _tone_words(kurtosis: float) -> str:
+    """On a mode with hardly any damping."""
+    if kurtosis < _TONE:
+        return f"a steady tone, as of a machine, not a mode under random forces (kurtosis {kurtosis:.2f}, tone 1.5, mode 3)"
+    return "hardly damped: a machine or the mains can look like this"
+
+
+def record_words(result: ModesResult) -> str:
+    """The record in one line."""
+    record = result.record
+    if isinstance(record, FrfRecord):
+        return (
+            f"{record.kind}, {counted(len(record.frequency), 'line')} from {exact(record.frequency[0])} to"
+            f" {exact(record.frequency[-1])} Hz, {counted(len(record.outputs), 'output')},"
+            f" {counted(len(record.inputs), 'input')}"
+        )
+    kinds = ", ".join(dict.fromkeys(record.quantities))
+    seconds = len(record.values) / record.sampling_rate
+    return (
+        f"{counted(len(record.channels), 'channel')} of {kinds}, {len(record.values)} samples at"
+        f" {exact(record.sampling_rate)} Hz, {exact(seconds)} s"
+    )
+
+
+def method_words(result: ModesResult) -> str:
+    """How the modes were found, in one line."""
+    found = result.identification
+    words = f"method {found.method}"
+    if found.sweep:
+        orders = [poles.order for poles in found.sweep]
+        words += f", orders {orders[0]} to {orders[-1]}" if len(orders) > 1 else f", order {orders[0]}"
+        low, high = found.options.criteria.damping_ratio
+        words += f", poles with damping ratios from {percent(low, signed=False)} to {percent(high, signed=False)}"
+    if result.options.band is not None:
+        words += f", modes from {exact(result.options.band[0])} to {exact(result.options.band[1])} Hz"
+    if result.options.frequencies is not None:
+        words += f", modes asked for near {', '.join(exact(f) for f in result.options.frequencies)} Hz"
+    return f"{words} ({result.modes.source})" if result.modes.source else words
+
+
+def scale_sentence(result: ModesResult) -> str:
+    """`ModesResult.scale_words` as a sentence."""
+    words = result.scale_words
+    return f"{words[0].upper()}{words[1:]}."
+
+
+def std_sentence(result: ModesResult) -> str:
+    """What ± means in the table."""
+    if result.modes.covariance is None:
+        spread = " The spread over the orders of the model is not one." if result.identification.clusters else ""
+        return f"This method gives no standard deviations.{spread}"
+    return (
+        "± is one standard deviation from the scatter of the data (first order, no bias). The spread of the cluster is"
+        " another thing: how far the poles of the different model orders lie apart."
+    )
+
+
+def provenance_rows(result: ModesResult) -> tuple[tuple[str, str], ...]:
+    """Versions, digests and settings."""
+    from dataclasses import asdict
+
+    return provenance_facts(asdict(result.provenance))

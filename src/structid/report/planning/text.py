@@ -1,0 +1,167 @@
+"""What `structid plan` prints, and the tables that its page shows."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from structid.dof import Dof
+from structid.estimation.diagnostics.collinearity import percent_text
+from structid.planning.planned import Plan, PlannedTest
+from structid.report.text import counted
+
+_MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
+
+
+def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
+    """Heading, options, the tests side by side, the next sensor, what is enough, and what moves together."""
+    parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
+    parts.append(Text(options_text(found)))
+    parts.append(_tests(found))
+    parts += [Text(line) for line in (*choice_lines(found), *enough_lines(found), *next_lines(found))]
+    parts.append(_parameters(found))
+    parts += [Text(f"the chosen test determines {d.words}") for d in found.identifiability.directions]
+    groups = found.identifiability.groups
+    parts += [Text(f"in the chosen test {group.words}") for group in groups[:_MOST_GROUPS]]
+    if len(groups) > _MOST_GROUPS:
+        parts.append(Text(f"and {len(groups) - _MOST_GROUPS} more groups, in plan.json"))
+    return parts
+
+
+def options_text(found: Plan) -> str:
+    """What was chosen from, in one line."""
+    options = found.options
+    frequency = options.frequency
+    noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
+    noise += [f"{options.absolute_noise:.3g} {_UNITS[options.kind]}"] if options.absolute_noise else []
+    interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
+    return (
+        f"candidates: {counted(len(options.sensors), 'sensor')}, {counted(len(options.loads), 'load')},"
+        f" {counted(len(frequency), 'line')} from"
+        f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {' and '.join(noise)};"
+        f" {options.criterion.upper()}-optimal{interest}; standard deviations are predicted at the initial values, relative"
+        " to them"
+    )
+
+
+_UNITS = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
+TEST_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
+
+
+def test_rows(found: Plan) -> list[tuple[str, ...]]:
+    """The tests side by side, as text."""
+    total = len(found.parameters.names)
+    return [
+        (
+            test.label,
+            str(len(test.sensors)),
+            str(len(test.loads)),
+            str(len(test.frequency)),
+            f"{test.n_determined} of {total}",
+            percent_text(test.worst_std),
+            found.parameters.names[test.worst],
+            percent_text(test.rms_std),
+        )
+        for test in found.tests
+    ]
+
+
+PARAMETER_HEADER = ("parameter", "unit", "initial")
+
+
+def parameter_rows(found: Plan) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows: the predicted relative standard deviation of each parameter, before and after."""
+    tests = compared(found)
+    header = (*PARAMETER_HEADER, *(f"std, {test.label}" for test in tests))
+    rows = []
+    for i, name in enumerate(found.parameters.names):
+        mark = "" if found.chosen.of_interest[i] else " (nuisance)"
+        shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
+        rows.append((name + mark, found.parameters.units[i], f"{found.parameters.start[i]:.5g}", *shown))
+    return header, rows
+
+
+def compared(found: Plan) -> tuple[PlannedTest, ...]:
+    """The tests whose parameters are shown one by one: before, after, and what is possible at most."""
+    tests = (found.installed, found.chosen, found.frequencies, found.everything)
+    return tuple(test for test in tests if test is not None)
+
+
+def choice_lines(found: Plan) -> list[str]:
+    """Where the chosen sensors, loads and lines are, the most telling first."""
+    lines = [
+        f"chosen sensors: {places(found.chosen.sensors)}; loads: {places(found.chosen.loads)}",
+        f"effective independence would take: {places(found.kammer.sensors)}",
+    ]
+    if found.frequencies is not None:
+        shown = [f"{f:.5g}" for f in found.frequencies.frequency[:_MOST_LINES]]
+        more = (
+            f" and {len(found.frequencies.frequency) - len(shown)} more"
+            if len(shown) < len(found.frequencies.frequency)
+            else ""
+        )
+        lines.append(f"chosen lines, Hz: {', '.join(shown)}{more}")
+    return lines
+
+
+def enough_lines(found: Plan) -> list[str]:
+    """What reaches the wanted accuracy."""
+    enough = found.enough
+    if enough is None:
+        return []
+    wanted = percent_text(enough.target)
+    if enough.sensors is None:
+        most = percent_text(found.everything.worst_std)
+        first = f"all sensors at the chosen loads do not reach {wanted} (all candidates: {most})"
+    else:
+        first = f"{counted(len(enough.sensors.sensors), 'sensor')} at all lines reach {wanted}: {places(enough.sensors.sensors)}"
+    if enough.frequencies is None:
+        second = f"the chosen sensors do not reach {wanted} at all lines"
+    else:
+        second = f"{counted(len(enough.frequencies.frequency), 'line')} with the chosen sensors reach {wanted}"
+    if math.isfinite(enough.averages) and enough.averages > 1:
+        second += f"; {math.ceil(enough.averages)} times as many averages would"
+    return [first, second]
+
+
+def next_lines(found: Plan) -> list[str]:
+    """The best sensors to add, and what each would give."""
+    if not found.next_sensors:
+        return []
+    base = found.installed or found.chosen
+    told = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in found.next_sensors[:3])
+    return [
+        f"the next best sensor beside the {base.label} ones (worst std {percent_text(base.worst_std)}), with the worst std it"
+        f" would leave: {told}"
+    ]
+
+
+def places(dofs: tuple[Dof, ...]) -> str:
+    """Places with commas, the first dozen of them."""
+    shown = ", ".join(str(dof) for dof in dofs[:_MOST_PLACES])
+    return shown + (f" and {len(dofs) - _MOST_PLACES} more" if len(dofs) > _MOST_PLACES else "")
+
+
+def _tests(found: Plan) -> Table:
+    table = _table(TEST_HEADER)
+    for row in test_rows(found):
+        table.add_row(*row)
+    return table
+
+
+def _parameters(found: Plan) -> Table:
+    header, rows = parameter_rows(found)
+    table = _table(header)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _table(columns: tuple[str, ...]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table

@@ -1,0 +1,1 @@
+"""Chapter 3: identification in the time domain."""

@@ -1,0 +1,173 @@
+"""Figures 4.4 and 4.5: the classical iteration on noisy data, over many seeds, beside the Cramér-Rao bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.reproduce.chapter_4.cantilever import CASE_1, CASE_2, Case, Reading
+from structid.reproduce.chapter_4.exact import (
+    ALL_AT_ALL,
+    ALL_AT_HALF,
+    TIP_IN_HZ,
+    TIP_NODE,
+    TIP_PRINTED,
+    TWO_DEFLECTIONS,
+)
+from structid.reproduce.chapter_4.sensor_noise import Noise, cramer_rao, noisy_errors, quantiles
+from structid.reproduce.item import Curve, Item, Panel, Table, Verdict
+
+_N_ITERATIONS = 5
+_COLUMNS = (
+    "median RMS error, start",
+    *(f"after {i}" for i in range(1, _N_ITERATIONS + 1)),
+    "5 % of seeds",
+    "95 % of seeds",
+    "seeds improved (%)",
+    "Cramér-Rao bound, sensors",
+    "Cramér-Rao bound, all noise",
+)
+_MODEL = (
+    " Noise is Gaussian: a relative error of each sensor, independent of all others, and relative errors of amplitude"
+    " and frequency of the excitation at each frequency, of which the identification is given the nominal values."
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One reading of the noise: what is measured, and with what errors."""
+
+    label: str
+    case: Case
+    reading: Reading
+    noise: Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Errors of a study over its seeds, (n_seeds, n_iterations + 1), and its bounds."""
+
+    study: Study
+    errors: FloatArray
+    sensor_bound: float
+    bound: float
+
+    @property
+    def median(self) -> FloatArray:
+        return quantiles(self.errors)[1]
+
+    @property
+    def improved(self) -> float:
+        """Per cent of the seeds that end closer to the actual parameters than they started."""
+        return float(100 * np.mean(self.errors[:, -1] < self.errors[:, 0]))
+
+    @property
+    def row(self) -> list[float]:
+        low, middle, high = quantiles(self.errors)
+        return [*middle, low[-1], high[-1], self.improved, self.sensor_bound, self.bound]
+
+    @property
+    def curve(self) -> Curve:
+        low, middle, high = quantiles(self.errors)
+        return Curve(self.study.label, np.arange(float(len(middle))), middle, low, high)
+
+
+_EXCITATION_1 = {"amplitude": 5e-3, "frequency": 5e-3}
+STUDIES_1 = (
+    Study("as printed: sensors 1 %, independent", CASE_1, ALL_AT_HALF, Noise(1e-2, **_EXCITATION_1)),
+    Study("sensors 0.1 %", CASE_1, ALL_AT_HALF, Noise(1e-3, **_EXCITATION_1)),
+    Study("sensors 0.01 %", CASE_1, ALL_AT_HALF, Noise(1e-4, **_EXCITATION_1)),
+    Study("sensors 0.001 %", CASE_1, ALL_AT_HALF, Noise(1e-5, **_EXCITATION_1)),
+    Study("excitation noise only", CASE_1, ALL_AT_HALF, Noise(0.0, **_EXCITATION_1)),
+    Study("one gain error of 1 % common to all sensors", CASE_1, ALL_AT_HALF, Noise(gain=1e-2, **_EXCITATION_1)),
+    Study("as printed, but at all 12 frequencies", CASE_1, ALL_AT_ALL, Noise(1e-2, **_EXCITATION_1)),
+)
+_PRINTED_2 = Noise(1e-4, 5e-6, 5e-6)
+STUDIES_2 = (
+    Study("as printed: tip deflection, rad/s", CASE_2, TIP_PRINTED, _PRINTED_2),
+    Study("tip deflection, Hz", CASE_2, TIP_IN_HZ, _PRINTED_2),
+    Study("tip deflection, Hz, excitation 0.005 %", CASE_2, TIP_IN_HZ, Noise(1e-4, 5e-5, 5e-5)),
+    Study("tip deflection and rotation, rad/s", CASE_2, TIP_NODE, _PRINTED_2),
+    Study("deflections of nodes 1 and 6, rad/s", CASE_2, TWO_DEFLECTIONS, _PRINTED_2),
+)
+
+
+def figure_4_4(seeds: range, progress: Callable[[float], None] | None = None) -> Item:
+    """All motions measured with noise: which noise the iteration survives."""
+    found = outcomes(STUDIES_1, seeds, progress)
+    printed, everywhere = found[0], found[-1]
+    excitation, gain = found[4], found[5]
+    return Item(
+        "Figure 4.4",
+        "RMS error, all motions measured, noise (case 1)",
+        Verdict.AGREES if _improves(printed) else Verdict.REFUTED,
+        f"With sensor noise of 1 % as stated the parameters are not improved: {printed.improved:.0f} % of"
+        f" {len(seeds)} seeds end closer than they started, and no unbiased estimate could do it, since twelve"
+        f" unknowns from twelve readings at one frequency have a Cramér-Rao bound of {100 * printed.bound:.0f} %. The"
+        f" printed behaviour (noise disturbs the convergence, the parameters improve) is that of excitation noise"
+        f" alone (median {100 * excitation.median[-1]:.2g} % at the end, {excitation.improved:.0f} % of seeds"
+        f" improved), of one gain error common to all sensors ({100 * gain.median[-1]:.2g} %), or of sensor noise a"
+        " hundred to a thousand times smaller. The data could be mended: all twelve frequencies bring the bound of"
+        f" sensor noise to {100 * everywhere.sensor_bound:.2g} %, though the classical iteration does not converge"
+        f" there.{_MODEL} Seeds 0 to {len(seeds) - 1}; bands hold 5 to 95 % of them.",
+        tables=(_table(found),),
+        panels=(
+            _panel("Case 1, independent sensor noise", found[:4]),
+            _panel("Case 1, other readings of the noise", found[4:]),
+        ),
+    )
+
+
+def figure_4_5(seeds: range, progress: Callable[[float], None] | None = None) -> Item:
+    """One motion measured with noise: hopeless in rad/s, as described in Hz."""
+    found = outcomes(STUDIES_2, seeds, progress)
+    printed, in_hz, typo, node, two = found
+    verdict = Verdict.READING if _improves(in_hz) else Verdict.REFUTED
+    return Item(
+        "Figure 4.5",
+        "RMS error, one motion measured, noise (case 2)",
+        Verdict.AGREES if _improves(printed) else verdict,
+        f"In rad/s as printed {printed.improved:.0f} % of {len(seeds)} seeds improve, and the Cramér-Rao bound is"
+        f" {100 * printed.sensor_bound:.0f} % for 0.01 % of sensor noise: no unbiased estimate can help. In Hz the"
+        f" figure's description holds: median {100 * in_hz.median[-1]:.2g} % after {_N_ITERATIONS} iterations,"
+        f" {in_hz.improved:.0f} % of seeds improved, bound {100 * in_hz.bound:.2g} %; with excitation noise of 0.005 %"
+        f" (should 0.0005 % be a slip) {typo.improved:.0f} % improve. So it does in rad/s with both motions of the tip"
+        f" (median {100 * node.median[-1]:.2g} %) or with deflections of nodes 1 and 6"
+        f" ({100 * two.median[-1]:.2g} %).{_MODEL} Seeds 0 to {len(seeds) - 1}; bands hold 5 to 95 % of them.",
+        tables=(_table(found),),
+        panels=(
+            _panel("Case 2, one motion of the tip", found[:3]),
+            _panel("Case 2, two motions", found[3:]),
+        ),
+    )
+
+
+def outcomes(
+    studies: Sequence[Study], seeds: range, progress: Callable[[float], None] | None = None
+) -> tuple[Outcome, ...]:
+    """The outcome of each study over all seeds."""
+    found = []
+    for i, study in enumerate(studies):
+        if progress is not None:
+            progress(i / len(studies))
+        errors = noisy_errors(study.case, study.reading, study.noise, seeds, _N_ITERATIONS)
+        alone = Noise(study.noise.sensors)
+        bounds = [cramer_rao(study.case, study.reading, n) if n != Noise() else 0.0 for n in (alone, study.noise)]
+        found.append(Outcome(study, errors, *bounds))
+    return tuple(found)
+
+
+def _improves(outcome: Outcome) -> bool:
+    return outcome.improved >= 50
+
+
+def _table(found: Sequence[Outcome]) -> Table:
+    computed = np.array([outcome.row for outcome in found])
+    return Table(tuple(o.study.label for o in found), _COLUMNS, np.full(computed.shape, np.nan), computed)
+
+
+def _panel(title: str, found: Sequence[Outcome]) -> Panel:
+    return Panel(title, "iteration", "RMS of relative errors", tuple(o.curve for o in found), log_y=True)

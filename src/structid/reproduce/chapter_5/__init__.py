@@ -1,0 +1,1 @@
+"""Chapter 5: modal identification by the pseudo-Rayleigh quotient."""

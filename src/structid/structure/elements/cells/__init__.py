@@ -1,0 +1,1 @@
+"""Cells of meshes: interpolation, quadrature and matrices that several element types share."""

@@ -1,0 +1,1 @@
+"""Nastran OUTPUT4 files."""

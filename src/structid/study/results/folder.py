@@ -1,0 +1,219 @@
+"""The results folder: estimate.json, estimate.h5 and the study as run, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import FileError
+from structid.identification.identified import RecordFit
+from structid.study.results.hdf5 import hdf5_bytes
+from structid.study.results.modal import modal_summary
+from structid.study.results.result import StudyResult, correlation
+
+_REPORT = "report.html"
+
+
+@contextmanager
+def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
+    """A temporary folder beside `folder`, whose files move into `folder` when the block ends without an error.
+
+    On any error the temporary folder is removed, and a folder already there stays as it was. An old `page` there goes
+    where the block writes no new one.
+
+    Raises
+    ------
+    FileError
+        If writing fails (disk full, no permission, a file in the way).
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise FileError(f"{folder}: is a file; give another folder for the results with --out")
+    temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary.mkdir()
+        yield temporary
+        _move(temporary, folder, page)
+    except FileError as error:
+        raise FileError(str(error).replace(str(temporary), str(folder))) from error
+    except OSError as error:
+        raise FileError(
+            f"{folder}: the results cannot be written ({error.strerror or error}); free disk space, check the"
+            " permissions, or give another folder with --out"
+        ) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _move(temporary: Path, folder: Path, page: str) -> None:
+    """The whole folder at once where there was none, file by file where there was one."""
+    if not folder.exists():
+        temporary.rename(folder)
+        return
+    if not (temporary / page).exists():
+        (folder / page).unlink(missing_ok=True)  # it would tell of another run
+    for path in sorted(temporary.rglob("*")):
+        target = folder / path.relative_to(temporary)
+        if path.is_dir():
+            target.mkdir(exist_ok=True)
+        else:
+            path.replace(target)
+
+
+def write_results(result: StudyResult, folder: Path) -> None:
+    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`.
+
+    The same result gives the same bytes.
+    """
+    (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
+    (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
+    (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
+
+
+def json_text(value: Any) -> str:
+    """Strict JSON: what is not finite becomes null."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """`value` in the types of JSON."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def estimate_summary(result: StudyResult) -> dict[str, Any]:
+    """The content of estimate.json, before what is not finite becomes null."""
+    found = result.identification
+    estimate, identifiability = found.estimate, found.estimate.identifiability
+    return {
+        "title": result.study.title,
+        "status": estimate.status.value,
+        "status_text": estimate.status.words,
+        "message": estimate.message,
+        "rank": identifiability.rank,
+        "n_parameters": len(estimate.names),
+        "condition": identifiability.condition,
+        "chi_square_per_dof": estimate.chi_square_per_dof,
+        "chi_square_probability": estimate.chi_square_probability,
+        "degrees_of_freedom": estimate.degrees_of_freedom,
+        "covariance_basis": estimate.covariance_basis,
+        "residual_correlation_lines": estimate.residual_correlation,
+        "n_iterations": estimate.n_iterations,
+        "n_starts": estimate.n_starts,
+        "n_agreeing_starts": estimate.n_agreeing,
+        "fit": fit_summary(found.fits[0]) if found.fits else None,
+        **record_summaries(found.fits),
+        **modal_summary(found),
+        "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
+        "parameters": _parameters(result),
+        "regularization": [
+            {
+                "name": item.name,
+                "rule": item.rule,
+                "strengths": item.strengths,
+                "text": item.words,
+                "settled": item.converged,
+            }
+            for item in found.held
+        ],
+        "unidentifiable_directions": [
+            {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
+            for item in identifiability.directions
+        ],
+        "collinear_groups": [
+            {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
+            for g in identifiability.groups
+        ],
+        "correlation": correlation(estimate.covariance),
+        "modes": [
+            {"frequency_hz": frequency, "damping_ratio": ratio}
+            for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
+        ],
+        "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
+        "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
+        "intervals": None
+        if found.intervals is None
+        else {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
+        "warnings": found.warnings,
+        "provenance": asdict(result.provenance),
+    }
+
+
+def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:
+    """The fit of each record where there are several, and the polarities that the data decided."""
+    if len(fits) > 1:
+        rows = [
+            {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
+            for fit in fits
+        ]
+        return {"records": rows}
+    polarities = fits[0].polarities if fits else {}
+    return {"polarities": polarities} if polarities else {}
+
+
+def fit_summary(fit: RecordFit) -> dict[str, Any]:
+    """How well the identified model does on the lines of a record's evaluation band."""
+    error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
+    channels = [
+        {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
+        for o, output in enumerate(record.outputs)
+        for i, load in enumerate(record.inputs)
+    ]
+    return {
+        "median_relative_error": float(np.median(error)),
+        "n_lines": len(record.frequency),
+        "band_hz": [record.frequency[0], record.frequency[-1]],
+        "n_lines_fitted": len(fitted.frequency),
+        "band_fitted_hz": [fitted.frequency[0], fitted.frequency[-1]],
+        "kind": record.kind,
+        "unit": record.unit,
+        "noise_source": record.noise_source,
+        "channels": channels,
+    }
+
+
+def _parameters(result: StudyResult) -> list[dict[str, Any]]:
+    identification, found = result.identification, result.identification.estimate
+    parts = [fit.problem.parameters for fit in identification.fits]
+    parts += [fit.problem.parameters for fit in identification.modal_fits]
+    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+    elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
+    return [
+        {
+            "name": name,
+            "kind": found.kinds[i],
+            "property": name.split("[")[0],
+            "elements": elements.get(name, ()),
+            "unit": found.units[i],
+            "value": found.values[i],
+            "std": found.std[i],
+            "std_noise": found.std_noise[i],
+            "std_model_error": found.std_model_error[i],
+            "interval_95": ends[i],
+            "initial": found.initial[i],
+            "identified": bool(found.identified[i]),
+            "prior_mean": identification.prior_mean[i],
+            "prior_std": identification.prior_std[i],
+            "prior_share": math.nan if identification.prior_share is None else identification.prior_share[i],
+        }
+        for i, name in enumerate(found.names)
+    ]

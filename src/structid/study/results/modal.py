@@ -1,0 +1,61 @@
+"""What estimate.json tells of records of modes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from structid.identification.identified import Identification
+from structid.identification.modal_setup import ModalFit
+
+
+def modal_summary(found: Identification) -> dict[str, Any]:
+    """The entries ``modal_records`` and ``ratios``; nothing where no record holds modes."""
+    if not found.modal_fits:
+        return {}
+    ratios = found.ratios
+    if ratios is None:
+        return {"modal_records": [_record(fit) for fit in found.modal_fits], "ratios": None}
+    rows = zip(ratios.names, ratios.values, ratios.std, ratios.ends, strict=True)
+    return {
+        "modal_records": [_record(fit) for fit in found.modal_fits],
+        "ratios": {
+            "text": ratios.words,
+            "reference": ratios.reference,
+            "parameters": [
+                {"name": name, "ratio": value, "std": std, "interval_95": ends} for name, value, std, ends in rows
+            ],
+        },
+    }
+
+
+def _record(fit: ModalFit) -> dict[str, Any]:
+    problem = fit.problem
+    sizes = {int(mode): len(group.members) for group in problem.groups for mode in group.members}
+    damping = problem.record.damping_ratio[problem.measured]
+    return {
+        "name": fit.name,
+        "source": fit.measured.source,
+        "form": problem.form,
+        "channels": [str(dof) for dof in fit.measured.channels],
+        "modes": [
+            {
+                "measured": int(mode) + 1,
+                "frequency_hz": problem.record.frequency[mode],
+                "frequency_std_hz": problem.frequency_std[i],
+                "damping_ratio": damping[i],
+                "multiplicity": sizes[int(mode)],
+                "model_mode": int(fit.fitted.number[i]) + 1,
+                "model_frequency_hz": fit.fitted.frequency[i],
+                "model_damping_ratio": fit.fitted.damping_ratio[i],
+                "mac": fit.fitted.mac[i],
+                "largest_principal_angle_deg": float(np.degrees(fit.fitted.angle[i])),
+                "initial_model_mode": int(fit.initial.number[i]) + 1,
+                "initial_model_frequency_hz": fit.initial.frequency[i],
+                "initial_mac": fit.initial.mac[i],
+            }
+            for i, mode in enumerate(problem.measured)
+        ],
+        "unpaired_model_modes_hz": fit.fitted.passed_over,
+    }

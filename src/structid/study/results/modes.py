@@ -1,0 +1,131 @@
+"""The results folder of `structid modes`: modes.json, and the modes for other programs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.modal.files.files import modal_fields, write_modes
+from structid.modal.survey.survey import ModesResult
+from structid.records import FrfRecord
+from structid.study.results.folder import json_text
+
+
+def write_modes_results(result: ModesResult, folder: Path) -> None:
+    """Write modes.json, modes.csv and modes.uff into the existing `folder`; the same result gives the same bytes.
+
+    modes.uff is left out where the format cannot hold the channels.
+    """
+    (folder / "modes.json").write_text(json_text(modes_summary(result)), encoding="utf-8")
+    write_modes(folder / "modes.csv", result.modes)
+    directions = [dof.unsigned for dof in result.modes.channels]
+    if len(set(directions)) == len(directions):
+        write_modes(folder / "modes.uff", result.modes, result.geometry)
+
+
+def modes_summary(result: ModesResult) -> dict[str, Any]:
+    """The content of modes.json, before what is not finite becomes null; `read_modes` reads it back."""
+    found = result.identification
+    fields = modal_fields(result.modes)
+    return {
+        "title": result.title,
+        "method": found.method,
+        "n_modes": result.modes.n_modes,
+        **{name: fields[name] for name in ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std", "mpc")},
+        **_clusters(result),
+        **{name: fields[name] for name in ("channels", "scaling")},
+        "tone_kurtosis": result.kurtosis,
+        "scale": result.scale_words,
+        **{name: fields[name] for name in ("mode_shapes", "shape_std", "covariance")},
+        "warnings": list(result.modes.warnings),
+        "findings": [asdict(finding) for finding in result.findings],
+        "preparation": list(result.steps),
+        "source": result.modes.source,
+        "record": _record(result),
+        "options": options_used(result),
+        "provenance": asdict(result.provenance),
+    }
+
+
+def _clusters(result: ModesResult) -> dict[str, Any]:
+    """The poles of all orders behind each mode; null where the method has no orders."""
+    clusters = result.identification.clusters
+    names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
+             "cluster_damping_spread")  # fmt: skip
+    if len(clusters) != result.modes.n_modes:
+        return dict.fromkeys(names)
+    columns = (
+        [c.size for c in clusters],
+        len(result.identification.sweep),
+        [float(c.frequency.mean()) for c in clusters],
+        [c.frequency_spread for c in clusters],
+        [float(c.damping_ratio.mean()) for c in clusters],
+        [float(c.damping_ratio.std()) for c in clusters],
+    )
+    return dict(zip(names, columns, strict=True))
+
+
+def options_used(result: ModesResult) -> dict[str, Any]:
+    """The settings of the identification, defaults filled in where the method made a choice."""
+    options = result.identification.options
+    used = asdict(options)
+    if result.identification.sweep:
+        used["orders"] = [poles.order for poles in result.identification.sweep]
+    low, high = options.criteria.frequency
+    used["criteria"]["frequency"] = [low, high if np.isfinite(high) else None]
+    return used
+
+
+def _record(result: ModesResult) -> dict[str, Any]:
+    record = result.record
+    if isinstance(record, FrfRecord):
+        return {
+            "kind": record.kind, "unit": record.unit, "n_lines": len(record.frequency),
+            "band_hz": [record.frequency[0], record.frequency[-1]],
+            "outputs": [str(dof) for dof in record.outputs], "inputs": [str(dof) for dof in record.inputs],
+        }  # fmt: skip
+    return {
+        "kind": "time histories", "sampling_rate_hz": record.sampling_rate, "n_samples": len(record.values),
+        "duration_s": len(record.values) / record.sampling_rate,
+        "channels": [str(dof) for dof in record.channels], "quantities": record.quantities,
+    }  # fmt: skip
+
+
+def parse_orders(text: str) -> tuple[int, ...] | None:
+    """Numbers of states from ``10,20,30``, ``2:60`` (in steps of 2) or ``4:80:4``; None from an empty text.
+
+    Raises
+    ------
+    InputError
+        If `text` is none of these.
+    """
+    if not text.strip():
+        return None
+    try:
+        if ":" not in text:
+            return tuple(int(word) for word in text.split(",") if word.strip())
+        first, last, *step = (int(word) for word in text.split(":"))
+        found = tuple(range(first, last + 1, *(step or [2])))
+    except (ValueError, TypeError) as error:
+        raise InputError(f"`orders` must be numbers as in 10,20,30, or a range as in 2:60, got {text!r}") from error
+    if not found:
+        raise InputError(f"`orders` must hold at least one number, got {text!r}; write least:greatest")
+    return found
+
+
+def parse_numbers(name: str, text: str) -> tuple[float, ...] | None:
+    """Numbers from a text with commas; None from an empty one.
+
+    Raises
+    ------
+    InputError
+        If a word is no number.
+    """
+    try:
+        return tuple(float(word) for word in text.split(",") if word.strip()) or None
+    except ValueError as error:
+        raise InputError(f"`{name}` must be numbers with commas, as in 1.9,2.4, got {text!r}") from error

@@ -1,0 +1,120 @@
+"""plan.json: every number of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from structid._version import __version__
+from structid.planning.planned import Enough, Plan, PlannedTest
+from structid.study.results.folder import json_text
+from structid.study.schema.plan import PlanStudy
+
+#: Name of the page that is written beside plan.json.
+PLAN_PAGE = "plan.html"
+
+
+def write_plan(found: Plan, study: PlanStudy, folder: Path) -> None:
+    """Write plan.json and study.toml into the existing `folder`; the same plan gives the same bytes."""
+    summary = plan_summary(found, study.title, study.notes, study.digests)
+    (folder / "plan.json").write_text(json_text(summary), encoding="utf-8")
+    (folder / "study.toml").write_bytes(study.text.encode("utf-8"))
+
+
+def plan_summary(
+    found: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """The content of plan.json, before what is not finite becomes null.
+
+    Parameters
+    ----------
+    found : Plan
+    title : str
+    notes : tuple of str
+        Where the options come from.
+    inputs : mapping of str to str, optional
+        SHA-256 of every input file.
+    """
+    options = found.options
+    return {
+        "title": title,
+        "determined": found.determined,
+        "notes": notes,
+        "options": {
+            "kind": options.kind,
+            "relative_noise": options.relative_noise,
+            "absolute_noise": options.absolute_noise,
+            "criterion": options.criterion,
+            "of_interest": options.of_interest,
+            "target": options.target,
+            "n_sensors": options.n_sensors,
+            "n_loads": options.n_loads,
+            "n_frequencies": options.n_frequencies,
+            "frequency_hz": options.frequency,
+            "sensors": _texts(options.sensors),
+            "loads": _texts(options.loads),
+            "installed_sensors": _texts(options.installed_sensors),
+            "installed_loads": _texts(options.installed_loads),
+        },
+        "parameters": [
+            {
+                "name": name,
+                "kind": found.parameters.kinds[i],
+                "unit": found.parameters.units[i],
+                "initial": found.parameters.start[i],
+                "of_interest": bool(found.chosen.of_interest[i]),
+                "prior_std": found.parameters.prior_std[i],
+            }
+            for i, name in enumerate(found.parameters.names)
+        ],
+        "tests": [_test(found, test) for test in found.tests],
+        "next_sensors": [_test(found, test) for test in found.next_sensors],
+        "enough": None if found.enough is None else _enough(found, found.enough),
+        "rank": found.identifiability.rank,
+        "condition": found.identifiability.condition,
+        "undetermined_directions": [
+            {"words": d.words, "relative_std": d.relative_std, "vector": d.vector}
+            for d in found.identifiability.directions
+        ],
+        "collinear_groups": [
+            {
+                "words": group.words,
+                "members": group.members,
+                "correlation": group.correlation,
+                "condition_index": group.condition,
+                "alone": group.alone,
+                "together": group.together,
+            }
+            for group in found.identifiability.groups
+        ],
+        "provenance": {"structid": __version__, "inputs": dict(inputs or {})},
+    }
+
+
+def _test(found: Plan, test: PlannedTest) -> dict[str, Any]:
+    return {
+        "label": test.label,
+        "sensors": _texts(test.sensors),
+        "loads": _texts(test.loads),
+        "n_lines": len(test.frequency),
+        "frequency_hz": test.frequency if len(test.frequency) < len(found.options.frequency) else None,
+        "relative_std": test.std,
+        "worst_parameter": found.parameters.names[test.worst],
+        "worst_relative_std": test.worst_std,
+        "rms_relative_std": test.rms_std,
+        "n_determined": test.n_determined,
+    }
+
+
+def _enough(found: Plan, enough: Enough) -> dict[str, Any]:
+    return {
+        "target": enough.target,
+        "sensors": None if enough.sensors is None else _test(found, enough.sensors),
+        "frequencies": None if enough.frequencies is None else _test(found, enough.frequencies),
+        "averages_factor": enough.averages,
+    }
+
+
+def _texts(dofs: Any) -> list[str]:
+    return [str(dof) for dof in dofs]

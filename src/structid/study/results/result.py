@@ -1,0 +1,70 @@
+"""What one run of a study gives, complete when constructed; files and reports are made from it."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid._version import __version__
+from structid.arrays import FloatArray
+from structid.dynamics.receptance import factorizer_words
+from structid.identification.free_search import FreeIdentification
+from structid.identification.identified import Identification
+from structid.provenance import Provenance
+from structid.study.schema.study import Study
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """A study, what was identified, and from what.
+
+    Attributes
+    ----------
+    study : Study
+    identification : Identification
+    provenance : Provenance
+    """
+
+    study: Study
+    identification: Identification
+    provenance: Provenance
+
+
+@dataclass(frozen=True, eq=False)
+class FreeResult:
+    """A study, what was identified without a Jacobian, and from what.
+
+    Attributes
+    ----------
+    study : Study
+    identification : FreeIdentification
+    provenance : Provenance
+    """
+
+    study: Study
+    identification: FreeIdentification
+    provenance: Provenance
+
+
+def provenance(study: Study) -> Provenance:
+    """Versions, digests of the study's input files as they were when it was read, and its settings."""
+    return Provenance(
+        structid=__version__,
+        numpy=np.__version__,
+        scipy=scipy.__version__,
+        python=platform.python_version(),
+        inputs=dict(study.digests),
+        seed=study.options.seed if study.options.restarts or study.options.uniqueness_starts else None,
+        settings=study.settings,
+        factorizer=factorizer_words(max(source.structure.n_dofs for source in study.setups)),
+    )
+
+
+def correlation(covariance: FloatArray) -> FloatArray:
+    """Correlation matrix of a covariance; NaN where that is NaN or a variance is 0."""
+    std = np.sqrt(np.diag(covariance))
+    scale = np.outer(std, std)
+    return np.divide(covariance, scale, out=np.full_like(scale, np.nan), where=scale > 0)

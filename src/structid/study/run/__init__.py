@@ -1,0 +1,1 @@
+"""Studies from start to end: checked, run, kept and resumed."""

@@ -1,0 +1,242 @@
+"""What a long run has done so far, in a folder beside its results: written by renaming, so that it is whole at any instant.
+
+The folder holds ``run.json`` (what it belongs to), ``done-*.npz`` (finished searches and tasks), ``search.npz`` (the
+running search after its last iteration) and, after an interruption, ``so_far.json`` (the values reached, to read).
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid._version import __version__
+from structid.errors import FileError
+from structid.files import atomic_write, made_folder
+from structid.study.schema.study import Study
+
+_LAYOUT = "structid checkpoint 1"
+_RUN, _SEARCH, _SO_FAR = "run.json", "search.npz", "so_far.json"
+_MOST_FILES = 64
+#: At most one file in this time, s: what a killed run may have to do again.
+CHECKPOINT_SECONDS = 5.0
+
+State = Mapping[str, Any]
+
+
+def checkpoint_folder(results: Path) -> Path:
+    """Where the checkpoint of a run stands whose results go to the folder `results`."""
+    return results.parent / f"{results.name}.checkpoint"
+
+
+def fingerprint(study: Study) -> dict[str, Any]:
+    """What decides about every digit of a run: versions, and the content of all input files."""
+    import scipy
+
+    versions = {"structid": __version__, "numpy": np.__version__, "scipy": scipy.__version__}
+    return {"layout": _LAYOUT, "versions": versions, "inputs": dict(study.digests)}
+
+
+class Checkpoint:
+    """Finished searches and tasks of a run by name, and the state of the search that runs.
+
+    Parameters
+    ----------
+    folder : Path
+    owner : mapping
+        The `fingerprint` of the study.
+    resume : bool
+        Whether to go on from what is there; otherwise it is removed.
+    seconds : float
+        At most one file in that time; 0 writes every iteration and every task at once.
+
+    Raises
+    ------
+    FileError
+        If there is nothing to resume, it is damaged, or it belongs to other input files or versions.
+    """
+
+    def __init__(
+        self, folder: Path, owner: Mapping[str, Any], resume: bool = False, seconds: float = CHECKPOINT_SECONDS
+    ) -> None:
+        self.folder, self.owner, self.seconds = folder, dict(owner), seconds
+        self.entries: dict[str, Any] = {}
+        self._search: tuple[str, State] | None = None
+        self._latest: tuple[str, Callable[[], State]] | None = None
+        self._unwritten: list[str] = []
+        self._written = time.monotonic()
+        self._files = 0
+        self._is_made = False
+        if resume:
+            self._read()
+        elif folder.exists():
+            _require_ours(folder)
+            shutil.rmtree(folder)
+
+    @property
+    def n_found(self) -> int:
+        """How many searches and tasks are finished."""
+        return len(self.entries)
+
+    def state_of(self, name: str) -> State | None:
+        """Where the search `name` was when the run before ended; None where it had not begun or was finished."""
+        return self._search[1] if self._search is not None and self._search[0] == name else None
+
+    def finished(self, name: str, result: Any) -> None:
+        """Take the result of a search or task."""
+        self.entries[name] = result
+        self._unwritten.append(name)
+        self._latest = None
+        self._write_if_due()
+
+    def running(self, name: str, state: Callable[[], State]) -> None:
+        """Take the state of the running search."""
+        self._latest = name, state
+        self._write_if_due()
+
+    def write(self, so_far: Mapping[str, Any] | None = None) -> None:
+        """Write all that is not written yet, and `so_far` for the reader.
+
+        Raises
+        ------
+        FileError
+            If the disk is full, or the folder cannot be written.
+        """
+        self._make()
+        if self._unwritten:
+            if self._files >= _MOST_FILES:
+                self._write_all()
+            else:
+                self._files += 1
+                _save(self._part(self._files), {name: self.entries[name] for name in self._unwritten})
+            self._unwritten.clear()
+        if self._latest is not None:
+            name, state = self._latest
+            _save(self.folder / _SEARCH, {"name": name, "state": dict(state())})
+            self._latest = None
+        if so_far is not None:
+            _write_json(self.folder / _SO_FAR, so_far)
+        self._written = time.monotonic()
+
+    def remove(self) -> None:
+        """Remove the folder: the run is done."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _write_if_due(self) -> None:
+        if time.monotonic() - self._written >= self.seconds:
+            self.write()
+
+    def _make(self) -> None:
+        if not self._is_made:
+            made_folder(self.folder)
+            _write_json(self.folder / _RUN, self.owner)
+            self._is_made = True
+
+    def _part(self, number: int) -> Path:
+        return self.folder / f"done-{number:05d}.npz"
+
+    def _write_all(self) -> None:
+        """All of it in one file, and the parts away; the first part holds it, the others then repeat it."""
+        _save(self._part(1), self.entries)
+        for number in range(2, self._files + 1):
+            self._part(number).unlink(missing_ok=True)
+        self._files = 1
+
+    def _read(self) -> None:
+        if not (self.folder / _RUN).is_file():
+            raise FileError(f"{self.folder}: there is no checkpoint to go on from; run without --resume")
+        try:
+            owner = json.loads((self.folder / _RUN).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise self._damaged(self.folder / _RUN, error) from error
+        self._require_same(owner)
+        for stale in self.folder.glob(".*"):
+            stale.unlink(missing_ok=True)
+        for path in sorted(self.folder.glob("done-*.npz")):
+            self.entries.update(self._loaded(path))
+            self._files = int(path.stem.split("-")[1])
+        if (self.folder / _SEARCH).is_file():
+            found = self._loaded(self.folder / _SEARCH)
+            self._search = str(found["name"]), found["state"]
+
+    def _loaded(self, path: Path) -> dict[str, Any]:
+        try:
+            return _load(path)
+        except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            raise self._damaged(path, error) from error
+
+    def _damaged(self, path: Path, error: Exception) -> FileError:
+        return FileError(f"{path}: is not a whole checkpoint ({error}); run without --resume to begin anew")
+
+    def _require_same(self, owner: Mapping[str, Any]) -> None:
+        """Refuse the checkpoint of another run, and name what differs."""
+        anew = "put it back, or run without --resume to begin anew"
+        if owner.get("layout") != _LAYOUT:
+            raise FileError(f"{self.folder}: is no checkpoint of this program ({owner.get('layout')}); {anew}")
+        inputs, versions = dict(owner.get("inputs", {})), dict(owner.get("versions", {}))
+        for name in sorted({*inputs, *self.owner["inputs"]}):
+            if inputs.get(name) != self.owner["inputs"].get(name):
+                raise FileError(f"{self.folder}: {name} has changed since this checkpoint was written; {anew}")
+        for name, version in self.owner["versions"].items():
+            if versions.get(name) != version:
+                raise FileError(
+                    f"{self.folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"
+                    f" differ; install that version, or run without --resume to begin anew"
+                )
+
+
+def _require_ours(folder: Path) -> None:
+    """Refuse to remove what is no checkpoint."""
+    known = {_RUN, _SEARCH, _SO_FAR}
+    if not folder.is_dir():
+        raise FileError(f"{folder}: is a file where the checkpoint goes; move it, or give another --out")
+    other = [p.name for p in folder.iterdir() if p.name not in known and not p.name.startswith(("done-", "."))]
+    if other:
+        raise FileError(f"{folder}: holds {other[0]}, which is no checkpoint; move it, or give another --out")
+
+
+def _write_json(path: Path, value: Mapping[str, Any]) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+
+
+def _save(path: Path, tree: Mapping[str, Any]) -> None:
+    """A tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the shape, arrays beside it, bit for bit."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(_plain(tree, arrays))
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        named: dict[str, Any] = {f"a{k}": array for k, array in enumerate(arrays)}
+        np.savez(stream, tree=np.array(text), **named)
+
+
+def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, Mapping):
+        return {"map": {str(key): _plain(entry, arrays) for key, entry in value.items()}}
+    if isinstance(value, list | tuple):
+        return {"list": [_plain(entry, arrays) for entry in value]}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _load(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        found = _filled(json.loads(str(file["tree"])), file)
+    return dict(found)
+
+
+def _filled(value: Any, arrays: Mapping[str, Any]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return np.asarray(arrays[f"a{value['array']}"])
+    if "map" in value:
+        return {key: _filled(entry, arrays) for key, entry in value["map"].items()}
+    return [_filled(entry, arrays) for entry in value["list"]]

@@ -1,0 +1,219 @@
+"""A run that may take hours: its tasks on the workers that are asked for, its state in a checkpoint."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from structid.arrays import FloatArray
+from structid.errors import InputError
+from structid.estimation import Minimum, Problem, minimize
+from structid.estimation.search.least_squares import Method, Progress
+from structid.estimation.search.minimum import Keeper, State
+from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
+from structid.study.run.checkpoint import Checkpoint
+from structid.study.schema.study import Study
+from structid.study.work.cluster import Cluster
+from structid.study.work.parts import StudyPlace
+from structid.study.work.processes import Processes
+from structid.study.work.spread import spread
+from structid.study.work.tasks import Executor, InProcess
+
+#: Called with what the tasks are, how many are done, and how many there are.
+TaskProgress = Callable[[str, int, int], None]
+
+
+@dataclass
+class Reached:
+    """Where the running search is: what an interruption tells."""
+
+    search: str = ""
+    iteration: int = 0
+    cost: float = float("nan")
+    problem: Problem | None = None
+    theta: FloatArray | None = None
+    tasks: str = ""
+
+    @property
+    def words(self) -> str:
+        """Where the run is: the tasks in work, or the search."""
+        if self.tasks:
+            return self.tasks
+        return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
+
+    def summary(self) -> dict[str, Any]:
+        """The values reached, as plain values; no uncertainty belongs to them."""
+        found: dict[str, Any] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
+        found["sum_of_squares"] = self.cost
+        if self.tasks:
+            found["tasks"] = self.tasks
+        if self.problem is None or self.theta is None:
+            return found
+        values = self.problem.physical(self.theta)
+        rows = zip(self.problem.names, self.problem.units, values.tolist(), strict=True)
+        found["parameters"] = [{"name": name, "unit": unit, "value": value} for name, unit, value in rows]
+        return found
+
+
+class LongRun:
+    """The `Work` of a study: numbered searches and tasks, those done before an interruption taken from the checkpoint.
+
+    Searches and tasks follow from the study alone, so that the n-th of a resumed run is the n-th of the one before.
+
+    Parameters
+    ----------
+    executor : Executor, optional
+        Where tasks run; in this process by default.
+    checkpoint : Checkpoint, optional
+        Keeps what is done.
+    progress : callable, optional
+        Of tasks.
+    """
+
+    def __init__(
+        self,
+        executor: Executor | None = None,
+        checkpoint: Checkpoint | None = None,
+        progress: TaskProgress | None = None,
+    ) -> None:
+        self.executor: Executor = executor or InProcess()
+        self.checkpoint, self.progress = checkpoint, progress
+        self.reached = Reached()
+        self._searches: Counter[str] = Counter()
+        self._keeper: _Keeper | None = None
+        self._calls: Counter[str] = Counter()
+
+    @property
+    def n_workers(self) -> int:
+        return self.executor.n_workers
+
+    def known(self, parts: Sequence[object]) -> None:
+        """Name what workers that read the study have as well."""
+        self.executor.known(parts)
+
+    def minimize(
+        self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
+    ) -> Minimum:
+        """As `structid.estimation.minimize`, from where the checkpoint is."""
+        return self._search("", problem, method, theta, progress)
+
+    def keeper(self, problem: Problem) -> Keeper:
+        """Where a search that runs itself leaves its state, in this process; the one before it is then finished."""
+        kept = self.checkpoint
+        if self._keeper is not None and self._keeper.latest is not None and kept is not None:
+            kept.finished(self._keeper.name, dict(self._keeper.latest()))
+        self._searches[""] += 1
+        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, kept)
+        return self._keeper
+
+    def _search(
+        self,
+        scope: str,
+        problem: Problem,
+        method: Method,
+        theta: FloatArray | None = None,
+        progress: Progress | None = None,
+    ) -> Minimum:
+        self._searches[scope] += 1
+        name = f"{scope}search {self._searches[scope]}"
+        aim = problem if scope else spread(problem, self.executor)
+        kept = self.checkpoint
+        if kept is None:
+            return minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, None))
+        if name in kept.entries:
+            return restored_minimum(problem, kept.entries[name])
+        found = minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, kept))
+        kept.finished(name, stored_minimum(found))
+        return found
+
+    def map(
+        self,
+        name: str,
+        task: Task,
+        shared: Any,
+        items: Sequence[Any],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Any]:
+        """`task` of every item on the executor, in their order; those of the checkpoint are not run again."""
+        self._calls[name] += first == 0
+        call = f"{name} {self._calls[name]}"
+        names = [f"{call}, {first + number + 1}" for number in range(len(items))]
+        done = {} if self.checkpoint is None else self.checkpoint.entries
+        results = {number: done[own] for number, own in enumerate(names) if own in done}
+        missing = {number: item for number, item in enumerate(items) if number not in results}
+
+        def tools(number: int) -> Tools:
+            return Tools(partial(self._search, f"{names[number]}, "), progress)
+
+        self._tell(name, len(results), len(items))
+        if missing:
+            for number, result in self.executor.completed(task, shared, missing, tools):
+                results[number] = result
+                if self.checkpoint is not None:
+                    self.checkpoint.finished(names[number], result)
+                self._tell(name, len(results), len(items))
+        self.reached.tasks = ""
+        return [results[number] for number in range(len(items))]
+
+    def _tell(self, name: str, done: int, total: int) -> None:
+        self.reached.tasks = f"{name}, {done} of {total} done"
+        if self.progress is not None and total > 1:
+            self.progress(name, done, total)
+
+    def so_far(self) -> dict[str, Any]:
+        """What is reached and how much is done, for the reader."""
+        done = 0 if self.checkpoint is None else self.checkpoint.n_found
+        return {**self.reached.summary(), "finished_searches_and_tasks": done}
+
+    def close(self) -> None:
+        """End what the executor started."""
+        self.executor.close()
+
+
+@dataclass(eq=False)
+class _Keeper:
+    """The `Keeper` of one search."""
+
+    name: str
+    problem: Problem
+    reached: Reached
+    checkpoint: Checkpoint | None
+    latest: Callable[[], State] | None = None
+
+    @property
+    def state(self) -> State | None:
+        if self.checkpoint is None:
+            return None
+        ended: State | None = self.checkpoint.entries.get(self.name)
+        return ended if ended is not None else self.checkpoint.state_of(self.name)
+
+    def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        self.latest = state
+        at = self.reached
+        at.search, at.iteration, at.cost, at.problem = self.name, iteration, cost, self.problem
+        at.theta = state()["theta"]
+        if self.checkpoint is not None:
+            self.checkpoint.running(self.name, state)
+
+
+def executor_for(study: Study, workers: int | None, scheduler: str | None) -> Executor:
+    """Where the tasks of `study` run: on a Dask cluster, on `workers` processes, or in this one.
+
+    Raises
+    ------
+    InputError
+        If the scheduler or its workers cannot be used, or there are less than one worker.
+    """
+    place = StudyPlace(str(Path(study.path).resolve()), tuple(sorted(study.digests.items())))
+    if scheduler is not None and workers is not None:
+        raise InputError("`workers` must be left out with a scheduler, got both; give --workers or --scheduler")
+    if scheduler is not None:
+        return Cluster(scheduler, place)
+    if workers is None or workers == 1:
+        return InProcess()
+    return Processes(workers, place)

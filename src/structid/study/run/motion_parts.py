@@ -1,0 +1,216 @@
+"""Stretches of records on disk reduced on several workers: paths and ranges go out, only triangles come back.
+
+The stretches follow from the records alone and are merged in their order, so that every digit is the same for any
+number of workers, whoever did what, and for a run that was ended and went on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
+from structid.observation.motion.stream import FitKeeper, Progress, RecordRows, record_rows, reduced_by_chunks
+from structid.records.on_disk import OnDiskRecord
+from structid.regression.local_reduction import Kernels, has_numba
+from structid.structure import Structure
+from structid.study.work.cluster import Cluster
+from structid.study.work.tasks import Executor
+from structid.unknowns import Parameters
+
+#: A stretch holds so many bytes at least, is so many times as large as what comes back, and there are at most so many.
+STRETCH_BYTES, _TIMES_THE_ANSWER, _MOST_STRETCHES = 64_000_000, 5, 64
+
+#: Number of a record, and the first and the last of its samples.
+Stretch = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """What all stretches share.
+
+    Attributes
+    ----------
+    structure : Structure
+    unknown : Parameters
+    records : tuple of OnDiskRecord
+        With absolute paths, which every worker must see.
+    work : Kernels
+        The same on every worker.
+    longest : int or None
+        Samples a chunk.
+    """
+
+    structure: Structure
+    unknown: Parameters
+    records: tuple[OnDiskRecord, ...]
+    work: Kernels
+    longest: int | None
+
+
+@dataclass(eq=False)
+class _Made:
+    """What a worker makes once: the fit before any sample, and the rows of each record."""
+
+    start: RecursiveMotionFit
+    rows: dict[int, RecordRows] = field(default_factory=dict)
+
+
+_MADE: WeakKeyDictionary[Whole, _Made] = WeakKeyDictionary()
+
+
+def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
+    """Equal parts of each record, those left after the first `done` samples of all of them.
+
+    Parameters
+    ----------
+    records : sequence of OnDiskRecord
+    answer_bytes : int
+        Of the triangles of one stretch.
+    done : int
+    """
+    found: list[Stretch] = []
+    before = 0
+    for number, record in enumerate(records):
+        size = 8 * len(record.channels) * record.n_times
+        count = size // max(STRETCH_BYTES, _TIMES_THE_ANSWER * answer_bytes)
+        edges = np.linspace(0, record.n_times, min(max(count, 1), _MOST_STRETCHES) + 1).astype(int).tolist()
+        for first, last in pairwise(edges):
+            if before + last > done:
+                found.append((number, max(first, done - before), last))
+        before += record.n_times
+    return found
+
+
+def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> dict[str, Any]:
+    """Triangles, energies and counts of one stretch, as a task."""
+    number, first, last = item
+    if whole not in _MADE:
+        _MADE[whole] = _Made(motion_fit(whole.structure, whole.unknown))
+    made, record = _MADE[whole], whole.records[number]
+    if number not in made.rows:
+        made.rows[number] = record_rows(made.start.equations, whole.structure, record)
+    fit = made.start
+    for chunk in record.chunks(first, last, whole.longest):
+        fit = made.rows[number].reduced(fit, chunk, whole.work)
+        del chunk  # before the next one is read
+    return {
+        "triangles": fit.state.triangles,
+        "energy": fit.energy,
+        "n_rows": fit.state.n_rows,
+        "n_samples": last - first,
+    }
+
+
+def reduced_on(
+    executor: Executor,
+    fit: RecursiveMotionFit,
+    whole: Whole,
+    checkpoint: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> RecursiveMotionFit:
+    """`fit`, of the first samples of the records or of none, after all of them, reduced on the workers of `executor`.
+
+    Parameters
+    ----------
+    executor : Executor
+    fit : RecursiveMotionFit
+    whole : Whole
+    checkpoint : Path, optional
+        Keeps what is merged.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError, FileError
+        If a worker does not see the records as they are here, or one of them cannot be read.
+    WorkersLostError
+        If the workers are gone; the checkpoint holds what was merged.
+    """
+    work = whole.work
+    total = sum(record.n_times for record in whole.records)
+    compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
+    whole = replace(whole, work=Kernels("numba" if compiled else "numpy", work.threads))
+    _require_seen(executor, whole)
+    items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
+    early: dict[int, dict[str, Any]] = {}
+    turn, keeper = 0, FitKeeper(checkpoint)
+    try:
+        for number, result in executor.completed(reduced_stretch, whole, items, lambda _: PLAIN_TOOLS):
+            early[number] = result
+            while turn in early:
+                fit, turn = _merged(fit, early.pop(turn)), turn + 1
+                keeper.offer(fit)
+                if progress is not None:
+                    progress(fit.n_samples, total)
+    finally:
+        keeper.close(fit)
+    return fit
+
+
+def reduced_alone(
+    fit: RecursiveMotionFit, whole: Whole, checkpoint: Path | None = None, progress: Progress | None = None
+) -> RecursiveMotionFit:
+    """The same in this process, one chunk after the other."""
+    ends = list(accumulate(record.n_times for record in whole.records))
+
+    def told(done: int, _: int) -> None:
+        if progress is not None:
+            progress(done, ends[-1])
+
+    for record, end in zip(whole.records, ends, strict=True):
+        first = max(0, fit.n_samples - (end - record.n_times))
+        if first < record.n_times:
+            work, longest = whole.work, whole.longest
+            fit = reduced_by_chunks(fit, whole.structure, record, work, longest, checkpoint, told, first)
+    return fit
+
+
+def _merged(fit: RecursiveMotionFit, part: dict[str, Any]) -> RecursiveMotionFit:
+    """`fit` and the samples of one stretch; the first one is taken as it is."""
+    state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
+    own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])
+    return own if fit.n_samples == 0 else fit.merged(own)
+
+
+def _require_seen(executor: Executor, whole: Whole) -> None:
+    """Refuse workers that do not see the records, or would reduce them in another way."""
+    if not isinstance(executor, Cluster):
+        return
+    wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
+    for worker, trouble in executor.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
+        if trouble:
+            raise InputError(f"scheduler {executor.address}: worker {worker}: {trouble}")
+
+
+def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
+    """Why this worker cannot reduce the records of these paths and sizes; empty where it can."""
+    records, numba = wanted
+    for name, size in records:
+        path = Path(name)
+        if not path.is_file():
+            return f"{name}: there is no such file; put the record where all workers see it by the same path"
+        if path.stat().st_size != size:
+            return f"{name} has {path.stat().st_size} bytes there and {size} here; give workers the same file"
+    if numba and numba != _numba_version("numba"):
+        return (
+            f"has numba {_numba_version('numba') or 'not installed'}, here it is {numba}; install the same there"
+            " (structid[fast]), or take --engine numpy"
+        )
+    return ""
+
+
+def _numba_version(engine: str) -> str:
+    if engine != "numba" or not has_numba():
+        return ""
+    from importlib.metadata import version
+
+    return version("numba")

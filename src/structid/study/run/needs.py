@@ -1,0 +1,310 @@
+"""What a study needs, memory and time, before it is run: from its sizes, and from a few lines that are measured."""
+
+from __future__ import annotations
+
+import os
+import time
+import tracemalloc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.identification.free_search import searches_free
+from structid.identification.search import RecordProblem
+from structid.observation import FrfProblem, ModalProblem
+from structid.observation.frf.products import STORED_BYTES
+from structid.study.schema.study import Study
+
+_MEASURED_LINES, _MEASURED_LINES_SMALL = 8, 4096
+#: An evaluation that takes less is measured five times, for the shortest.
+_QUICK_SECONDS = 0.5
+#: Iterations that a search takes as a rule, its stages included.
+USUAL_ITERATIONS = 40
+_REFIT_ITERATIONS = 6
+_REPLICATES = 400
+_PROFILE_EVALUATIONS = 60
+_DRAWS = 10_000
+#: The Jacobian and its orthogonal factor at the present point, and the Jacobian at the next one.
+_COPIES = 3
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large a study is.
+
+    Attributes
+    ----------
+    n_dofs, n_elements : int
+        Free degrees of freedom and element matrices of the largest structure.
+    n_lines, n_channels : int
+        Lines in the band, and pairs of sensor and load, of the largest record; modes and sensors for modes.
+    n_records, n_parameters, n_rows : int
+        Rows are those of the residual of all records, real and imaginary parts each one.
+    record_bytes : int
+        Of the records in memory.
+    """
+
+    n_dofs: int
+    n_elements: int
+    n_lines: int
+    n_channels: int
+    n_records: int
+    n_parameters: int
+    n_rows: int
+    record_bytes: int
+
+    @property
+    def jacobian_bytes(self) -> int:
+        return 8 * self.n_rows * self.n_parameters
+
+    @property
+    def square_bytes(self) -> int:
+        """Of a matrix of the parameters: a triangular factor, the covariance."""
+        return 8 * self.n_parameters**2
+
+    @property
+    def free_bytes(self) -> int:
+        """Of a search without a Jacobian: the stored one of the data with its preconditioner, or the fields."""
+        data = 16 * self.n_lines * self.n_channels
+        if data * self.n_parameters <= STORED_BYTES:
+            return 3 * data * self.n_parameters
+        return 16 * self.n_lines * (self.n_channels + 1) * self.n_dofs
+
+    @property
+    def least_bytes(self) -> int:
+        """What no search with a Jacobian can do without."""
+        return self.record_bytes + _COPIES * (self.jacobian_bytes + self.square_bytes)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a study needs, from a few lines that were evaluated.
+
+    Attributes
+    ----------
+    sizes : Sizes
+    bytes_needed : int
+        Peak, beyond what the process takes now.
+    line_seconds : float
+        Response and Jacobian of one line, on average over the records.
+    analysis_seconds : float
+        Once: the assembly, and the factorizer's look at the pattern.
+    iteration_seconds : float
+    search_seconds : float
+        Of one search of `USUAL_ITERATIONS`.
+    starts : int
+        How many searches: the first, and those of the uniqueness test; restarts come only where a fit misses the noise.
+    interval_seconds : float
+        Of the intervals that ``[method]`` asks for.
+    """
+
+    sizes: Sizes
+    bytes_needed: int
+    line_seconds: float
+    analysis_seconds: float
+    iteration_seconds: float
+    search_seconds: float
+    starts: int
+    interval_seconds: float
+
+    def seconds(self, n_workers: int = 1) -> float:
+        """Wall time of the whole run, s, with the repeats on `n_workers`."""
+        repeats = (self.starts - 1) * self.search_seconds + self.interval_seconds
+        return self.analysis_seconds + self.search_seconds + repeats / n_workers
+
+
+def sizes(problems: Sequence[RecordProblem]) -> Sizes:
+    """The sizes of the problems of a study."""
+    lines = [len(p.record.frequency) for p in problems]
+    channels = [int(np.prod(p.record.values.shape[1:])) if isinstance(p, FrfProblem) else 1 for p in problems]
+    return Sizes(
+        n_dofs=max(p.structure.n_dofs for p in problems),
+        n_elements=max(sum(part.blocks.n_elements for part in p.structure.contributions) for p in problems),
+        n_lines=max(lines),
+        n_channels=max(channels),
+        n_records=len(problems),
+        n_parameters=len({name for p in problems for name in p.names}),
+        n_rows=sum(p.n_data for p in problems),
+        record_bytes=sum(_bytes(p) for p in problems),
+    )
+
+
+def _bytes(problem: RecordProblem) -> int:
+    return sum(value.nbytes for value in vars(problem.record).values() if isinstance(value, np.ndarray))
+
+
+def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
+    """The needs of a study, from response and Jacobian of a few lines of each record: eight of a large model.
+
+    Raises
+    ------
+    InputError
+        If even those do not fit in memory.
+    """
+    size, options = sizes(problems), study.options
+    is_free = searches_free(problems, options)
+    if not is_free:
+        require_room(study, problems)
+    analysis = seconds = peak = 0.0
+    before = resident_bytes() or 0
+    for problem in problems:
+        try:
+            once, each, scratch = _measured(problem, is_free)
+        except MemoryError as error:
+            raise InputError(
+                f"{study.path}: {_MEASURED_LINES} lines of {problem.structure.n_dofs} degrees of freedom do not fit in"
+                " the memory that is free; refine the mesh less, or take a machine with more memory"
+            ) from error
+        n_lines = 1 if isinstance(problem, ModalProblem) else len(problem.record.frequency)
+        analysis, seconds, peak = analysis + once, seconds + each * n_lines, max(peak, scratch * n_lines)
+    search = USUAL_ITERATIONS * seconds
+    refits = {
+        "laplace": 0,
+        "bootstrap": _REPLICATES * _REFIT_ITERATIONS,
+        "profile": size.n_parameters * _PROFILE_EVALUATIONS,
+        "sampling": _DRAWS,
+    }[options.intervals]
+    grown = max((resident_bytes() or 0) - before, 0)
+    dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
+    own = grown + size.record_bytes + (size.free_bytes if is_free else dense)
+    total = sum(1 if isinstance(p, ModalProblem) else len(p.record.frequency) for p in problems)
+    return Needs(
+        sizes=size,
+        bytes_needed=int(own + peak),
+        line_seconds=seconds / total,
+        analysis_seconds=analysis,
+        iteration_seconds=seconds,
+        search_seconds=search,
+        starts=1 + options.uniqueness_starts,
+        interval_seconds=refits * seconds,
+    )
+
+
+def _measured(problem: RecordProblem, is_free: bool) -> tuple[float, float, float]:
+    """Seconds once, seconds a line, and bytes a line of an evaluation with Jacobian; all of it for a record of modes."""
+    few, n_lines = problem, 1
+    if isinstance(problem, FrfProblem):
+        most = _MEASURED_LINES if problem.model.is_large else _MEASURED_LINES_SMALL
+        every = np.unique(np.linspace(0, len(problem.record.frequency) - 1, most).astype(int))
+        few, n_lines = replace(problem, record=problem.record.lines(every)), len(every)
+    theta = np.asarray(few.theta_start)
+    linearize = few.linearize_free if is_free and isinstance(few, FrfProblem) else few.linearize
+    first = _seconds(linearize, theta)
+    again = min(_seconds(linearize, theta) for _ in range(5 if first < _QUICK_SECONDS else 1))
+    tracemalloc.start()
+    try:
+        linearize(theta)
+        scratch = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    return max(first - again, 0.0), again / n_lines, scratch / n_lines
+
+
+def _seconds(linearize: Callable[[np.ndarray], object], theta: np.ndarray) -> float:
+    begun = time.perf_counter()
+    linearize(theta)
+    return time.perf_counter() - begun
+
+
+def require_room(study: Study, problems: Sequence[RecordProblem], free: int | None = None) -> None:
+    """Refuse a study whose Jacobians cannot fit in memory.
+
+    Parameters
+    ----------
+    study : Study
+    problems : sequence of FrfProblem or ModalProblem
+    free : int, optional
+        Bytes; what the system says by default.
+
+    Raises
+    ------
+    InputError
+        With the numbers, and what makes them smaller.
+    """
+    size, room = sizes(problems), available_bytes() if free is None else free
+    if room is not None and size.least_bytes > room:
+        raise InputError(
+            f"{study.path}: needs at least {gigabytes(size.least_bytes)} of memory and {gigabytes(room)} are free:"
+            f" {_COPIES} arrays of {size.n_rows} rows x {size.n_parameters} parameters ({gigabytes(size.jacobian_bytes)}"
+            f" each) and {_COPIES} of {size.n_parameters} x {size.n_parameters} ({gigabytes(size.square_bytes)}); take"
+            " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), take a machine with more"
+            ' memory, or search without a Jacobian ([method] search = "matrix_free")'
+        )
+
+
+def gigabytes(count: float) -> str:
+    """Bytes in the unit that suits them."""
+    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if count >= size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count / 1e3:.3g} kB"
+
+
+def available_bytes() -> int | None:
+    """Memory that this process may still take: free in the system, its control group and its own limit; None if unknown."""
+    found = [value for value in (_system_free(), _group_free(), _limit_free()) if value is not None]
+    return min(found) if found else None
+
+
+def resident_bytes() -> int | None:
+    """Memory of this process now; None where the system does not say."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _system_free() -> int | None:
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, ValueError, StopIteration):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _group_free() -> int | None:
+    """Of the control group (a container, a batch job)."""
+    for limit, used in (
+        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+    ):
+        try:
+            most, now = Path(limit).read_text().strip(), int(Path(used).read_text())
+            return max(int(most) - now + _group_cache(), 0) if most != "max" else None
+        except (OSError, ValueError):
+            continue
+    return None
+
+
+def _group_cache() -> int:
+    """What the group's files hold in memory, which it gives back when asked."""
+    for path in ("/sys/fs/cgroup/memory.stat", "/sys/fs/cgroup/memory/memory.stat"):
+        try:
+            rows = dict(line.split() for line in Path(path).read_text().splitlines())
+            return int(rows.get("inactive_file", rows.get("total_inactive_file", "0")))
+        except (OSError, ValueError):
+            continue
+    return 0
+
+
+def _limit_free() -> int | None:
+    """Of the limit that was set for this process (``ulimit -v``)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if most == resource.RLIM_INFINITY:
+        return None
+    try:
+        now = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError):
+        now = 0
+    return max(most - now, 0)

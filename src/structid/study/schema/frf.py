@@ -1,0 +1,89 @@
+"""The ``[record.frf]`` of a study file: how time histories become frequency response functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.records import FrfRecord, TimeRecord
+from structid.records.transforms.spectra import frf_from_time
+from structid.study.schema.section import COUNT, TEXTS, Kind, Section, as_list, choice
+
+_OVERLAP = Kind(
+    "a number from 0 to less than 1",
+    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1,
+)
+_WINDOW = Kind(
+    'a window of scipy.signal.get_window, as in "hann" or ["exponential", 0.0, 200.0]',
+    lambda value: isinstance(value, str) or (isinstance(value, list) and value != [] and isinstance(value[0], str)),
+)
+_KINDS = {
+    "inputs": TEXTS,
+    "outputs": TEXTS,
+    "estimator": choice("H1", "H2", "Hv"),
+    "segment_length": COUNT,
+    "overlap": _OVERLAP,
+    "window": _WINDOW,
+    "detrend": choice("constant", "linear", "none"),
+    "quantity": choice("displacement", "velocity", "acceleration"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class FrfSettings:
+    """Arguments of `frf_from_time`.
+
+    Attributes
+    ----------
+    section : Section
+        ``[record.frf]``, for the place of errors.
+    inputs, outputs : tuple of Dof
+        Force and motion channels; all that the record has if empty.
+    others : dict
+        The other arguments, by name.
+    """
+
+    section: Section
+    inputs: tuple[Dof, ...]
+    outputs: tuple[Dof, ...]
+    others: dict[str, Any]
+
+
+def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:
+    """The settings in ``[record.frf]``, with the channels that ``[record]`` names where it names none itself."""
+    given = section.values(_KINDS)
+    if isinstance(given.get("window"), list):
+        given["window"] = tuple(given["window"])
+    channels = {}
+    for key, outer in (("inputs", inputs), ("outputs", outputs)):
+        with section.located(key):
+            channels[key] = parse_dofs(as_list(given.pop(key, list(outer))))
+    return FrfSettings(section, channels["inputs"], channels["outputs"], given)
+
+
+def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRecord:
+    """Frequency response functions of one time record, or of repeats averaged.
+
+    Raises
+    ------
+    StudyError
+        If channels are missing or the settings do not fit the record.
+    """
+    with settings.section.located():
+        inputs = settings.inputs or _channels(records[0], ("force",))
+        if not inputs:
+            raise InputError(
+                "the record has no force channel; say which channel is the load with `units` or `quantities`"
+            )
+        wanted = settings.others.get("quantity")
+        motions = (wanted,) if wanted else ("displacement", "velocity", "acceleration")
+        outputs = settings.outputs or _channels(records[0], motions)
+        return frf_from_time(records, inputs, outputs, **settings.others)
+
+
+def _channels(record: TimeRecord, quantities: tuple[str, ...]) -> tuple[Dof, ...]:
+    pairs = zip(record.channels, record.quantities, strict=True)
+    return tuple(dict.fromkeys(dof for dof, quantity in pairs if quantity in quantities))

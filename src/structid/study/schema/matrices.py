@@ -1,0 +1,257 @@
+"""``[structure.matrices]`` and ``[[structure.matrix_group]]``: groups of a model from another finite element code."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import IntArray
+from structid.dof import Dof, parse_dofs
+from structid.errors import InputError
+from structid.structure import MatrixGroup
+from structid.structure.importers import (
+    ImportedMatrix,
+    dof_table,
+    dofs_of,
+    group_from_exports,
+    in_si,
+    of_elements,
+    on_dofs,
+    read_matrices,
+    read_numbering,
+)
+from structid.structure.importers.definite import require_semidefinite
+from structid.structure.importers.exports import FORCES, LENGTHS
+from structid.structure.importers.imported import codes_of, completed, tables_of
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.section import (
+    BOOLEAN,
+    INTEGER,
+    NOT_NEGATIVE,
+    POSITIVE,
+    TEXT,
+    TEXTS,
+    Kind,
+    Section,
+    as_list,
+    choice,
+)
+
+_KEYS = ("mass", "stiffness", "damping")
+#: Names that files give by themselves, so that `matrix` need not say which.
+_OWN_NAMES = {"mass": ("MASS",), "stiffness": ("STIFFNESS",), "damping": ("VISCOUSDAMPING", "DAMPING")}
+_FILE_WORDS = 'a file, or a table such as { path = "model.op4", matrix = "KAA" }'
+_RANGE = re.compile(r"^\s*(\d+)(?:\s*-\s*(\d+))?\s*$")
+
+
+def _is_file(value: Any) -> bool:
+    return TEXT.accepts(value) or (isinstance(value, dict) and bool(value))
+
+
+_FILE = Kind(_FILE_WORDS, _is_file)
+_FILES = Kind(f"{_FILE_WORDS}, or a list of these", lambda v: all(map(_is_file, as_list(v))) and v != [])
+_LABELS = Kind(
+    'element labels, as in [1, 2, 3] or "1-320" or ["1-10", "25"]',
+    lambda v: v != [] and all(INTEGER.accepts(e) or (isinstance(e, str) and _RANGE.match(e)) for e in as_list(v)),
+)
+_SOURCE = {"path": TEXT, "matrix": TEXT, "elements": _LABELS, "one_triangle": BOOLEAN}
+_EXPORTS = {"base": _FILE, "changed": _FILE, "factor": POSITIVE, "third": _FILE, "third_factor": POSITIVE}
+
+
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    """Files read so far; each once."""
+
+    files: InputFiles
+    known: dict[Path, Mapping[str, ImportedMatrix]] = field(default_factory=dict)
+
+    def matrices(self, name: str) -> Mapping[str, ImportedMatrix]:
+        path = self.files.folder / name
+        if path not in self.known:
+            self.known[path] = read_matrices(self.files.path(name))
+        return self.known[path]
+
+
+def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
+    """Groups of matrices from files, in SI units, and the degrees of freedom that the files say are held.
+
+    Parameters
+    ----------
+    section : Section
+        ``[structure]``.
+    files : InputFiles
+        Takes note of the files read.
+    """
+    entries = section.sections("matrix_group")
+    matrices = section.section("matrices")
+    if matrices is None:
+        return _groups(entries, None, ("m", "N"), _Reader(files))
+    given = matrices.values({"dofs": TEXTS, "length_unit": choice(*LENGTHS), "force_unit": choice(*FORCES)})
+    if not entries:
+        raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
+    dofs = None
+    if "dofs" in given:
+        with matrices.located("dofs"):
+            text = given["dofs"]
+            dofs = read_numbering(files.path(text)) if isinstance(text, str) else parse_dofs(text)
+    units = (given.get("length_unit", "m"), given.get("force_unit", "N"))
+    return _groups(entries, dofs, units, _Reader(files))
+
+
+def _groups(
+    entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
+) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
+    groups = [(entry, _group(entry, dofs, units, reader)) for entry in entries]
+    held = [item.held for found in reader.known.values() for item in found.values() if item.held is not None]
+    if not held:
+        return groups, []
+    there = {dof.unsigned for _, group in groups for dof in group.dofs}
+    return groups, [dof for dof in dofs_of(np.unique(np.concatenate(held), axis=0)) if dof in there]
+
+
+def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
+    keys = {"name": TEXT, **dict.fromkeys(_KEYS, _FILES), "loss_factor": NOT_NEGATIVE, "indefinite": BOOLEAN}
+    given = entry.values(keys, ("name",))
+    parts: dict[str, list[ImportedMatrix]] = {}
+    for key in _KEYS:
+        if key in given:
+            with entry.located(key):
+                parts[key] = [_imported(entry, key, one, reader) for one in as_list(given[key])]
+    rows = dofs if dofs is not None else _own_numbering(entry, parts)
+    made = {key: _summed(entry, key, found, rows, units) for key, found in parts.items()}
+    with entry.located():
+        group = MatrixGroup(given["name"], rows, loss_factor=given.get("loss_factor", 0.0), **made)
+    if not given.get("indefinite", False):
+        for key, matrix in group.matrices.items():
+            with entry.located(key):
+                require_semidefinite(key, matrix, group.dofs)
+    return group
+
+
+def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
+    """The degrees of freedom of all files of a group, nodes in order."""
+    tables: list[IntArray] = []
+    for key, found in parts.items():
+        for item in found:
+            if item.dofs is None:
+                raise entry.error(
+                    f"the rows of {item.name!r} have no numbering of their own; add [structure.matrices] with "
+                    '`dofs = "dofs.txt"` or a list of degrees of freedom',
+                    key,
+                )
+            tables.append(item.dofs)
+    if not tables:
+        return ()
+    with entry.located():
+        return dofs_of(tables_of(np.unique(codes_of(np.concatenate(tables)))))
+
+
+def _summed(
+    entry: Section, key: str, found: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
+) -> sparse.csc_array:
+    """The sum of the matrices of a key on `dofs`, in SI units."""
+    total = sparse.csc_array((len(dofs), len(dofs)))
+    with entry.located(key):
+        for item in found:
+            if item.dofs is None and item.matrix.shape != total.shape:
+                raise InputError(
+                    f"{item.name!r} must be {total.shape} like the degrees of freedom in `dofs`, got {item.matrix.shape}"
+                )
+            total = total + (item.matrix if item.dofs is None else on_dofs(item, _signed_table(dofs, item)))
+        return in_si(total, dofs, *units)
+
+
+def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
+    """Node and component of `dofs` as the file numbers them: scalar points of it (component 0) stand at RX."""
+    table = dof_table(dofs)
+    assert item.dofs is not None
+    scalar = np.isin(table[:, 0], item.dofs[item.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
+    table[scalar, 1] = 0
+    return table
+
+
+def _imported(entry: Section, key: str, given: Any, reader: _Reader) -> ImportedMatrix:
+    """One matrix: from a file, some of its elements, or from two exports."""
+    if isinstance(given, str):
+        return _real(_chosen(key, given, None, reader), given)
+    section = Section(entry.source, (*entry.path, key), given)
+    if "base" in given or "changed" in given:
+        return _from_exports(entry, key, section, reader)
+    source = section.values(_SOURCE, ("path",))
+    item = _real(_chosen(key, source["path"], source.get("matrix"), reader), source["path"])
+    if "elements" in source:
+        item = of_elements(item, _labels(source["elements"]))
+    if source.get("one_triangle", False):
+        item = _mirrored(item)
+    return item
+
+
+def _from_exports(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
+    given = section.values(_EXPORTS, ("base", "changed", "factor"))
+    items = {name: _imported(entry, key, given[name], reader) for name in ("base", "changed", "third") if name in given}
+    base = items["base"]
+    matrices = {}
+    for name, item in items.items():
+        own, first = item.dofs, base.dofs
+        if (own is None) != (first is None) or (
+            own is not None and first is not None and not np.array_equal(own, first)
+        ):
+            raise InputError(f"`{name}` must have the numbering of `base`; export the same mesh")
+        matrices[name] = item.matrix
+    group = group_from_exports(
+        matrices["base"], matrices["changed"], given["factor"], matrices.get("third"), given.get("third_factor")
+    )
+    return ImportedMatrix(base.name, group, base.dofs)
+
+
+def _chosen(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
+    found = reader.matrices(name)
+    if matrix is None:
+        own = [item for item in found.values() if item.name in _OWN_NAMES[key]]
+        if len(found) == 1 or len(own) == 1:
+            return own[0] if own else next(iter(found.values()))
+        raise InputError(
+            f'{name} holds {len(found)} matrices ({", ".join(found)}); say which: {{ path = "{name}", matrix = '
+            f'"{next(iter(found))}" }}'
+        )
+    for item in found.values():
+        if item.name.upper() == matrix.upper():
+            return item
+    raise InputError(f"{name} holds no matrix {matrix!r}, only {', '.join(found)}; name one of these")
+
+
+def _real(item: ImportedMatrix, name: str) -> ImportedMatrix:
+    if np.iscomplexobj(item.matrix.data):
+        raise InputError(
+            f"{name}: must hold a real matrix, {item.name!r} is complex ({item.matrix.dtype}); export without structural "
+            "damping and give `loss_factor`"
+        )
+    if not item.is_square:
+        raise InputError(f"{name}: must hold a square matrix, {item.name!r} is rectangular {item.matrix.shape}")
+    return item
+
+
+def _mirrored(item: ImportedMatrix) -> ImportedMatrix:
+    """Both triangles of a matrix of which one is stored."""
+    upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
+    if abs(upper).sum() > 0 and abs(lower).sum() > 0:
+        raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
+    return ImportedMatrix(item.name, completed(item.matrix, item.name), item.dofs)
+
+
+def _labels(given: Any) -> set[int]:
+    found: set[int] = set()
+    for entry in as_list(given):
+        match = _RANGE.match(str(entry))
+        assert match is not None
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            raise InputError(f"elements {entry!r} must go from the lower to the higher label")
+        found.update(range(first, last + 1))
+    return found

@@ -1,0 +1,101 @@
+"""The ``[record.modes]`` of a study file: measured modes in place of responses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.dof import Dof, parse_dofs
+from structid.identification.modal_setup import ModalSettings, chosen_modes
+from structid.modal import ModalRecord
+from structid.modal.files.files import read_modes
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.section import (
+    BOOLEAN,
+    COUNT,
+    NOT_NEGATIVE,
+    POSITIVE,
+    TEXT,
+    TEXTS,
+    Kind,
+    Section,
+    as_list,
+    choice,
+)
+
+_KINDS = {
+    "form": choice("output", "dynamic"),
+    "use": Kind(
+        "numbers of modes, counted from 1, as in [1, 2, 4]",
+        lambda value: isinstance(value, list) and len(value) > 0 and all(COUNT.accepts(entry) for entry in value),
+    ),
+    "frequency_error": NOT_NEGATIVE,
+    "damping_error": NOT_NEGATIVE,
+    "shape_error": NOT_NEGATIVE,
+    "use_damping": BOOLEAN,
+    "closeness": NOT_NEGATIVE,
+    "frequency_guard": POSITIVE,
+}
+_OF_RECORD = ("name", "structure", "modes")
+
+
+@dataclass(frozen=True, eq=False)
+class ModesSource:
+    """Where the modes of a study are, and how they are fitted.
+
+    Attributes
+    ----------
+    section : Section
+        ``[record]``, for the place of errors.
+    path : Path
+    use : tuple of int
+        Numbers of the modes that are fitted, from 1; all if empty.
+    channels_used : tuple of Dof
+        Sensors used; all if empty.
+    settings : ModalSettings
+    """
+
+    section: Section
+    path: Path
+    use: tuple[int, ...]
+    channels_used: tuple[Dof, ...]
+    settings: ModalSettings
+
+    @property
+    def modes_section(self) -> Section:
+        """``[record.modes]``."""
+        return self.section.section("modes") or self.section
+
+    def load(self) -> ModalRecord:
+        """The modes and sensors that are used.
+
+        Raises
+        ------
+        StudyError
+            If the file is damaged, or lacks a mode or sensor that the study asks for.
+        """
+        with self.section.located("path"):
+            record = read_modes(self.path)
+        with self.modes_section.located("use"):
+            record = chosen_modes(record, self.use)
+        if not self.channels_used:
+            return record
+        place = {dof.unsigned: i for i, dof in enumerate(record.channels)}
+        for dof in self.channels_used:
+            if dof.unsigned not in place:
+                known = ", ".join(map(str, record.channels))
+                raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
+        return record.some_channels([place[dof.unsigned] for dof in self.channels_used])
+
+
+def read_modes_source(section: Section, files: InputFiles) -> ModesSource:
+    """The source that a ``[record]`` with ``[record.modes]`` describes, its file found but not read."""
+    given = section.values({"path": TEXT, "channels_used": TEXTS}, required=("path",), others=_OF_RECORD)
+    with section.located("path"):
+        path = files.path(given["path"])
+    with section.located("channels_used"):
+        used = parse_dofs(as_list(given.get("channels_used", [])))
+    inner = section.section("modes")
+    own = {} if inner is None else inner.values(_KINDS)
+    use = tuple(own.pop("use", ()))
+    return ModesSource(section, path, use, used, ModalSettings(**own))

@@ -1,0 +1,241 @@
+"""The ``[plan]`` of a study file, and the study as a plan needs it: structure and unknowns, a record only if there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.dof import parse_dofs
+from structid.identification.identify import IdentifyOptions, structure_modes, used_lines
+from structid.planning.options import resolved
+from structid.planning.planned import PlanOptions
+from structid.records import FrfRecord
+from structid.structure import Structure
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.method import read_method
+from structid.study.schema.record import NoiseSource, load_record, read_source
+from structid.study.schema.section import (
+    COUNT,
+    NOT_NEGATIVE,
+    NUMBERS,
+    POSITIVE,
+    RANGE,
+    TEXT,
+    TEXTS,
+    Section,
+    as_list,
+    choice,
+)
+from structid.study.schema.structure import read_structure
+from structid.study.schema.study import KNOWN_SECTIONS, read_study_text
+from structid.study.schema.unknowns import read_parameters
+from structid.unknowns import Parameters
+
+_DEFAULT_LINES = 400
+_DEFAULT_NOISE = 0.01
+_MODES_OF_BAND = 12
+_NO_NOISE: tuple[str, ...] = (
+    f"no noise is given: {100 * _DEFAULT_NOISE:g} % of each value is taken; give [plan.noise], with `absolute` for what the"
+    " sensors add, or places where little moves look too good",
+)
+_KINDS = {
+    "sensors": TEXTS,
+    "loads": TEXTS,
+    "installed_sensors": TEXTS,
+    "installed_loads": TEXTS,
+    "kind": choice("receptance", "mobility", "accelerance"),
+    "band": RANGE,
+    "n_lines": COUNT,
+    "spacing": choice("linear", "log"),
+    "frequency": NUMBERS,
+    "n_sensors": COUNT,
+    "n_loads": COUNT,
+    "n_frequencies": COUNT,
+    "criterion": choice("d", "a"),
+    "of_interest": TEXTS,
+    "target": POSITIVE,
+}
+_NOISE = {"relative": NOT_NEGATIVE, "absolute": NOT_NEGATIVE}
+_DOFS = ("sensors", "loads", "installed_sensors", "installed_loads")
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStudy:
+    """A study file as a plan reads it.
+
+    Attributes
+    ----------
+    title : str
+    structure : Structure
+    parameters : Parameters
+    options : PlanOptions
+        With every default filled in.
+    notes : tuple of str
+        Where the options come from, in so far as ``[plan]`` does not give them.
+    root : Section
+        The whole file, for the place of errors.
+    digests : mapping of str to str
+        SHA-256 of the study file and of every file that it names.
+    """
+
+    title: str
+    structure: Structure
+    parameters: Parameters
+    options: PlanOptions
+    notes: tuple[str, ...]
+    root: Section
+    digests: Mapping[str, str]
+
+    @property
+    def text(self) -> str:
+        """The file, word for word."""
+        return self.root.source.text
+
+
+def load_plan(path: str | Path, **changes: Any) -> PlanStudy:
+    """The plan in the study file at `path`; `changes` are fields of `PlanOptions` that take the place of the file's.
+
+    Neither ``[plan]`` nor ``[record]`` is needed. Where a record is there, its sensors, loads, lines, kind and noise
+    are the defaults.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
+    """
+    source = read_study_text(path)
+    root = Section(source, (), source.table)
+    given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
+    described = root.section("structure")
+    if described is None:
+        raise root.error("the section [structure] is missing; add it")
+    files = InputFiles(source.path.parent)
+    files.path(source.path.name)
+    structure = read_structure(described, files)
+    unknown = read_parameters(root, structure)
+    section = root.section("plan") or Section(source, ("plan",), {})
+    method = read_method(root.section("method"))
+    record, declared, notes = _record(root, files)
+    with (root.section("plan") or root).located():
+        options, more = _options(section, structure, unknown, record, declared, method)
+        options = resolved(structure, unknown, replace(options, **changes))
+    return PlanStudy(
+        given.get("title", source.path.stem),
+        structure,
+        unknown,
+        options,
+        (*notes, *more),
+        root,
+        files.digests,
+    )
+
+
+def _record(root: Section, files: InputFiles) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
+    """The study's record (the first of several), or None where there is none yet, and the noise it declares."""
+    listed = isinstance(root.table.get("record"), list)
+    section = next(iter(root.sections("record")), None) if listed else root.section("record")
+    if section is None:
+        return None, NoiseSource(), ()
+    names = [name for key in ("path", "repeats") for name in as_list(section.table.get(key, []))]
+    missing = [name for name in names if not (root.source.path.parent / str(name)).exists()]
+    if missing:
+        return None, NoiseSource(), (f"the record {missing[0]} is not there yet: planned without it",)
+    described = read_source(section, files)
+    if described.modes is not None:
+        return None, NoiseSource(), ("the record holds modes: planned without it",)
+    record = load_record(described)
+    what = (
+        f"what [plan] does not give comes from the record (sensors: {len(record.outputs)}, loads: {len(record.inputs)})"
+    )
+    return record, described.noise, (what,)
+
+
+def _options(
+    section: Section,
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord | None,
+    declared: NoiseSource,
+    method: IdentifyOptions,
+) -> tuple[PlanOptions, tuple[str, ...]]:
+    given = section.values(_KINDS, others=("noise",))
+    frequency, line_notes = _lines(section, given, structure, unknown, record, method)
+    noise, noise_notes = _noise(section, record, declared, method.model_error)
+    for key in _DOFS:
+        with section.located(key):
+            given[key] = parse_dofs(as_list(given.get(key, [])))
+            structure.selection(given[key])
+    if record is not None:
+        given.setdefault("kind", record.kind)
+        given["installed_sensors"] = given["installed_sensors"] or record.outputs
+        given["installed_loads"] = given["installed_loads"] or record.inputs
+    given["of_interest"] = tuple(as_list(given.get("of_interest", [])))
+    return PlanOptions(frequency, **given, **noise), (*line_notes, *noise_notes)
+
+
+def _lines(
+    section: Section,
+    given: dict[str, Any],
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord | None,
+    method: IdentifyOptions,
+) -> tuple[tuple[float, ...], tuple[str, ...]]:
+    """Candidate lines: as given, of the record, or spread over the band of the model's modes. Takes its keys out."""
+    band, spacing = given.pop("band", None), given.pop("spacing", "linear")
+    listed, count = given.pop("frequency", None), given.pop("n_lines", None)
+    if listed is not None:
+        if band is not None or count is not None:
+            raise section.error("gives lines both by `frequency` and by `band` or `n_lines`; keep one of them")
+        return tuple(float(f) for f in as_list(listed)), ()
+    if record is not None and band is None and count is None:
+        return tuple(used_lines(record, method).frequency.tolist()), ()
+    notes: tuple[str, ...] = ()
+    band = band or method.band
+    if band is None and record is not None:
+        band = (float(record.frequency[0]), float(record.frequency[-1]))
+    if band is None:
+        band = _band_of_modes(structure, unknown)
+        notes = (
+            f"no band is given: from half the first to 1.2 times the last mode counted, {band[0]:.4g} to {band[1]:.4g} Hz",
+        )
+    low, high = float(band[0]), float(band[1])
+    if low < 0 or (spacing == "log" and low <= 0):
+        raise section.error(f"must begin above 0 Hz for this spacing, got {low:g}", "band")
+    points = np.geomspace if spacing == "log" else np.linspace
+    return tuple(points(low, high, count or _DEFAULT_LINES).tolist()), notes
+
+
+def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, float]:
+    found = structure_modes(structure, unknown.values(unknown.start), _MODES_OF_BAND).frequency
+    flexible = found[found > 1e-4 * found.max(initial=0.0)]
+    return float(0.5 * flexible.min(initial=1.0)), float(1.2 * flexible.max(initial=1.0))
+
+
+def _noise(
+    section: Section, record: FrfRecord | None, declared: NoiseSource, model_error: float
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Noise as [plan] or [record] declares it, as the record has it in the median, or 1 %; with the error of the model."""
+    inner = section.section("noise")
+    relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE
+    if inner is not None:
+        given = inner.values(_NOISE)
+        if not any(given.values()):
+            raise inner.error("needs `relative` or `absolute` greater than 0")
+        relative, absolute, notes = given.get("relative", 0.0), given.get("absolute", 0.0), ()
+    elif declared.relative + declared.absolute > 0:
+        relative, absolute, notes = declared.relative, declared.absolute, ()
+    elif record is not None and record.variance is not None:
+        size = np.abs(record.values)
+        relative = float(np.median(np.sqrt(record.variance[size > 0]) / size[size > 0]))
+        notes = (f"noise is that of the record in the median, {100 * relative:.2g} %",)
+    elif model_error > 0:
+        relative, notes = 0.0, ("no noise is given beside the model error",)
+    if model_error > 0:
+        relative = float(np.hypot(relative, model_error))
+        notes = (*notes, f"the model error of [method], {100 * model_error:.3g} %, counts as noise")
+    return {"relative_noise": relative, "absolute_noise": absolute}, notes

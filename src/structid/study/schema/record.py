@@ -1,0 +1,228 @@
+"""The ``[record]`` of a study file: where the measurement is, how it is read, and its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.dof import Dof, parse_dofs
+from structid.identification.time_fit import TimeFit
+from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
+from structid.records.io import ReadOptions, read_record
+from structid.study.schema.frf import FrfSettings, read_frf, spectral_frf
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.modes import ModesSource, read_modes_source
+from structid.study.schema.section import (
+    BOOLEAN,
+    COUNT,
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    TEXT,
+    TEXTS,
+    Kind,
+    Section,
+    as_list,
+)
+from structid.study.schema.time import TimeSource, read_time
+
+#: A time record that is fitted itself is cut into so many segments for the FRFs that show the fit.
+_SEGMENTS = 4
+_BY_ANNOTATION = {
+    "float | None": POSITIVE,
+    "float": NUMBER,
+    "int | None": COUNT,
+    "int": COUNT,
+    "tuple[str, ...]": TEXTS,
+    "bool": BOOLEAN,
+}
+
+
+@dataclass(frozen=True)
+class NoiseSource:
+    """Where the noise of a record comes from; what the record itself says if all are at their defaults.
+
+    Attributes
+    ----------
+    relative : float
+        Noise as a part of each value's magnitude.
+    absolute : float
+        Noise in the SI unit of the record.
+    from_coherence : bool
+    averages : int, optional
+        Number of averages behind the coherence, where the record does not say.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
+    from_coherence: bool = False
+    averages: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSource:
+    """What is needed to read the record of a study.
+
+    Attributes
+    ----------
+    section : Section
+        ``[record]``, for the place of errors.
+    paths : tuple of Path
+        One file, or repeated measurements.
+    options : ReadOptions
+    channels_used : tuple of Dof
+        Sensors used; all if empty.
+    noise : NoiseSource
+    frf : FrfSettings, optional
+        How time histories become frequency response functions.
+    window_decay : float, optional
+        Known decay of an exponential window, 1/s: the FRF is H at s = decay + i omega.
+    time : TimeSource, optional
+        How time histories are fitted themselves; their FRFs then only show the fit.
+    modes : ModesSource, optional
+        Measured modes in place of responses; what is told of responses then does not count.
+    """
+
+    section: Section
+    paths: tuple[Path, ...]
+    options: ReadOptions
+    channels_used: tuple[Dof, ...]
+    noise: NoiseSource
+    frf: FrfSettings | None
+    window_decay: float | None = None
+    time: TimeSource | None = None
+    modes: ModesSource | None = None
+
+
+def _kinds_of(settings: type) -> Mapping[str, Kind]:
+    """Keys of a settings class with what they may hold, so that a new setting needs no line here."""
+    return {item.name: _BY_ANNOTATION.get(str(item.type), TEXT) for item in fields(settings)}
+
+
+def read_source(section: Section, files: InputFiles) -> RecordSource:
+    """The source that ``[record]`` describes, its files found but not read."""
+    if "modes" in section.table:
+        modes = read_modes_source(section, files)
+        return RecordSource(
+            section, (modes.path,), ReadOptions(), modes.channels_used, NoiseSource(), None, modes=modes
+        )
+    kinds = {"path": TEXT, "repeats": TEXTS, "channels_used": TEXTS, **_kinds_of(ReadOptions)}
+    kinds["window_decay"] = POSITIVE
+    given = section.values(kinds, others=("name", "noise", "frf", "time", "modes", "channel_error", "structure"))
+    if ("path" in given) == ("repeats" in given):
+        raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
+    key = "path" if "path" in given else "repeats"
+    names = as_list(given[key])
+    if key == "repeats" and len(names) < 2:
+        raise section.error(f"noise from repeats needs at least 2 files, got {len(names)}", key)
+    with section.located(key):
+        paths = tuple(files.path(name) for name in names)
+    with section.located("channels_used"):
+        used = parse_dofs(as_list(given.get("channels_used", [])))
+    frf = None
+    inner, timed = section.section("frf"), section.section("time")
+    if inner is not None:
+        ends = {end: tuple(as_list(given.pop(end, []))) for end in ("inputs", "outputs")}
+        frf = read_frf(inner, ends["inputs"], ends["outputs"])
+    own = {item.name for item in fields(ReadOptions)}
+    with section.located():
+        options = ReadOptions(**{name: _frozen(value) for name, value in given.items() if name in own})
+    averaged = key == "repeats" and frf is None
+    time = None if timed is None else read_time(timed)
+    return RecordSource(section, paths, options, used, _noise(section, averaged), frf, given.get("window_decay"), time)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _noise(section: Section, repeats: bool) -> NoiseSource:
+    inner = section.section("noise")
+    if inner is None:
+        return NoiseSource()
+    kinds = {"relative": NOT_NEGATIVE, "absolute": NOT_NEGATIVE, "from_coherence": BOOLEAN, "averages": COUNT}
+    noise = NoiseSource(**inner.values(kinds))
+    declared = noise.relative + noise.absolute > 0
+    if declared and (noise.from_coherence or noise.averages is not None):
+        raise inner.error("gives noise both declared and from coherence; keep one of them")
+    if repeats and (declared or noise.from_coherence):
+        raise inner.error("the noise comes from `repeats`; leave [record.noise] out, or give one `path`")
+    if not declared and not noise.from_coherence:
+        raise inner.error("needs `relative` or `absolute` greater than 0, or `from_coherence = true`")
+    return noise
+
+
+def load_record(source: RecordSource) -> FrfRecord:
+    """The record, its noise and its used sensors chosen; see `load_histories`."""
+    return load_histories(source)[0]
+
+
+def load_histories(source: RecordSource) -> tuple[FrfRecord, TimeFit | None]:
+    """The record, its noise and its used sensors chosen, and the histories that are fitted in its place.
+
+    Raises
+    ------
+    StudyError
+        If a file is damaged, holds what cannot be used, or lacks what the study asks for.
+    """
+    section = source.section
+    key = "path" if "path" in section.table else "repeats"
+    with section.located(key):
+        records = [read_record(path, source.options) for path in source.paths]
+        named = [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
+        record = _as_frf(named, source)
+        time = None if source.time is None else _as_time(named, source.time)
+    with (section.section("noise") or section).located():
+        record = _with_noise(record, source.noise)
+    if source.window_decay is not None:
+        record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
+    with section.located("channels_used"):
+        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record, time
+
+
+def _as_time(records: list[FrfRecord | TimeRecord], source: TimeSource) -> TimeFit:
+    histories = [record for record in records if isinstance(record, TimeRecord)]
+    if not histories:
+        raise source.section.error("the record holds frequency response functions; leave this section out")
+    return source.fit(histories)
+
+
+def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
+    """One record of frequency response functions from one file or from repeats."""
+    responses = [record for record in records if isinstance(record, FrfRecord)]
+    histories = [record for record in records if isinstance(record, TimeRecord)]
+    if responses and histories:
+        raise source.section.error("some files hold time histories and some frequency response functions", "repeats")
+    if histories:
+        settings = source.frf
+        if settings is None and source.time is not None:
+            length = max(len(histories[0].values) // _SEGMENTS, 1)
+            settings = FrfSettings(source.section, (), (), {"estimator": "Hv", "segment_length": length})
+        if settings is None:
+            raise source.section.error(
+                'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048, or'
+                " [record.time] to fit them as they are"
+            )
+        return spectral_frf(histories, settings)
+    if source.frf is not None:
+        raise source.frf.section.error("the record holds frequency response functions already; leave this section out")
+    return responses[0] if len(responses) == 1 else from_repeats(responses)
+
+
+def _with_noise(record: FrfRecord, noise: NoiseSource) -> FrfRecord:
+    if noise.relative + noise.absolute > 0:
+        return with_declared_noise(record, noise.relative, noise.absolute)
+    known = record.coherence is not None and record.averages is not None
+    if noise.from_coherence or (record.variance is None and known):
+        return with_coherence_noise(record, noise.averages)
+    return record
+
+
+def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
+    """The record's own outputs at the same places and directions, whatever their sense."""
+    own = {dof.unsigned: dof for dof in record.outputs}
+    return tuple(own.get(dof.unsigned, dof) for dof in wanted)

@@ -1,0 +1,110 @@
+"""The records of a study file, each with what the structure was like then and the errors of its channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from structid.observation import ChannelUnknown
+from structid.observation.channel_errors import channel_errors
+from structid.records import FrfRecord
+from structid.structure import Structure
+from structid.study.schema.input_files import InputFiles
+from structid.study.schema.record import RecordSource, read_source
+from structid.study.schema.section import BOOLEAN, NUMBER, RANGE, TEXT, TEXTS, Section, choice
+from structid.study.schema.structure import read_structure
+from structid.study.schema.unknowns import read_parameters, read_prior
+from structid.unknowns import Parameters
+
+_KINDS = {
+    "property": choice("gain", "delay", "polarity", "window_decay"),
+    "outputs": TEXTS,
+    "inputs": TEXTS,
+    "each": BOOLEAN,
+    "start": NUMBER,
+    "name": TEXT,
+    "bounds": RANGE,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SetupSource:
+    """One record of a study and what it was measured on; nothing of the record's content has been read yet.
+
+    Attributes
+    ----------
+    name : str
+        "" where the study gives none.
+    structure : Structure
+        With the changes that ``[record.structure]`` makes.
+    parameters : Parameters
+        Of that structure.
+    record : RecordSource
+    channel_unknowns : tuple of ChannelUnknown
+    """
+
+    name: str
+    structure: Structure
+    parameters: Parameters
+    record: RecordSource
+    channel_unknowns: tuple[ChannelUnknown, ...]
+
+    @property
+    def section(self) -> Section:
+        """``[record]``."""
+        return self.record.section
+
+    def require_channels(self, record: FrfRecord) -> None:
+        """Raise a `StudyError` at the channel error that `record` does not have, or that repeats another."""
+        for count, entry in enumerate(self.section.sections("channel_error"), 1):
+            with entry.located():
+                channel_errors(record, self.channel_unknowns[:count])
+
+
+def read_setups(root: Section, structure: Section, files: InputFiles) -> tuple[SetupSource, ...]:
+    """The set-ups that ``[record]`` or several ``[[record]]`` describe.
+
+    Raises
+    ------
+    StudyError
+        If one of them, the structure or the unknowns cannot be read.
+    """
+    records = _records(root)
+    structures = [read_structure(structure, files, record.section("structure")) for record in records]
+    known = frozenset(element.name for made in structures for element in made.elements)
+    names: set[str] = set()
+    setups = []
+    for record, made in zip(records, structures, strict=True):
+        name = record.values({"name": TEXT}, others=tuple(record.table)).get("name", "")
+        if name and name in names:
+            raise record.error(f"two records are called {name!r}; give one of them another name", "name")
+        names.add(name)
+        unknown = read_parameters(root, made, known)
+        errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
+        setups.append(SetupSource(name, made, unknown, read_source(record, files), errors))
+    return tuple(setups)
+
+
+def _records(root: Section) -> Sequence[Section]:
+    if isinstance(root.table.get("record"), list):
+        several = root.sections("record")
+        if not several:
+            raise root.error("holds no record; write [record] or [[record]] above its keys", "record")
+        return several
+    single = root.section("record")
+    if single is None:
+        raise root.error("the section [record] is missing; add it")
+    return [single]
+
+
+def _channel_error(entry: Section) -> ChannelUnknown:
+    given = entry.values(_KINDS, ("property",), ("prior",))
+    prior = entry.section("prior")
+    if prior is not None:
+        given["prior"] = read_prior(prior)
+    if "bounds" in given:
+        given["bounds"] = (given["bounds"][0], given["bounds"][1])
+    for key in ("outputs", "inputs"):
+        if isinstance(given.get(key), list):
+            given[key] = tuple(given[key])
+    return ChannelUnknown(**given)

@@ -1,0 +1,94 @@
+"""The ``[record.time]`` of a study file: time histories that are fitted themselves, not through averaged FRFs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.errors import InputError
+from structid.identification.time_fit import TimeFit
+from structid.records import TimeRecord
+from structid.study.schema.section import BOOLEAN, NUMBERS, Section, as_list, choice
+
+_KINDS = {
+    "fit": choice("spectra", "output_error", "instrumental", "weak"),
+    "noise": NUMBERS,
+    "relative_noise": NUMBERS,
+    "transient": BOOLEAN,
+    "initial": choice("rest", "unknown"),
+    "hold": choice("first", "zero"),
+}
+_OF_SPECTRA, _OF_TIME = ("transient",), ("initial", "hold")
+
+
+@dataclass(frozen=True, eq=False)
+class TimeSource:
+    """How the time record of a study is fitted, and how noisy its channels are.
+
+    Attributes
+    ----------
+    section : Section
+        ``[record.time]``, for the place of errors.
+    noise, relative_noise : tuple of float
+        Standard deviation of each channel (or of all) in SI units, and in parts of the channel's rms.
+    settings : TimeFit
+        Without a record.
+    """
+
+    section: Section
+    noise: tuple[float, ...]
+    relative_noise: tuple[float, ...]
+    settings: TimeFit
+
+    def fit(self, records: Sequence[TimeRecord]) -> TimeFit:
+        """The settings with the record and its noise.
+
+        Raises
+        ------
+        StudyError
+            If there are repeats, or the noise is not known.
+        """
+        if len(records) > 1:
+            raise self.section.error("takes one time record; give each of the repeats a [[record]] of its own")
+        record = records[0]
+        with self.section.located("noise"):
+            own = _each("noise", self.noise, record)
+        with self.section.located("relative_noise"):
+            relative = _each("relative_noise", self.relative_noise, record)
+        variance = own**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
+        if variance.any():
+            record = replace(record, variance=variance)
+        if record.variance is None:
+            raise self.section.error(
+                "needs the noise of the channels: `noise` (standard deviations, SI units) or `relative_noise` (parts of"
+                " the rms), one number for all or one a channel"
+            )
+        return replace(self.settings, record=record)
+
+
+def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
+    count = len(record.channels)
+    if any(value < 0 for value in given):
+        raise InputError(f"`{name}` must not be negative")
+    if len(given) not in (0, 1, count):
+        raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(given)}")
+    return np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+
+
+def read_time(section: Section) -> TimeSource:
+    """The settings in ``[record.time]``."""
+    given = section.values(_KINDS)
+    way = given.get("fit", "spectra")
+    for key in _OF_TIME if way == "spectra" else _OF_SPECTRA:
+        if key in given:
+            raise section.error(f"fit = {way!r} does not use it; leave it out", key)
+    noise, relative = (
+        tuple(float(value) for value in as_list(given.get(key, []))) for key in ("noise", "relative_noise")
+    )
+    settings = TimeFit(
+        None, way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first")
+    )
+    return TimeSource(section, noise, relative, settings)

@@ -1,0 +1,1 @@
+"""Where searches and repeated tasks run."""

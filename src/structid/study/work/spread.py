@@ -1,0 +1,110 @@
+"""The lines of a large FRF problem evaluated on several workers, a stretch of lines each, in the order of the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation import JointProblem, Linearization, Problem
+from structid.estimation.problem import parameter_sizes
+from structid.estimation.problems.wrapped import Wrapped
+from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.observation import FrfProblem
+from structid.study.work.tasks import Executor
+
+#: Degrees of freedom times lines from which a sweep takes so long (about half a second) that it is worth sending.
+WORTH_SENDING = 500_000
+_MOST_BYTES = 256_000_000
+_STRETCHES_A_WORKER = 2
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadLines(Wrapped):
+    """The same residual and Jacobian as `problem`, from workers.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+    executor : Executor
+    """
+
+    problem: FrfProblem
+    executor: Executor
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return parameter_sizes(self.problem, physical)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return self._joined("residual", self._parts(theta, False))
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        parts = self._parts(theta, True)
+        return Linearization(self._joined("residual", parts), self._joined("jacobian", parts))
+
+    def _parts(self, theta: FloatArray, with_jacobian: bool) -> list[Mapping[str, FloatArray]]:
+        n_lines = len(self.problem.record.frequency)
+        count = min(n_lines, _STRETCHES_A_WORKER * self.executor.n_workers)
+        ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
+        items = {k: (ends[k], ends[k + 1], theta, with_jacobian) for k in range(count)}
+        found = dict(self.executor.completed(stretch, self.problem, items, lambda _: PLAIN_TOOLS))
+        return [found[k] for k in range(count)]
+
+    def _joined(self, name: str, parts: list[Mapping[str, FloatArray]]) -> FloatArray:
+        """Real parts of all stretches, imaginary parts of all, and the rows of the priors once."""
+        real, imaginary = [], []
+        for part in parts:
+            rows, half = part[name], int(part["n_data"]) // 2
+            real.append(rows[:half])
+            imaginary.append(rows[half : 2 * half])
+        return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
+
+
+def stretch(problem: FrfProblem, item: tuple[int, int, FloatArray, bool], _: Tools) -> dict[str, Any]:
+    """Residual, and Jacobian where it is wanted, of some lines, as a task."""
+    first, last, theta, with_jacobian = item
+    part = _part(problem, first, last)
+    if not with_jacobian:
+        return {"residual": part.residual(theta), "n_data": part.n_data}
+    at = part.linearize(theta)
+    return {"residual": at.residual, "jacobian": at.jacobian, "n_data": part.n_data}
+
+
+_PARTS: WeakKeyDictionary[FrfProblem, dict[tuple[int, int], FrfProblem]] = WeakKeyDictionary()
+
+
+def _part(problem: FrfProblem, first: int, last: int) -> FrfProblem:
+    """The problem of some lines, with the analysis of the whole one; kept from call to call."""
+    known = _PARTS.setdefault(problem, {})
+    if (first, last) not in known:
+        lines, whole = slice(first, last), problem.model
+        part = replace(problem, record=problem.record.lines(np.arange(first, last)))
+        model = replace(
+            whole,
+            fixed_coefficients=whole.fixed_coefficients[lines],
+            frequency=whole.frequency[lines],
+            kind_factor=whole.kind_factor[lines],
+        )
+        vars(model)["analysis"] = whole.analysis  # what the cached properties would make again
+        vars(part)["model"] = model
+        known[first, last] = part
+    return known[first, last]
+
+
+def spread(problem: Problem, executor: Executor) -> Problem:
+    """The problem with the lines of its large FRF problems on workers, where there are several and it pays."""
+    if executor.n_workers < 2:
+        return problem
+    if isinstance(problem, JointProblem):
+        members = tuple(spread(member, executor) for member in problem.problems)
+        changed = any(new is not old for new, old in zip(members, problem.problems, strict=True))
+        return replace(problem, problems=members) if changed else problem
+    if not isinstance(problem, FrfProblem) or problem.structure.n_dofs * len(problem.record.frequency) < WORTH_SENDING:
+        return problem
+    if 8 * problem.n_data * len(problem.names) > _MOST_BYTES or not problem.model.is_large:
+        return problem
+    return SpreadLines(problem, executor)

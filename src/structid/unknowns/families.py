@@ -1,0 +1,289 @@
+"""The parameters that one declaration makes, as arrays: quick for every element of a large mesh."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.structure import Property, Structure
+from structid.unknowns.field import field_functions
+from structid.unknowns.unknown import Unknown
+
+_SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """The parameters of one declaration; an entry is a property value of the structure that a parameter makes.
+
+    Attributes
+    ----------
+    unknown : Unknown
+    labels : tuple of str
+        What stands in the brackets of each parameter's name.
+    properties : tuple of Property
+        Those that the declaration is about.
+    indices : (n_entries,) int array
+        Places among the values of the structure.
+    owner : (n_entries,) int array
+        Parameter that each entry belongs to, ascending.
+    item : (n_entries,) int array
+        Its property, a position in `properties`.
+    nominal : (n_entries,) float array
+    shares : (n_entries,) float array, optional
+        What a parameter's function is at the entry; 1 where it is None.
+    """
+
+    unknown: Unknown
+    labels: tuple[str, ...]
+    properties: tuple[Property, ...]
+    indices: IntArray
+    owner: IntArray
+    item: IntArray
+    nominal: FloatArray
+    shares: FloatArray | None = None
+
+    @property
+    def n_params(self) -> int:
+        return len(self.labels)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether its parameters are identified: neither fixed nor tied to another."""
+        return self.unknown.tied_to is None and not self.unknown.fixed
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        before = f"{self.unknown.property}["
+        return tuple([f"{before}{label}]" for label in self.labels])
+
+    @cached_property
+    def first(self) -> IntArray:
+        """First entry of each parameter, (n_params,)."""
+        return np.searchsorted(self.owner, np.arange(self.n_params))
+
+    @cached_property
+    def is_factor(self) -> np.ndarray:
+        """Whether each parameter multiplies nominal values, (n_params,)."""
+        if self.unknown.factor is not None or self.shares is not None:
+            return np.full(self.n_params, self.unknown.factor is not False)
+        quantities = [item.term.property for item in self.properties]
+        number = np.array([quantities.index(one) for one in quantities])[self.item]
+        return self._varies(number) | self._varies(self.nominal)
+
+    @property
+    def base(self) -> FloatArray:
+        """Property value of each entry where its parameter is 1, (n_entries,).
+
+        Raises
+        ------
+        InputError
+            If a factor has nominal values that are all 0.
+        """
+        factor = self.is_factor
+        empty = factor & ~np.logical_or.reduceat(self.nominal != 0, self.first)
+        if empty.any():
+            raise InputError(
+                f"{self.names[int(np.argmax(empty))]} is a factor on nominal values that are all 0; set nominal values"
+                " or `factor = false`"
+            )
+        values = np.where(factor[self.owner], self.nominal, 1.0)
+        return values if self.shares is None else values * self.shares
+
+    @property
+    def start(self) -> FloatArray:
+        """Initial value of each parameter, (n_params,)."""
+        if self.unknown.start is not None:
+            return np.full(self.n_params, float(self.unknown.start))
+        return np.where(self.is_factor, 1.0, self.nominal[self.first])
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Between which all of them stay."""
+        if self.unknown.bounds is None:
+            return (0.0, np.inf) if self.unknown.positive else (-np.inf, np.inf)
+        low, high = self.unknown.bounds
+        if not low < high:
+            raise InputError(f"bounds of {self.names[0]} must increase, got {self.unknown.bounds}")
+        return float(low), float(high)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Physical kind of each parameter, such as ``mass``."""
+        return _chosen([item.term.kind for item in self.properties], self.item[self.first])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        units = [item.term.unit for item in self.properties]
+        return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
+
+    @property
+    def elements(self) -> tuple[tuple[str, ...], ...]:
+        """Element sets of each parameter."""
+        sets = [item.element for item in self.properties]
+        number = np.array([sets.index(one) for one in sets])[self.item]
+        found = list(_chosen([(name,) for name in sets], number[self.first]))
+        for k in np.flatnonzero(self._varies(number)).tolist():
+            own = number[self.owner == k].tolist()
+            found[k] = tuple(dict.fromkeys(sets[i] for i in own))
+        return tuple(found)
+
+    def _varies(self, numbers: np.ndarray) -> np.ndarray:
+        """Whether `numbers`, one an entry, differ among the entries of each parameter, (n_params,)."""
+        if not self.n_params:
+            return np.zeros(0, dtype=bool)
+        return np.asarray(np.maximum.reduceat(numbers, self.first) > np.minimum.reduceat(numbers, self.first))
+
+
+def _chosen(table: Sequence[Any], places: IntArray) -> tuple[Any, ...]:
+    """`table` at `places`."""
+    if len(table) == 1:
+        return (table[0],) * len(places)
+    return tuple([table[i] for i in places.tolist()])
+
+
+def family(structure: Structure, unknown: Unknown) -> Family:
+    """The parameters that one declaration makes.
+
+    Raises
+    ------
+    InputError
+        If it names no elements, or some that do not exist.
+    """
+    texts = (unknown.elements,) if isinstance(unknown.elements, str) else tuple(unknown.elements)
+    if not texts:
+        raise InputError(f"unknown {unknown.property!r} names no elements")
+    members = [member for text in texts for member in named_members(structure, unknown.property, text)]
+    items = tuple({item.values.start: item for item, _ in members}.values())
+    place = {item.values.start: i for i, item in enumerate(items)}
+    indices = np.concatenate([item.values.start + rows for item, rows in members])
+    item = np.concatenate([np.full(len(rows), place[own.values.start]) for own, rows in members])
+    once = np.sort(np.unique(indices, return_index=True)[1])  # elements named twice take part once
+    indices, item = indices[once], item[once]
+    label = unknown.name or ", ".join(texts)
+    if unknown.field is not None:
+        return _field_family(structure, unknown, label, items, indices, item)
+    nominal = structure.values[indices]
+    if not unknown.each:
+        return Family(unknown, (label,), items, indices, np.zeros_like(indices), item, nominal)
+    labels, owner = _each(unknown, items, indices, item)
+    order = np.argsort(owner, kind="stable")
+    return Family(unknown, labels, items, indices[order], owner[order], item[order], nominal[order])
+
+
+def _each(
+    unknown: Unknown, items: tuple[Property, ...], indices: IntArray, item: IntArray
+) -> tuple[tuple[str, ...], IntArray]:
+    """Labels of one parameter an element, and the parameter of each entry."""
+    single = [len(own.term.values) == 1 for own in items]
+    words = [own.element if alone else unknown.name or own.element for own, alone in zip(items, single, strict=True)]
+    kinds = list(dict.fromkeys(zip(words, single, strict=True)))
+    number = np.array([kinds.index(pair) for pair in zip(words, single, strict=True)])[item]
+    row = indices - np.array([own.values.start for own in items])[item]
+    largest = int(row.max()) + 1
+    keys, first, owner = np.unique(number * largest + row, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as they are named first
+    places = zip((keys[order] // largest).tolist(), (keys[order] % largest + 1).tolist(), strict=True)
+    labels = [kinds[k][0] if kinds[k][1] else f"{kinds[k][0]}:{element}" for k, element in places]
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return tuple(labels), rank[owner]
+
+
+def _field_family(
+    structure: Structure,
+    unknown: Unknown,
+    label: str,
+    items: tuple[Property, ...],
+    indices: IntArray,
+    item: IntArray,
+) -> Family:
+    """One parameter for each function of a field."""
+    assert unknown.field is not None
+    if unknown.each or unknown.tied_to is not None or unknown.factor is False:
+        raise InputError(
+            f"{unknown.property}[{label}] is a field of factors; leave `each`, `tied_to` and `factor` out of it"
+        )
+    functions, places = field_functions(unknown.field, _middles(structure, items, indices, item))
+    functions.sort_indices()
+    at, owner = functions.indices, np.repeat(np.arange(len(places)), np.diff(functions.indptr))
+    labels = tuple(f"{label}:field {place}" for place in places)
+    nominal = structure.values[indices[at]]
+    return Family(unknown, labels, items, indices[at], owner, item[at], nominal, np.asarray(functions.data))
+
+
+def _middles(structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray) -> FloatArray:
+    """Mean position of the nodes of each entry's element, (n_entries, n_coordinates)."""
+    tables = {element.name: element.nodes for element in structure.elements}
+    known = np.array(sorted(structure.nodes), dtype=np.int64)
+    positions = np.array([structure.nodes[label] for label in known.tolist()])
+    middles = np.empty((len(indices), positions.shape[1]))
+    for k, own in enumerate(items):
+        here = item == k
+        nodes = tables[own.element][indices[here] - own.values.start]
+        real = nodes >= 0
+        corners = positions[np.searchsorted(known, np.where(real, nodes, known[0]))] * real[:, :, None]
+        middles[here] = corners.sum(axis=1) / real.sum(axis=1)[:, None]
+    return middles
+
+
+def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, IntArray]]:
+    """Properties and element rows that `wanted` and one entry of `elements` name.
+
+    Raises
+    ------
+    InputError
+        If there is no such element set, property or element.
+    """
+    names = list(dict.fromkeys(p.element for p in structure.properties))
+    chosen = _SELECTION.match(text)
+    name, selection = (text, None) if text in names or chosen is None else (chosen["name"], chosen)
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1, 0.0)
+        raise InputError(f"there is no element set {name!r}" + (f"; the nearest is {near[0]!r}" if near else ""))
+    own = [p for p in structure.properties if p.element == name]
+    found = [p for p in own if p.term.property == wanted]
+    if not found and wanted == "stiffness":
+        found = [p for p in own if p.term.kind == "stiffness"]
+        used = [p for p in found if p.term.values.any()]
+        found = used or found
+    if not found:
+        have = ", ".join(dict.fromkeys(p.term.property for p in own))
+        raise InputError(f"element set {name!r} has no property {wanted!r}; it has {have}")
+    count = len(found[0].term.values)
+    rows = np.arange(count)
+    if selection is not None:
+        first, last = int(selection["first"]), int(selection["last"] or selection["first"])
+        if not 1 <= first <= last <= count:
+            raise InputError(f"{text!r} asks for elements {first} to {last} of {name!r}, which has 1 to {count}")
+        rows = np.arange(first - 1, last)
+    return [(p, rows) for p in found]
+
+
+def require_distinct(families: Sequence[Family]) -> None:
+    """Raise `InputError` where two parameters have one name, or claim one value."""
+    names = [name for one in families for name in one.names]
+    claimed = [one.indices if one.shares is None else np.unique(one.indices) for one in families]
+    together = np.concatenate(claimed) if claimed else np.zeros(0, dtype=np.int64)
+    if len(set(names)) == len(names) and len(np.unique(together)) == len(together):
+        return
+    taken: set[str] = set()
+    owner: dict[int, tuple[Family, str]] = {}
+    for one in families:
+        for k, name in enumerate(one.names):
+            if name in taken:
+                raise InputError(f"two parameters are called {name}; give one of them a `name`")
+            taken.add(name)
+            last = one.first[k + 1] if k + 1 < one.n_params else len(one.indices)
+            for index in one.indices[one.first[k] : last].tolist():
+                other, called = owner.setdefault(index, (one, name))
+                if called != name and (one.shares is None or other is not one):
+                    raise InputError(f"{called} and {name} claim the same value; take it out of one of them")

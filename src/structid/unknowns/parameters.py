@@ -1,0 +1,258 @@
+"""What is unknown: named parameters in physical units, mapped to the property values of a structure."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, locked, require_shape
+from structid.errors import InputError
+from structid.structure import Structure
+from structid.unknowns.families import Family, family, require_distinct
+from structid.unknowns.priors import Coupling, prior_entries, prior_rows
+from structid.unknowns.transforms import Transform, Transforms
+from structid.unknowns.unknown import Unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Named unknowns of a structure; property values are ``offset + design @ p`` for physical parameters p.
+
+    Attributes
+    ----------
+    names, kinds, units : tuple of str
+        One entry a parameter, such as ``mass[plate 2]``, ``mass``, ``kg``.
+    elements : tuple of tuple of str
+        Element sets that each parameter belongs to.
+    start : (n_params,) float array
+        Initial physical values.
+    transforms : Transforms
+        How each parameter is kept in its range.
+    prior_mean, prior_std : (n_params,) float arrays
+        Prior in physical units; NaN where there is none.
+    prior_lognormal : (n_params,) bool array
+        Whether the prior is log-normal instead of Gaussian.
+    offset : (n_values,) float array
+        Property values that do not depend on the parameters.
+    design : (n_values, n_params) sparse array
+        How the parameters make up the property values.
+    couplings : tuple of Coupling
+        What is known of several parameters together: correlated priors, smoothness, sparsity.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    elements: tuple[tuple[str, ...], ...]
+    start: FloatArray
+    transforms: Transforms
+    prior_mean: FloatArray
+    prior_std: FloatArray
+    prior_lognormal: np.ndarray
+    offset: FloatArray
+    design: sparse.csc_array
+    couplings: tuple[Coupling, ...] = ()
+
+    @property
+    def n_params(self) -> int:
+        return len(self.names)
+
+    @property
+    def theta_start(self) -> FloatArray:
+        """Free variables of the initial values."""
+        return self.transforms.free(self.start)
+
+    def values(self, physical: FloatArray) -> FloatArray:
+        """Property values of the structure for physical parameters, (n_values,)."""
+        return self.offset + self.design @ physical
+
+    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
+
+        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
+        """
+        parts = [prior_rows(physical, self.prior_mean, self.prior_std, self.prior_lognormal)]
+        parts += [coupling.rows(physical) for coupling in self.couplings]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+    def prior_residual(self, physical: FloatArray) -> FloatArray:
+        """The residual of `prior_rows` alone, (n_rows,)."""
+        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
+        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
+
+    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
+        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of the parameters beside their ranges."""
+        return bool(np.isfinite(self.prior_std).any() or self.couplings)
+
+    def without_priors(self) -> Parameters:
+        """The same parameters with nothing known of them but their ranges."""
+        nothing = locked(np.full(self.n_params, np.nan))
+        none = locked(np.zeros(self.n_params), bool)
+        return replace(self, prior_mean=nothing, prior_std=nothing, prior_lognormal=none, couplings=())
+
+    def coupled(self, *couplings: Coupling) -> Parameters:
+        """The same parameters with more knowledge of their combinations."""
+        for coupling in couplings:
+            if coupling.matrix.shape[1] != self.n_params:
+                raise InputError(
+                    f"coupling {coupling.name!r} must have {self.n_params} columns, one a parameter, got"
+                    f" {coupling.matrix.shape[1]}; make it for these parameters"
+                )
+            used = coupling.used & (self.transforms.lower < 0)
+            if coupling.logarithmic and used.any():
+                name = self.names[int(np.argmax(used))]
+                raise InputError(f"{name} must be kept positive for {coupling.name}; declare it `positive`")
+        return replace(self, couplings=(*self.couplings, *couplings))
+
+    def started_at(self, physical: FloatArray) -> Parameters:
+        """The same parameters with other initial values."""
+        require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
+        outside = ~((self.transforms.lower < physical) & (physical < self.transforms.upper))
+        if outside.any():
+            k = int(np.argmax(outside))
+            low, high = self.transforms.lower[k], self.transforms.upper[k]
+            raise InputError(
+                f"initial value of {self.names[k]} must lie between {low:g} and {high:g}, got {physical[k]:g}"
+            )
+        return replace(self, start=locked(physical, np.float64))
+
+    def kept_near_start(self, relative: float) -> Parameters:
+        """The same parameters, each without a prior drawn to its start by one of `relative` standard deviation."""
+        width = relative * np.abs(self.start)
+        free = ~np.isfinite(self.prior_std) & (width > 0)
+        mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
+        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
+
+
+def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
+    """The named parameters that `unknowns` declare on `structure`.
+
+    Raises
+    ------
+    InputError
+        If a declaration names an element, property or parameter that does not exist (the nearest is named), if
+        two declarations claim the same value, or if a start lies outside its range.
+
+    Examples
+    --------
+    >>> from structid.structure import Beam, Structure
+    >>> beam = Beam("beam", [[0, 1], [1, 2]], mass=2.0, bending_stiffness=5.0)
+    >>> cantilever = Structure({0: 0.0, 1: 1.0, 2: 2.0}, [beam], fixed=["0Y", "0RZ"])
+    >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names
+    ('mass[beam:1]', 'mass[beam:2]')
+    """
+    families = [family(structure, unknown) for unknown in unknowns]
+    require_distinct(families)
+    offset, design = _map(structure, families)
+    free = [one for one in families if one.is_free]
+    for one in free:
+        _ = one.limits
+    priors = [one.unknown.prior for one in free]
+    for one, prior in zip(free, priors, strict=True):
+        if prior is not None and prior.problem:
+            raise InputError(f"prior of {one.names[0]} {prior.problem}")
+        if prior is not None and prior.kind == "lognormal" and one.limits[0] < 0:
+            raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
+    counts = [one.n_params for one in free]
+
+    def each(values: Iterable[Any], dtype: Any = float) -> np.ndarray:
+        """One value a family as one a parameter."""
+        return locked(np.repeat(np.array(list(values), dtype=dtype), counts))
+
+    transforms = Transforms(
+        _joined((_transform(one),) * one.n_params for one in free),
+        each(one.limits[0] for one in free),
+        each(one.limits[1] for one in free),
+    )
+    start = [one.start for one in free]
+    made = Parameters(
+        names=_joined(one.names for one in free),
+        kinds=_joined(one.kinds for one in free),
+        units=_joined(one.units for one in free),
+        elements=_joined(one.elements for one in free),
+        start=locked(np.concatenate(start) if start else np.zeros(0)),
+        transforms=transforms,
+        prior_mean=each(prior.mean if prior else np.nan for prior in priors),
+        prior_std=each(prior.std if prior else np.nan for prior in priors),
+        prior_lognormal=each((prior is not None and prior.kind == "lognormal" for prior in priors), bool),
+        offset=locked(offset),
+        design=design,
+    )
+    return made.started_at(made.start)
+
+
+def _map(structure: Structure, families: list[Family]) -> tuple[FloatArray, sparse.csc_array]:
+    """Offset and design of `Parameters`."""
+    first_column, n_free = {}, 0
+    for one in families:
+        if one.is_free:
+            first_column[id(one)] = n_free
+            n_free += one.n_params
+    offset = np.array(structure.values)
+    for one in families:
+        offset[one.indices] = 0.0
+    rows, columns, entries = [], [], []
+    for one in families:
+        leader, ratio = _leader(one, families)
+        base = one.base * ratio
+        followed = one.owner if leader is None else np.full(len(one.indices), leader[1])
+        source = one if leader is None else leader[0]
+        if id(source) in first_column:
+            rows.append(one.indices)
+            columns.append(first_column[id(source)] + followed)
+            entries.append(base)
+        else:
+            np.add.at(offset, one.indices, base * source.start[followed])
+    if not rows:
+        return offset, sparse.csc_array((len(offset), 0))
+    table = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
+    return offset, sparse.coo_array(table, (len(offset), n_free)).tocsc()
+
+
+def _leader(one: Family, families: list[Family]) -> tuple[tuple[Family, int] | None, float]:
+    """What all parameters of `one` follow in the end (None for themselves), and the multiple of it."""
+    if one.unknown.tied_to is None:
+        return None, 1.0
+    places = {name: (own, k) for own in families for k, name in enumerate(own.names)}
+    ratio, name, seen = 1.0, one.names[0], [one.names[0]]
+    target = one.unknown.tied_to
+    while True:
+        if target not in places:
+            near = difflib.get_close_matches(target, places, 1, 0.0)
+            raise InputError(
+                f"{name} is tied to {target!r}, which is no parameter"
+                + (f"; the nearest is {near[0]!r}" if near else "")
+            )
+        ratio *= one.unknown.ratio
+        one, k = places[target]
+        name = target
+        if name in seen:
+            raise InputError(f"ties run in a circle: {' -> '.join([*seen, name])}")
+        if one.unknown.tied_to is None:
+            return (one, k), ratio
+        seen.append(name)
+        target = one.unknown.tied_to
+
+
+def _transform(one: Family) -> Transform:
+    if one.unknown.bounds is not None:
+        return "interval"
+    return "log" if one.unknown.positive else "linear"
+
+
+def _joined(parts: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
+    return tuple(chain.from_iterable(parts))

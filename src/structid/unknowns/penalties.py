@@ -1,0 +1,150 @@
+"""What holds many parameters where the data do not: smoothness over neighbours, and sparsity of what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.estimation.regularization.strengths import StrengthRule
+from structid.structure import Structure
+from structid.unknowns.families import named_members
+from structid.unknowns.parameters import Parameters
+from structid.unknowns.priors import Coupling
+
+#: Rows of penalties with more entries than this are kept sparse.
+_DENSE_UP_TO = 2_000_000
+_RULES = ("marginal_likelihood", "l_curve", "discrepancy")
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """A property varies little from one element to the next: differences of its logarithm are held to 0.
+
+    Neighbours are elements that share a node. The prior of each difference is Gaussian with a standard deviation of
+    1 / sqrt(strength): 100 lets neighbours differ by about 10 %.
+
+    Parameters
+    ----------
+    property : str
+        As in `Unknown`.
+    elements : str or sequence of str
+        As in `Unknown`; each needs parameters of its own.
+    strength : float or {"marginal_likelihood", "l_curve", "discrepancy"}
+        Given, or the rule that chooses it from the data.
+    """
+
+    property: str
+    elements: str | Sequence[str]
+    strength: float | StrengthRule = "marginal_likelihood"
+
+
+@dataclass(frozen=True)
+class Sparsity:
+    """Few elements differ from their start, as where damage is sought from a baseline.
+
+    Parameters
+    ----------
+    property : str
+        As in `Unknown`.
+    elements : str or sequence of str
+        As in `Unknown`.
+    strength : float or "marginal_likelihood"
+        ``marginal_likelihood``: every change has a Gaussian prior of its own width, and the widths that make the data
+        most probable are 0 for most. A number: the sum of squares gains 2 strength sum abs(log(p / start)).
+    """
+
+    property: str
+    elements: str | Sequence[str]
+    strength: float | Literal["marginal_likelihood"] = "marginal_likelihood"
+
+
+Regularization = Smoothness | Sparsity
+
+
+def term_name(term: Regularization) -> str:
+    """What reports call `term`, such as ``smoothness of mass[beam]``."""
+    elements = term.elements if isinstance(term.elements, str) else ", ".join(term.elements)
+    return f"{type(term).__name__.lower()} of {term.property}[{elements}]"
+
+
+def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> Coupling:
+    """The rows of `term` at strength 1: logarithms of neighbours' ratios, or of ratios to the start.
+
+    Raises
+    ------
+    InputError
+        If the strength is not usable, there are no parameters or no neighbours for it, or one may be negative.
+    """
+    _require_strength(term)
+    columns, values = _columns(structure, unknown, term)
+    if isinstance(term, Smoothness):
+        pairs = _neighbours(structure, columns, values)
+        if not len(pairs):
+            raise InputError(
+                f"{term_name(term)} must have elements that share a node and have parameters of their own, got"
+                f" {len(np.unique(columns))} parameters; set `each` on the unknown"
+            )
+        rows, ones = np.arange(len(pairs)), np.ones(len(pairs))
+        entries = np.concatenate([ones, -ones]), (np.concatenate([rows, rows]), pairs.T.ravel())
+        matrix = _dense_where_small(sparse.csr_array(entries, (len(pairs), unknown.n_params)))
+        made = Coupling(term_name(term), matrix, np.zeros(len(pairs)), logarithmic=True)
+    else:
+        chosen = np.unique(columns)
+        start = unknown.start[chosen]
+        if not (start > 0).all():
+            name = unknown.names[int(chosen[np.argmin(start)])]
+            raise InputError(f"{term_name(term)} needs positive starts, got {start.min():g} for {name}")
+        entries = np.ones(len(chosen)), (np.arange(len(chosen)), chosen)
+        matrix = _dense_where_small(sparse.csr_array(entries, (len(chosen), unknown.n_params)))
+        made = Coupling(term_name(term), matrix, np.log(start), logarithmic=True)
+    unknown.coupled(made)
+    return made
+
+
+def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_array:
+    return matrix.toarray() if matrix.shape[0] * matrix.shape[1] <= _DENSE_UP_TO else matrix
+
+
+def _require_strength(term: Regularization) -> None:
+    rules = _RULES if isinstance(term, Smoothness) else _RULES[:1]
+    given = term.strength
+    usable = given in rules if isinstance(given, str) else np.isfinite(given) and given > 0
+    if not usable:
+        listed = ", ".join(f"'{rule}'" for rule in rules)
+        raise InputError(f"`strength` of {term_name(term)} must be a positive number or one of {listed}, got {given!r}")
+
+
+def _columns(structure: Structure, unknown: Parameters, term: Regularization) -> tuple[IntArray, IntArray]:
+    """Parameters of the elements of `term`, and the property values that they make, pair by pair."""
+    texts = (term.elements,) if isinstance(term.elements, str) else tuple(term.elements)
+    members = [member for text in texts for member in named_members(structure, term.property, text)]
+    values = np.unique(np.concatenate([item.values.start + rows for item, rows in members]))
+    part = unknown.design.tocsr()[values].tocoo()
+    if not part.nnz:
+        raise InputError(f"{term_name(term)} has no parameter to hold; declare an [[unknown]] of that property")
+    return part.coords[1], values[part.coords[0]]
+
+
+def _neighbours(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
+    """Pairs of parameters whose elements share a node, (n_pairs, 2)."""
+    tables = {element.name: element.nodes for element in structure.elements}
+    owners, nodes = [], []
+    for item in structure.properties:
+        here = (values >= item.values.start) & (values < item.values.stop)
+        if here.any():
+            found = tables[item.element][values[here] - item.values.start]
+            owners.append(np.repeat(columns[here], found.shape[1]))
+            nodes.append(found.ravel())
+    owner, node = np.concatenate(owners), np.concatenate(nodes)
+    owner, node = owner[node >= 0], np.unique(node[node >= 0], return_inverse=True)[1]
+    size, n_nodes = int(columns.max()) + 1, int(node.max(initial=-1)) + 1
+    incidence = sparse.coo_array((np.ones(len(owner)), (owner, node)), (size, n_nodes)).tocsr()
+    shared = sparse.csr_array(incidence @ incidence.T)
+    shared.sort_indices()
+    return np.column_stack(sparse.triu(shared, 1).tocoo().coords)
