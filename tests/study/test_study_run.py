@@ -2,22 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from study_cases import (
-    CHAIN,
-    NOISE,
-    RIGID,
-    TRUE,
-    chain_record,
-    exact_frf,
-    line_of,
-    replaced,
-    rigid_record,
-    write_chain,
-)
 
 from structid.errors import InputError, SingularModelError
 from structid.estimation import Status
@@ -25,6 +11,22 @@ from structid.records import TimeRecord
 from structid.records.io import write_record
 from structid.study.run.check import check_study
 from structid.study.run.run import load_study, run_study, started
+from study_cases import (
+    CHAIN,
+    NOISE,
+    RIGID,
+    TRUE,
+    bare,
+    chain_record,
+    exact_frf,
+    free_text,
+    line_of,
+    record_from_zero,
+    replaced,
+    rigid_record,
+    with_nan,
+    write_chain,
+)
 
 
 def test_a_study_finds_the_values_that_made_its_record(tmp_path):
@@ -118,21 +120,6 @@ def wrong_frequency(axis: np.ndarray) -> np.ndarray:
     return axis
 
 
-def bare(folder, **changes) -> str:
-    """A study on a bare NPZ, whose arrays are not checked when they are written."""
-    record = chain_record()
-    arrays = {"h": record.values[:, :, 0], "f": record.frequency, **changes}
-    np.savez(folder / "bare.npz", **arrays)
-    keys = 'array = "h"\nfrequency_array = "f"\noutputs = ["1X", "3X"]\ninputs = ["3X"]\nkind = "accelerance"'
-    return replaced('path = "frf.npz"', f'path = "bare.npz"\n{keys}')
-
-
-def with_nan(values: np.ndarray) -> np.ndarray:
-    values = values.copy()
-    values[7, 1] = np.nan
-    return values
-
-
 def test_a_bare_array_is_read_by_the_names_of_read_options(tmp_path):
     ready = started(load_study(write_chain(tmp_path, bare(tmp_path))))
     np.testing.assert_array_equal(ready.record.values, chain_record().values)
@@ -211,18 +198,6 @@ def test_a_wrong_sign_at_the_driving_point_is_a_warning(tmp_path):
     ready = started(load_study(write_chain(tmp_path, record=chain_record(scale=-1.0))))
     assert any("driving point 3X+ / 3X+" in warning and "sign" in warning for warning in ready.warnings)
     assert started(load_study(write_chain(tmp_path))).warnings == ()
-
-
-def free_text() -> str:
-    return CHAIN.replace('[[structure.spring]]\nname = "ground"', '[[structure.spring]]\nname = "ground"', 1).replace(
-        'name = "ground"\nfirst = "1X"', 'name = "ground"\nfirst = "1X"\nsecond = "2X"'
-    )
-
-
-def record_from_zero():
-    record = chain_record()
-    values = np.concatenate([np.full((1, 2, 1), 1e-9), record.values])
-    return replace(record, frequency=np.append(0.0, record.frequency), values=values)
 
 
 def test_a_free_structure_at_0_hz_needs_supports(tmp_path):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, RIGID, replaced, write_chain
 from typer.testing import CliRunner
 
 import structid as sid
@@ -21,6 +20,7 @@ from structid.reproduce.chapter_4.sensor_noise import Noise, noisy_record
 from structid.study.run.plan import planned
 from structid.study.schema import plan as plan_section
 from structid.study.schema.plan import load_plan
+from study_cases import CHAIN, RIGID, replaced, write_chain
 
 DEFLECTIONS = parse_dofs([f"{n}Y" for n in range(1, 7)])
 TARGET = 5e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,3 +151,30 @@ def rigid_record() -> FrfRecord:
     random = np.random.default_rng(5)
     error = random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape)
     return chain_record(values=values * (1 + NOISE * error / np.sqrt(2)))
+
+
+def bare(folder, **changes) -> str:
+    """A study on a bare NPZ, whose arrays are not checked when they are written."""
+    record = chain_record()
+    arrays = {"h": record.values[:, :, 0], "f": record.frequency, **changes}
+    np.savez(folder / "bare.npz", **arrays)
+    keys = 'array = "h"\nfrequency_array = "f"\noutputs = ["1X", "3X"]\ninputs = ["3X"]\nkind = "accelerance"'
+    return replaced('path = "frf.npz"', f'path = "bare.npz"\n{keys}')
+
+
+def with_nan(values: np.ndarray) -> np.ndarray:
+    values = values.copy()
+    values[7, 1] = np.nan
+    return values
+
+
+def free_text() -> str:
+    return CHAIN.replace('[[structure.spring]]\nname = "ground"', '[[structure.spring]]\nname = "ground"', 1).replace(
+        'name = "ground"\nfirst = "1X"', 'name = "ground"\nfirst = "1X"\nsecond = "2X"'
+    )
+
+
+def record_from_zero():
+    record = chain_record()
+    values = np.concatenate([np.full((1, 2, 1), 1e-9), record.values])
+    return replace(record, frequency=np.append(0.0, record.frequency), values=values)

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from study_cases import chain_record, replaced, write_chain
 from typer.testing import CliRunner
 
 import structid as sid
@@ -12,6 +11,7 @@ from structid.cli import app as cli
 from structid.comparison.comparing import CompareOptions, compare
 from structid.comparison.state import stored_state
 from structid.comparison.states import carried, unchanged_parameters
+from study_cases import chain_record, replaced, write_chain
 
 RUN = CliRunner()
 #: The damper known, so that the model is right and the estimates small.

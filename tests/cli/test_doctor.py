@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, exact_frf, write_chain
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
@@ -22,6 +21,7 @@ from structid.study.run import needs as needs_module
 from structid.study.run.doctor import installation
 from structid.study.run.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
 from structid.study.run.run import load_study, run_study, study_problems
+from study_cases import CHAIN, exact_frf, write_chain
 
 RUN = CliRunner()
 

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, replaced, write_chain
 from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
 from structid.study.schema.study import load_study
+from study_cases import CHAIN, replaced, write_chain
 
 N = 12
 #: A stiffness that varies smoothly, by a third up and down.

@@ -13,14 +13,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, RIGID, TRUE, chain_record, replaced, rigid_record, write_chain
-from test_study_run import bare, free_text, record_from_zero, with_nan
 from typer.testing import CliRunner
 
 import structid
 from structid.cli import app as cli
 from structid.errors import SingularModelError
 from structid.records.io import read_record, write_record
+from study_cases import (
+    CHAIN,
+    RIGID,
+    TRUE,
+    bare,
+    chain_record,
+    free_text,
+    record_from_zero,
+    replaced,
+    rigid_record,
+    with_nan,
+    write_chain,
+)
 
 RUN = CliRunner()
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
