@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,16 +19,14 @@ from structid.records.io import ReadOptions, read_record
 from structid.study.run.run import load_study, started
 from wrong_models import record_files
 
+ELEMENTS = [rig for rig, made in RIGS.items() if not made().exported]  # matrices come with loss factors
 EVERY = [*cases("development"), *cases("heldout")]
 
 
-@pytest.mark.parametrize("rig", RIGS)
-@pytest.mark.parametrize("record", ["frf2", "time"])
+@pytest.mark.parametrize("rig, record", [*((rig, "frf2") for rig in RIGS), *((rig, "time") for rig in ELEMENTS)])
 def test_structid_finds_the_same_responses_at_the_true_values(tmp_path, rig, record):
     case = Case(f"{rig} as it is", rig, record, start="far")
     made = case.measured_rig()
-    if made.exported and record == "time":
-        pytest.skip("matrices come with loss factors")
     truth = written(case, tmp_path)["parameters"]
     [setup] = started(load_study(tmp_path / "study.toml")).setups
     assert list(truth) == list(setup.parameters.names)
@@ -103,9 +100,9 @@ def test_every_fault_can_be_seen_and_small_ones_do_not_matter():
             assert found[one.name]["chi_square"] > 60, one.name
 
 
-def test_a_gain_of_the_load_looks_like_all_other_gains_and_a_joint_like_its_other_end():
+def test_a_joint_looks_like_that_of_the_next_element():
     one = Case("j", "two_span", "frf", (Fault("joint", "left:3/4RZ", "800"),))
-    found = told_apart(replace(one, rig="two_span"))
+    found = told_apart(one)
     assert ["joint", "left:4 4"] in found["aliases"]
     assert found["chi_square"] > 1e6
     assert found["bias"] > 0.05

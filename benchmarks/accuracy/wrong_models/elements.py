@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -29,6 +30,7 @@ class Element:
     stiffness: np.ndarray
 
 
+@cache
 def gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and weights on 0 to 1."""
     points, weights = np.polynomial.legendre.leggauss(n)
@@ -38,15 +40,14 @@ def gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
 def flexure(length: float, stiffness: float, shear: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Unit mass and bending stiffness, (4, 4), order w1 theta1 w2 theta2; `shear` is GA_s in N, 0 for rigid."""
     phi = 12 * stiffness / (shear * length**2) if shear else 0.0
-    mass = np.zeros((4, 4))
-    for s, weight in zip(*gauss(5), strict=True):
-        w = np.array([
-            1 - 3 * s**2 + 2 * s**3 + phi * (1 - s),
-            length * (s - 2 * s**2 + s**3 + phi * (s - s**2) / 2),
-            3 * s**2 - 2 * s**3 + phi * s,
-            length * (s**3 - s**2 + phi * (s**2 - s) / 2),
-        ]) / (1 + phi)  # fmt: skip
-        mass += weight * length * np.outer(w, w)
+    s, weights = gauss(5)
+    w = np.array([
+        1 - 3 * s**2 + 2 * s**3 + phi * (1 - s),
+        length * (s - 2 * s**2 + s**3 + phi * (s - s**2) / 2),
+        3 * s**2 - 2 * s**3 + phi * s,
+        length * (s**3 - s**2 + phi * (s**2 - s) / 2),
+    ]) / (1 + phi)  # fmt: skip
+    mass = length * (w * weights) @ w.T
     # the curvature is linear in s: its mean from the rotations, its slope from what they leave of the deflections
     turn, tilt = np.array([0, -1, 0, 1]) / length, np.array([2, length, -2, length]) / length
     bent = np.outer(turn, turn) * length + np.outer(tilt, tilt) * 3 / (length * (1 + phi))
@@ -131,27 +132,22 @@ def membrane(points: np.ndarray, p: Properties) -> Element:
     return _damped(("Z",), p, heavy, area * p["tension"] * slopes @ slopes.T, p["tension"])
 
 
-def plate(points: np.ndarray, p: Properties) -> Element:
-    """A rectangular thin plate along X and Y (Z, RX, RY at four corners), by Adini, Clough and Melosh's polynomial.
-
-    Properties: `bending_stiffness` (E t^3 / (12 (1 - nu^2)), N m), `mass` (kg/m^2), `poisson`.
-    """
-    powers = [(i, j) for total in range(4) for i in range(total, -1, -1) for j in [total - i]] + [(3, 1), (1, 3)]
-    a, b = np.ptp(points[:, 0]), np.ptp(points[:, 1])
+@cache
+def _unit_plate(a: float, b: float, poisson: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unit mass and stiffness, (12, 12), of a rectangle of sides `a` and `b`, corners counter-clockwise from the origin."""
+    powers = [(i, total - i) for total in range(4) for i in range(total, -1, -1)] + [(3, 1), (1, 3)]
 
     def row(x: float, y: float, dx: int = 0, dy: int = 0) -> np.ndarray:
         """The twelve monomials at a point, differentiated."""
-        falls = {(n, d): np.prod(np.arange(n, n - d, -1)) if d <= n else 0 for n in range(4) for d in range(3)}
+        falls = [np.prod(np.arange(i, i - dx, -1)) * np.prod(np.arange(j, j - dy, -1)) for i, j in powers]
         return np.array(
-            [falls[i, dx] * falls[j, dy] * x ** max(i - dx, 0) * y ** max(j - dy, 0) for i, j in powers], dtype=float
+            [f * x ** max(i - dx, 0) * y ** max(j - dy, 0) for f, (i, j) in zip(falls, powers, strict=True)]
         )
 
-    corners = (points - points.min(axis=0))[:, :2]
+    corners = [(0.0, 0.0), (a, 0.0), (a, b), (0.0, b)]
     values = [r for x, y in corners for r in (row(x, y), row(x, y, 0, 1), -row(x, y, 1, 0))]  # w, RX = w,y, RY = -w,x
     shape = np.linalg.inv(np.array(values))
-    law = p["bending_stiffness"] * np.array(
-        [[1, p["poisson"], 0], [p["poisson"], 1, 0], [0, 0, (1 - p["poisson"]) / 2]]
-    )
+    law = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     heavy, stiff = np.zeros((12, 12)), np.zeros((12, 12))
     for x, wx in zip(*gauss(4), strict=True):
         for y, wy in zip(*gauss(4), strict=True):
@@ -160,7 +156,18 @@ def plate(points: np.ndarray, p: Properties) -> Element:
             bent = np.array([row(*at, 2, 0), row(*at, 0, 2), 2 * row(*at, 1, 1)]) @ shape
             heavy += weight * np.outer(w, w)
             stiff += weight * bent.T @ law @ bent
-    return _damped(("Z", "RX", "RY"), p, heavy, stiff, p["bending_stiffness"])
+    return heavy, stiff
+
+
+def plate(points: np.ndarray, p: Properties) -> Element:
+    """A rectangular thin plate along X and Y (Z, RX, RY at four corners), by Adini, Clough and Melosh's polynomial.
+
+    Corners run counter-clockwise from the one of least X and Y. Properties: `bending_stiffness` (E t^3 / (12 (1 - nu^2)),
+    N m), `mass` (kg/m^2), `poisson`.
+    """
+    a, b = (float(f"{side:.12g}") for side in np.ptp(points, axis=0)[:2])
+    heavy, stiff = _unit_plate(a, b, p["poisson"])
+    return _damped(("Z", "RX", "RY"), p, heavy, p["bending_stiffness"] * stiff, p["bending_stiffness"])
 
 
 ELEMENTS = {"beam": beam, "space_beam": space_beam, "bar": bar, "membrane": membrane, "plate": plate}

@@ -92,9 +92,9 @@ def noise_of(values: np.ndarray) -> np.ndarray:
 
 def _frf(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: np.random.Generator) -> Readings:
     """FRFs; "frf2" of two loads, "states" with fewer lines. A window that nobody has told adds decay."""
-    loads = list(rig.loads[: 2 if record == "frf2" else 1])
+    loads = list(rig.loads[: 2 if record.endswith("2") else 1])
     decay = sum(fault.amount for fault in faults if fault.kind == "window")
-    n = STATE_LINES if record == "states" else LINES
+    n = STATE_LINES if record.startswith("states") else LINES
     axis = rig.band[0] + float(f"{(rig.band[1] - rig.band[0]) / (n - 1):.3g}") * np.arange(n)
     seen = [seen_by(label, faults) for label in rig.sensors]
     return Readings(axis, frf(assembled(table), axis, seen, loads, rig.kind, decay), list(rig.sensors), loads)

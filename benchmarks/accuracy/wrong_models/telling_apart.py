@@ -17,7 +17,7 @@ import numpy as np
 
 from wrong_models.assembly import STIFFNESSES, Table, assembled, count, sets, split
 from wrong_models.faults import BEFORE_NOISE, STRUCTURAL, Fault, Readings, changed
-from wrong_models.measuring import FREQUENCY_ERROR, SHAPE_ERROR, measured, noise_of
+from wrong_models.measuring import FREQUENCY_ERROR, LINES, SHAPE_ERROR, STATE_LINES, measured, noise_of
 from wrong_models.rigs import Rig, Unknown, plain, properties
 from wrong_models.study_files import Case
 
@@ -35,22 +35,14 @@ def _whitened(made: Readings, like: Readings) -> np.ndarray:
         sign = np.sign((made.motion * like.motion).sum(axis=1))[:, None]
         rows = [np.log(made.axis) / FREQUENCY_ERROR, (made.motion * sign / SHAPE_ERROR).ravel()]
         return np.concatenate(rows)
-    scaled = (made.motion / noise_of(like.motion)).ravel() * np.sqrt(2)
+    scaled = (made.motion / noise_of(like.motion)).ravel() * np.sqrt(2 * LINES / STATE_LINES)
     return np.concatenate([scaled.real, scaled.imag])
 
 
-def _readings(rig: Rig, table: Table, case: Case, faults: tuple[Fault, ...]) -> list[Readings]:
-    """Free of noise, of every set-up; histories stand as the FRFs that they hold."""
-    record = case.record if case.record in ("frf2", "states", "modal", "modalstates") else "frf"
-    record = "modal" if case.record == "ambient" else record
-    made = []
-    for number in range(3 if record.endswith("states") else 1):
-        own = copy.deepcopy(table)
-        if number:
-            node, kg = rig.known[number - 1]
-            own.setdefault("point_mass", []).append({"name": "known", "nodes": [node], "mass": kg})
-        made.append(measured(rig, own, record, faults, np.random.default_rng(0), noisy=False))
-    return made
+def _readings(rig: Rig, table: Table, case: Case, faults: tuple[Fault, ...]) -> Readings:
+    """Free of noise; FRFs have fewer lines, and histories stand as the FRFs that they hold."""
+    record = {"frf2": "states2", "modal": "modal", "ambient": "modal"}.get(case.record, "states")
+    return measured(rig, table, record, faults, np.random.default_rng(0), noisy=False)
 
 
 class Examination:
@@ -60,14 +52,11 @@ class Examination:
         self.case, self.rig = case, case.measured_rig()
         faults = tuple(fault for fault in case.faults if fault.kind in SEEN)
         self.like = _readings(self.rig, changed(self.rig, faults), case, faults)
-        self.data = self.rows(self.like)
+        self.data = _whitened(self.like, self.like)
         self.columns = [(one, i) for one in self.rig.unknowns for i in range(self._many(one))]
 
     def _many(self, one: Unknown) -> int:
         return count(properties(self.rig.table, one)[0][0]) if one.each else 1
-
-    def rows(self, made: list[Readings]) -> np.ndarray:
-        return np.concatenate([_whitened(one, like) for one, like in zip(made, self.like, strict=True)])
 
     def table(self, logs: np.ndarray) -> Table:
         """The structure with parameters off by factors exp(`logs`)."""
@@ -84,18 +73,20 @@ class Examination:
         n = len(self.columns)
         rig = replace(self.rig, table=self.table(theta[:n]))
         faults = () if candidate is None else (candidate.fault(float(theta[n])),)
-        return self.rows(_readings(rig, changed(rig, faults), self.case, faults))
+        return _whitened(_readings(rig, changed(rig, faults), self.case, faults), self.like)
 
     def jacobian(self, theta: np.ndarray, base: np.ndarray, candidate: Candidate | None = None) -> np.ndarray:
         steps = 1e-5 * np.eye(len(theta))
         return np.stack([(self.predicted(theta + step, candidate) - base) / 1e-5 for step in steps], axis=1)
 
-    def fitted(self, theta: np.ndarray, candidate: Candidate | None = None) -> tuple[np.ndarray, float, np.ndarray]:
+    def fitted(
+        self, theta: np.ndarray, candidate: Candidate | None = None, steps: int = 40
+    ) -> tuple[np.ndarray, float, np.ndarray]:
         """Parameters, chi-square and Jacobian at the nearest minimum (Levenberg-Marquardt)."""
         base, damping = self.predicted(theta, candidate), 1e-3
         chi = float(((self.data - base) ** 2).sum())
         slope = self.jacobian(theta, base, candidate)
-        for _ in range(40):
+        for _ in range(steps):
             normal, down = slope.T @ slope, slope.T @ (self.data - base)
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), down)
             step *= min(1.0, 0.5 / abs(step).max())
@@ -198,7 +189,7 @@ def told_apart(case: Case) -> dict[str, object]:
     if len(case.faults) == 1 and not case.harmless:
         ranked = sorted(_screened(own, theta, case), key=lambda pair: pair[0])
         for _, candidate, start, begun in ranked[:REFITTED]:
-            _, left, _ = own.fitted(np.append(begun, start), candidate)
+            _, left, _ = own.fitted(np.append(begun, start), candidate, 12)
             place = [candidate.kind, _place(candidate)]
             if left < SAME and place not in aliases:
                 aliases.append(place)
