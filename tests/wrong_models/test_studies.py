@@ -2,6 +2,7 @@
 
 import json
 import math
+import tomllib
 
 import numpy as np
 import pytest
@@ -115,10 +116,14 @@ def test_noise_is_what_the_study_says(tmp_path):
     size = RELATIVE * abs(clean)
     strong = abs(clean) > 0.3 * abs(clean).max()
     assert (abs(noisy - clean)[strong] ** 2).mean() == pytest.approx((size[strong] ** 2).mean(), rel=0.15)
-    for name, stated in (("plain", 0.01), ("small", 0.001)):
-        faults = (Fault("noise_level", "any", "0.1"),) if name == "small" else ()
+    stated = []
+    for name, faults in (("plain", ()), ("small", (Fault("noise_level", "any", "0.1"),))):
         written(Case(name, "truss", "frf", faults), tmp_path / name)
-        assert f"relative = {stated}\n" in (tmp_path / name / "study.toml").read_text()
+        stated.append(tomllib.loads((tmp_path / name / "study.toml").read_text())["record"]["noise"])
+    assert stated[0]["relative"] == 0.01
+    assert stated[0]["absolute"] == pytest.approx(3e-4 * np.sqrt((abs(clean) ** 2).mean()), rel=0.02)
+    for key in ("relative", "absolute"):
+        assert stated[1][key] == pytest.approx(0.1 * stated[0][key], rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +134,6 @@ def test_noise_is_what_the_study_says(tmp_path):
         ("swap 4X 7Y", lambda a, b: np.array_equal(b[:, 0], a[:, 2]) and np.array_equal(b[:, 2], a[:, 0])),
         ("polarity 2X", lambda a, b: np.array_equal(b[:, 3], -a[:, 3])),
         ("delay 4X 1e-3", lambda a, b: np.allclose(np.angle(b[0, 0] / a[0, 0]), -2 * math.pi * 2 * 1e-3)),
-        ("direction 5Y X@90", lambda a, b: not np.allclose(b[:, 1], a[:, 1]) and np.array_equal(b[:, 0], a[:, 0])),
         ("unit all 9.80665", lambda a, b: np.allclose(b, 9.80665 * a)),
     ],
 )
@@ -140,3 +144,13 @@ def test_faults_of_channels(fault, check):
         for faults in ([], [Fault(*fault.split())])
     )
     assert check(plain, wrong)
+
+
+def test_a_sensor_that_points_elsewhere():
+    rig = RIGS["portal"]()
+    straight, turned = (
+        measured(rig, rig.table, "frf", faults, np.random.default_rng(0), noisy=False)
+        for faults in ([], [Fault("direction", "5Y", "X@30")])
+    )
+    across = frf(assembled(rig.table), straight.axis, [{"5X": 1.0}], ["4X"], rig.kind)[:, 0]
+    np.testing.assert_allclose(turned.motion[:, 1], np.sqrt(0.75) * straight.motion[:, 1] + 0.5 * across, rtol=1e-9)

@@ -64,7 +64,7 @@ class Case:
     def measured_rig(self) -> Rig:
         """The rig with the damping of its test; masses are known where only modes are measured."""
         rig = RIGS[self.rig]()
-        if self.record in VISCOUS or self.record.startswith("random"):
+        if self.record in VISCOUS:
             rig = viscous(rig, 2.0)
         if self.record in ("modal", "modalstates", "ambient"):
             damped = ("mass", "loss_factor", "mass_damping", "stiffness_damping", "viscous_damping")
@@ -94,7 +94,7 @@ def written(case: Case, folder: Path) -> dict[str, Any]:
             section["structure"] = {"point_mass": [{"name": "known mass", "nodes": n, "mass": kg} for n, kg in extra]}
         records.append(section)
     study: dict[str, Any] = {
-        "title": case.name,
+        "title": case.rig.replace("_", " "),
         "structure": _structure(rig, table, folder),
         "unknown": [_unknown(one) for one in rig.unknowns],
         "record": records if len(records) > 1 else records[0],
