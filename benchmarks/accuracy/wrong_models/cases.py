@@ -75,7 +75,7 @@ DEVELOPMENT = {
         time far swap 1X 5X
         modal    mass 2 30
         ambient  mass 5 40
-        modal    extra_mode 5.6
+        modal    sensor_gain 3X 1.2
         frf      mass 4 25 + sensor_gain 2X 1.1
         frf      dashpot 5X 1200 + delay 4X 4e-3
         time     mass 2 20 + outlying_lines 5 0.3
@@ -125,6 +125,7 @@ DEVELOPMENT = {
         time     noise_level any 0.1
         modal    untied bottom:3 axial_stiffness*0.8
         modal    sensor_gain 4Y 1.2
+        modal    extra_mode 40
         ambient  support 7Y 3e7
         frf      untied diagonals:2 axial_stiffness*0.75 + load_gain 3Y 1.06
         frf      mass 9 12 + delay 6Y 3e-4
