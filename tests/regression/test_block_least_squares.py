@@ -75,13 +75,14 @@ def dense_answer(matrix, right):
 
 
 @pytest.mark.parametrize("work", ENGINES)
-@pytest.mark.parametrize("shape", ["chain", "shuffled chain", "short rows", "grid", "one column", "five columns"])
+@pytest.mark.parametrize("shape", ["chain", "shuffled chain", "long chain", "short rows", "grid", "one column", "five columns"])
 def test_solution_equals_dense_least_squares(work, shape):
     """Values to 1e-10 of each, the deviations to 1e-9; conditions reach 1e3."""
     rng = np.random.default_rng(1)
     columns = {
         "chain": chain(12, rng),
         "shuffled chain": chain(12, rng, shuffled=True),
+        "long chain": chain(60, rng, shuffled=True),
         "short rows": np.concatenate([chain(9, rng), np.full((9, 2), -1)], axis=1),
         "grid": grid(4, 5),
         "one column": chain(7, rng, 1)[:, :1],
@@ -148,6 +149,21 @@ def test_cuts_and_merging_do_not_matter(work):
         found = block_solution(merged)
         assert found.values == pytest.approx(whole.values, rel=1e-12)
         assert found.residual_sum == pytest.approx(whole.residual_sum, rel=1e-12)
+
+
+@pytest.mark.parametrize("span", [2, 9, 30])
+def test_bands_narrower_and_wider_than_a_window(span):
+    columns = chain(200 // span, np.random.default_rng(2), span, shuffled=True)
+    n_params = int(columns.max()) + 1
+    rows = np.random.default_rng(3).standard_normal((len(columns), 3 * span, 2 * span + 1))
+    found = block_solution(no_rows(columns, n_params).updated(rows))
+    wide = np.zeros((len(columns), 3 * span, n_params))
+    wide[np.arange(len(columns))[:, None], :, columns] = np.swapaxes(rows[..., :-1], 1, 2)
+    values, covariance, rest, _ = dense_answer(wide.reshape(-1, n_params), rows[..., -1].ravel())
+    assert found.method == f"banded orthogonal sweep, {2 * span} wide"
+    assert found.values == pytest.approx(values, rel=1e-9, abs=1e-11)
+    assert found.residual_sum == pytest.approx(rest, rel=1e-11)
+    assert found.standard_deviations() == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-10)
 
 
 def test_wide_meshes_go_through_sparse_normal_equations():

@@ -114,16 +114,15 @@ def swept(
         tall[np.arange(len(blocks))[:, None, None], np.arange(side - 1)[:, None], at[:, None, :]] = rows
         tall[..., n] = triangles[blocks, :-1, -1]
         window = np.column_stack([_dense(band[low : low + n])[:, :n], right[low : low + n]])
-        folded = np.zeros((n + 1, n + layout.width))
-        found = np.linalg.qr(np.concatenate([window, tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r")
-        folded[: len(found), :n] = found[:, :n]
-        band[low : low + n], right[low : low + n] = _diagonals(folded[:n], layout.width), found[:n, n]
-        total += float(found[n, n] ** 2) if len(found) > n else 0.0
+        found = np.asarray(np.linalg.qr(np.concatenate([window, tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r"))
+        band[low : low + n] = _diagonals(np.pad(found[:n, :n], ((0, 0), (0, layout.width - 1))), layout.width)
+        right[low : low + n] = found[:n, n]
+        total += float(found[n, n] ** 2)
     return band, right, total
 
 
 def _diagonals(dense: FloatArray, width: int) -> FloatArray:
-    """View of (n, n + width - 1 or more) as a band: of row i the columns i to i + width."""
+    """View of (n, n + width - 1) as a band: of row i the columns i to i + width."""
     along, across = dense.strides
     return np.lib.stride_tricks.as_strided(dense, (len(dense), width), (along + across, across))
 

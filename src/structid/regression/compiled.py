@@ -1,4 +1,4 @@
-"""Compiled loops: rows made from fields and folded into triangles, triangles swept into a band; loaded only with numba.
+"""Compiled loops: rows made from fields and folded into the triangles of their blocks; loaded only where numba is wanted.
 
 Nearly all time goes into two loops over samples, `_products` of rows and `_combine`, which adds rows to rows. They take
 rows as tuples of where these begin: numba compiles them for every number of rows, all but the loop over samples is
@@ -39,7 +39,7 @@ class Samples(NamedTuple):
     fields: np.ndarray
     pace: int
     first: int
-    count: int
+    length: int
 
 
 class Rows(NamedTuple):
@@ -48,7 +48,7 @@ class Rows(NamedTuple):
     b: np.ndarray
     first: int
     apart: int
-    count: int
+    length: int
 
 
 @_part
@@ -91,13 +91,11 @@ def _three(rows, k):
 @_part
 def _alike(blocks, row, other):
     """Whether two rows of the operator are of the same fields."""
-    a, b, n = blocks.starts[row], blocks.starts[other], blocks.starts[row + 1] - blocks.starts[row]
-    if blocks.starts[other + 1] - b != n:
-        return False
-    for k in range(n):
-        if blocks.which[a + k] != blocks.which[b + k]:
-            return False
-    return True
+    a, b, k = blocks.starts[row], blocks.starts[other], 0
+    n = blocks.starts[row + 1] - a
+    while k < n and blocks.which[a + k] == blocks.which[b + k]:
+        k += 1
+    return k == n == blocks.starts[other + 1] - b
 
 
 @_part
@@ -106,7 +104,7 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
     start, end = blocks.starts[row], blocks.starts[row + 1]
     if start == end:
         for i in range(len(at)):
-            b[at[i] : at[i] + samples.count] = 0.0
+            b[at[i] : at[i] + samples.length] = 0.0
     for k in range(start, end, 4):
         sources = (
             blocks.which[k] * samples.pace + samples.first,
@@ -118,7 +116,7 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
             shift = blocks.starts[row + i * side] - start
             for j in range(4):
                 factors = tuple_setitem(factors, 4 * i + j, blocks.data[shift + k + j] if k + j < end else 0.0)
-        _combine(b, at, samples.fields, sources, factors, samples.count, k == start)
+        _combine(b, at, samples.fields, sources, factors, samples.length, k == start)
 
 
 @_part
@@ -143,7 +141,7 @@ def _put_triangle_first(r, q, rows, new):
     n, last = _padded(q), r.shape[0] - 1
     for k in range(n + 1):
         at = rows.first + k * rows.apart
-        rows.b[at : at + rows.count - (0 if q <= k < n else new)] = 0.0
+        rows.b[at : at + rows.length - (0 if q <= k < n else new)] = 0.0
         if k < q:
             for t in range(k + 1):
                 rows.b[at + t] = r[t, k]
@@ -171,7 +169,7 @@ def _reflect_panel(r, q, rows, k):
     v = _three(rows, k)
     x = (*v, rows.first + n * rows.apart)
     for i in range(3):
-        products = _products(b, (v[i],), x, rows.count, (0.0,) * 4)
+        products = _products(b, (v[i],), x, rows.length, (0.0,) * 4)
         at, size = k + i, np.sqrt(products[i])
         head = b[v[i] + at]
         more = size if head >= 0.0 else -size
@@ -184,7 +182,7 @@ def _reflect_panel(r, q, rows, k):
             if j < i:
                 overlap = tuple_setitem(overlap, 3 * i + j, product)
             elif j > i:
-                _combine(b, (x[j],), b, (v[i],), (-factors[i] * product,), rows.count, False)
+                _combine(b, (x[j],), b, (v[i],), (-factors[i] * product,), rows.length, False)
                 _take(r, q, rows, at, k + j if j < 3 else n)
     return factors, overlap
 
@@ -198,18 +196,18 @@ def _by_reflections(r, q, rows):
         v = _three(rows, k)
         for j in range(k + 3, n, 3):
             x, shares = _three(rows, j), _NINE
-            products = _products(rows.b, v, x, rows.count, _NINE)
+            products = _products(rows.b, v, x, rows.length, _NINE)
             for i in range(3):
                 first = factors[0] * products[i]
                 second = factors[1] * (products[3 + i] - overlap[3] * first)
                 third = factors[2] * (products[6 + i] - overlap[6] * first - overlap[7] * second)
                 shares = tuple_setitem(tuple_setitem(shares, 3 * i, -first), 3 * i + 1, -second)
                 shares = tuple_setitem(shares, 3 * i + 2, -third)
-            _combine(rows.b, x, rows.b, v, shares, rows.count, False)
+            _combine(rows.b, x, rows.b, v, shares, rows.length, False)
             for i in range(9):
                 _take(r, q, rows, k + i // 3, j + i % 3)
     right = rows.first + n * rows.apart
-    r[last, last] = np.sqrt(_products(rows.b, (right,), (right,), rows.count, _ONE)[0])
+    r[last, last] = np.sqrt(_products(rows.b, (right,), (right,), rows.length, _ONE)[0])
 
 
 @_part
@@ -218,15 +216,18 @@ def _cholesky(g, q):
 
     The last column, of right-hand sides, is divided by the triangle transposed. Infinity where g is singular.
     """
-    sizes, weakness = np.diag(g).copy(), 0.0
+    sizes, weakness = np.zeros(q), 0.0
+    for k in range(q):
+        sizes[k] = g[k, k]
     for k in range(q):
         if not g[k, k] > 0.0:
             return np.inf
         over = 1.0 / np.sqrt(g[k, k])
-        g[k] *= over
+        for j in range(g.shape[1]):
+            g[k, j] *= over
+            if j < k:
+                weakness += g[k, j] * g[k, j] * sizes[j]
         weakness += over * over * sizes[k]
-        for j in range(k):
-            weakness += g[k, j] * g[k, j] * sizes[j]
         for i in range(k + 1, q):
             share = g[k, i]
             for j in range(k):
@@ -242,10 +243,10 @@ def _with_right(g, rows, n):
     """Products with the right-hand side into the last column of `g`."""
     right = (rows.first + n * rows.apart,)
     for i in range(0, n, 3):
-        products = _products(rows.b, _three(rows, i), right, rows.count, _THREE)
+        products = _products(rows.b, _three(rows, i), right, rows.length, _THREE)
         for k in range(3):
             g[i + k, n] = products[k]
-    g[n, n] = _products(rows.b, right, right, rows.count, _ONE)[0]
+    g[n, n] = _products(rows.b, right, right, rows.length, _ONE)[0]
 
 
 @_part
@@ -259,7 +260,7 @@ def _refined(g, q, rows, n):
         p[i] /= g[i, i]
     for i in range(0, n, 3):
         right = (rows.first + n * rows.apart,)
-        _combine(rows.b, right, rows.b, _three(rows, i), (-p[i], -p[i + 1], -p[i + 2]), rows.count, False)
+        _combine(rows.b, right, rows.b, _three(rows, i), (-p[i], -p[i + 1], -p[i + 2]), rows.length, False)
     _with_right(g, rows, n)
     left = g[n, n]
     for i in range(q):
@@ -285,7 +286,7 @@ def _by_products(r, q, rows):
     g = np.zeros((n + 1, n + 1))
     for i in range(0, n, 3):
         for j in range(i, n, 3):
-            products = _products(rows.b, _three(rows, i), _three(rows, j), rows.count, _NINE)
+            products = _products(rows.b, _three(rows, i), _three(rows, j), rows.length, _NINE)
             for k in range(9):
                 g[i + k // 3, j + k % 3] = products[k]
     _with_right(g, rows, n)
@@ -297,7 +298,8 @@ def _by_products(r, q, rows):
     if left < SMALL * g[n, n]:
         left = _refined(g, q, rows, n)
     for i in range(q):
-        r[i, i:q] = g[i, i:q]
+        for j in range(i, q):
+            r[i, j] = g[i, j]
         r[i, last] = g[i, n]
     r[last, last] = np.sqrt(max(left, 0.0))
     return True
@@ -322,12 +324,12 @@ def fold_fields(triangles, fields, blocks, first, last, longest):
             d, size = blocks.heads[h], blocks.heads[h + 1] - blocks.heads[h]
             q = blocks.widths[d]
             n = _padded(q)
-            count = (samples.count + n + _EVEN) // _EVEN * _EVEN
+            count = (samples.length + n + _EVEN) // _EVEN * _EVEN
             for k in range(q + 1):
-                row, to = d * side + (k if k < q else side - 1), (k if k < q else n) * apart + count - samples.count
+                row, to = d * side + (k if k < q else side - 1), (k if k < q else n) * apart + count - samples.length
                 _make(b, to, block, samples, blocks, row, side, size)
             for j in range(size):
                 rows, r = Rows(b, j * block, apart, count), triangles[d + j]
-                _put_triangle_first(r, q, rows, samples.count)
-                if samples.count < _FEWEST * q or not _by_products(r, q, rows):
+                _put_triangle_first(r, q, rows, samples.length)
+                if samples.length < _FEWEST * q or not _by_products(r, q, rows):
                     _by_reflections(r, q, rows)
