@@ -27,7 +27,6 @@ from scipy import sparse
 from structid.regression import no_rows
 from structid.regression.block_least_squares import block_solution
 from structid.regression.local_reduction import Kernels, row_maker
-from structid.regression.many_small import solutions_of_many
 from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
 
 ONE, TWO, NUMPY = Kernels("numba"), Kernels("numba", 2), Kernels("numpy")
@@ -139,7 +138,7 @@ def against_dense(n: int, n_times: int):
 
         def ours() -> np.ndarray:
             for _ in range(TIMES):
-                found = solutions_of_many(maker, columns, n_params, fields[None], ONE)[0]
+                found = block_solution(no_rows(columns, n_params).reduced(maker, fields, ONE)).values
             return found
 
         expected = np.linalg.lstsq(dense, right, rcond=None)[0]
@@ -158,9 +157,9 @@ def merged_parts(repeats: int, rng: np.random.Generator) -> list[float]:
     for _ in range(repeats):
         fields = rng.standard_normal((operator.shape[1], 1000))
         start, cut = no_rows(columns, n_params), int(rng.integers(100, 900))
-        whole = block_solution(start.reduced(operator, fields, ONE), work=ONE).values
+        whole = block_solution(start.reduced(operator, fields, ONE)).values
         parts = [start.reduced(operator, part, ONE) for part in (fields[:, cut:], fields[:, :cut])]
-        found.append(float(np.abs(block_solution(parts[0].merged(parts[1]), work=ONE).values / whole - 1).max()))
+        found.append(float(np.abs(block_solution(parts[0].merged(parts[1])).values / whole - 1).max()))
     return found
 
 
@@ -179,23 +178,6 @@ def memory(n: int, n_times: int):
             size = path.stat().st_size
             runs = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(repeats)]
             return [int(done.stdout) / size for done in runs]
-
-    return measure
-
-
-def batched(n_problems: int, n_times: int):
-    """A loop of numpy.linalg.lstsq over dense problems, already made, against all of them at once."""
-
-    def measure(repeats: int, rng: np.random.Generator) -> list[float]:
-        columns, operator, n_params = chain_rows(15)
-        fields = rng.standard_normal((n_problems, operator.shape[1], n_times))
-        few = [dense_rows(columns, operator, n_params, own) for own in fields[:50]]
-
-        def loop() -> None:
-            for k in range(n_problems):
-                np.linalg.lstsq(*few[k % len(few)], rcond=None)
-
-        return ratios(loop, lambda: solutions_of_many(operator, columns, n_params, fields, ONE), repeats)
 
     return measure
 
@@ -264,8 +246,6 @@ MEASUREMENTS = [
     ("memory beyond the record / record, N = 1000, m = 2000", memory(1000, 2000), 0.1, False, True),
     ("memory beyond the record / record, N = 5000, m = 1000", memory(5000, 1000), 0.1, False, False),
     ("two merged parts / one pass - 1", merged_parts, 1e-12, False, True),
-    ("loop of lstsq / batched, 15 elements, m = 8", batched(2000, 8), 15, True, True),
-    ("loop of lstsq / batched, 15 elements, m = 100", batched(500, 100), 30, True, True),
     ("NumPy / compiled, same pass, N = 1000, m = 1000", compiled_against_numpy, 1, True, False),
 ]
 

@@ -11,8 +11,7 @@ from structid import InputError
 from structid.regression import no_rows
 from structid.regression.banded_sweep import band_layout
 from structid.regression.block_least_squares import WIDEST_BAND, block_solution
-from structid.regression.local_reduction import Kernels, has_numba, shared_out, stretches
-from structid.regression.many_small import solutions_of_many
+from structid.regression.local_reduction import Kernels, has_numba, shared_out
 
 ENGINES = [
     Kernels("numpy"),
@@ -76,20 +75,21 @@ def dense_answer(matrix, right):
 
 
 @pytest.mark.parametrize("work", ENGINES)
-@pytest.mark.parametrize("shape", ["chain", "shuffled chain", "short rows", "grid", "one column", "five columns"])
+@pytest.mark.parametrize("shape", ["chain", "shuffled chain", "long chain", "short rows", "grid", "one column", "five columns"])
 def test_solution_equals_dense_least_squares(work, shape):
     """Values to 1e-10 of each, the deviations to 1e-9; conditions reach 1e3."""
     rng = np.random.default_rng(1)
     columns = {
         "chain": chain(12, rng),
         "shuffled chain": chain(12, rng, shuffled=True),
+        "long chain": chain(60, rng, shuffled=True),
         "short rows": np.concatenate([chain(9, rng), np.full((9, 2), -1)], axis=1),
         "grid": grid(4, 5),
         "one column": chain(7, rng, 1)[:, :1],
         "five columns": chain(7, rng, 3)[:, :5],
     }[shape]
     operator, fields, matrix, right = problem(columns)
-    found = block_solution(reduced(columns, operator, fields, work), work=work)
+    found = block_solution(reduced(columns, operator, fields, work))
     values, covariance, rest, condition = dense_answer(matrix, right)
     assert found.values == pytest.approx(values, rel=1e-10)
     assert found.residual_sum == pytest.approx(rest, rel=1e-11)
@@ -126,7 +126,7 @@ def test_numpy_and_compiled_kernels_agree_on_any_number_of_threads(seed):
         reduced(columns, operator, fields, w) for w in (Kernels("numpy"), Kernels("numba"), Kernels("numba", 2))
     )
     assert np.array_equal(single.triangles, double.triangles)
-    answers = [block_solution(state, work=Kernels(kind)) for state in (plain, single) for kind in ("numpy", "numba")]
+    answers = [block_solution(state) for state in (plain, single)]
     for found in answers[1:]:
         assert found.values == pytest.approx(answers[0].values, rel=1e-12)
         assert found.standard_deviations() == pytest.approx(answers[0].standard_deviations(), rel=1e-11)
@@ -137,7 +137,7 @@ def test_cuts_and_merging_do_not_matter(work):
     """Thirty seeded cuts into two to four parts, reduced apart and merged in any order: 1e-12 of one pass."""
     columns = chain(8, np.random.default_rng(3))
     operator, fields, *_ = problem(columns, 60)
-    whole = block_solution(reduced(columns, operator, fields, work), work=work)
+    whole = block_solution(reduced(columns, operator, fields, work))
     rng = np.random.default_rng(4)
     for _ in range(30):
         edges = [0, *sorted(rng.integers(0, 61, rng.integers(1, 4)).tolist()), 60]
@@ -146,9 +146,24 @@ def test_cuts_and_merging_do_not_matter(work):
         merged = parts[0]
         for part in parts[1:]:
             merged = merged.merged(part)
-        found = block_solution(merged, work=work)
+        found = block_solution(merged)
         assert found.values == pytest.approx(whole.values, rel=1e-12)
         assert found.residual_sum == pytest.approx(whole.residual_sum, rel=1e-12)
+
+
+@pytest.mark.parametrize("span", [2, 9, 30])
+def test_bands_narrower_and_wider_than_a_window(span):
+    columns = chain(200 // span, np.random.default_rng(2), span, shuffled=True)
+    n_params = int(columns.max()) + 1
+    rows = np.random.default_rng(3).standard_normal((len(columns), 3 * span, 2 * span + 1))
+    found = block_solution(no_rows(columns, n_params).updated(rows))
+    wide = np.zeros((len(columns), 3 * span, n_params))
+    wide[np.arange(len(columns))[:, None], :, columns] = np.swapaxes(rows[..., :-1], 1, 2)
+    values, covariance, rest, _ = dense_answer(wide.reshape(-1, n_params), rows[..., -1].ravel())
+    assert found.method == f"banded orthogonal sweep, {2 * span} wide"
+    assert found.values == pytest.approx(values, rel=1e-9, abs=1e-11)
+    assert found.residual_sum == pytest.approx(rest, rel=1e-11)
+    assert found.standard_deviations() == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-10)
 
 
 def test_wide_meshes_go_through_sparse_normal_equations():
@@ -197,7 +212,7 @@ def test_directions_that_the_rows_do_not_determine_are_nan_and_the_others_exact(
     block, slot = np.nonzero(columns == 11)
     triangles[block, :, slot] = 0.0
     triangles = np.linalg.qr(triangles, mode="r")
-    found = block_solution(replace(state, triangles=triangles), work=work)
+    found = block_solution(replace(state, triangles=triangles))
     assert np.flatnonzero(np.isnan(found.values)).tolist() == [4, 7, 11]
     assert (found.rank, found.condition) == (state.n_params - 2, np.inf)
     assert np.flatnonzero(~found.seen).tolist() == [11]
@@ -210,33 +225,10 @@ def test_directions_that_the_rows_do_not_determine_are_nan_and_the_others_exact(
     assert np.isnan(found.covariance([0, 4])[1]).all()
 
 
-@pytest.mark.parametrize("work", ENGINES)
-def test_many_small_problems_are_each_their_own_answer(work):
-    """Eight samples of a chain; a problem whose field 2 is silent has NaN where it should, the others are right."""
-    columns = chain(6, np.random.default_rng(0), shuffled=True)
-    operator, fields, *_ = problem(columns, 8)
-    many = fields * np.random.default_rng(2).uniform(0.5, 1.5, (20, *fields.shape))
-    many[7] *= np.where(abs(operator[::7]).sum(axis=0) == 0, 1.0, 0.0)[:, None]
-    found = solutions_of_many(operator, columns, 21, many, work)
-    for own, values in zip(many, found, strict=True):
-        expected = block_solution(reduced(columns, operator, own, Kernels("numpy")), work=Kernels("numpy")).values
-        assert values == pytest.approx(expected, rel=1e-9, nan_ok=True)
-    assert np.isnan(found[7]).any()
-    assert np.isfinite(np.delete(found, 7, 0)).all()
-
-
 def test_chain_order_is_found_from_any_numbering():
     rng = np.random.default_rng(5)
     assert band_layout(chain(200, rng, shuffled=True), 603).width <= 9
     assert band_layout(chain(200, rng), 603).width <= 9
-
-
-def test_stretches_cover_any_number_of_samples():
-    for n_times in (1, 2, 63, 64, 100, 1000, 10**6):
-        for side in (2, 7, 13, 25, 82):
-            inner, outer = stretches(n_times, side, 25.0)
-            assert 1 <= inner <= n_times
-            assert outer % inner == 0
 
 
 def test_threads_share_out_everything_once():

@@ -2,7 +2,6 @@
 
 from structid.regression.block_least_squares import BlockFit, block_solution
 from structid.regression.local_reduction import Kernels
-from structid.regression.many_small import solutions_of_many
 from structid.regression.streaming_qr import LinearFit, StreamingQr, no_rows
 
-__all__ = ["BlockFit", "Kernels", "LinearFit", "StreamingQr", "block_solution", "no_rows", "solutions_of_many"]
+__all__ = ["BlockFit", "Kernels", "LinearFit", "StreamingQr", "block_solution", "no_rows"]

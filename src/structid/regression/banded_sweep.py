@@ -11,11 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import lapack
+from scipy.linalg import lapack, solve_triangular
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from structid.arrays import FloatArray, IntArray
-from structid.regression.local_reduction import banded_kernels, block_widths
 
 _KEPT_UP_TO = 100_000
 _WINDOW = 48  # columns beyond the band that one step of the NumPy sweep takes at once
@@ -82,7 +81,7 @@ def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
 
 
 def swept(
-    triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray, compiled: bool
+    triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """Banded triangle (row i: columns i, i + 1, ...), right-hand side and sum of squared residuals.
 
@@ -93,63 +92,47 @@ def swept(
     layout : BandLayout
     scale : (n_params,) float array
         Factor on each column, in the order of the parameters; 0 leaves it out.
-    compiled : bool
     """
-    n_params = len(layout.place)
-    band, right = np.zeros((n_params, layout.width)), np.zeros(n_params)
-    factor = np.empty(n_params)
+    n_params, side = len(layout.place), triangles.shape[1]
+    band, right, factor = np.zeros((n_params, layout.width)), np.zeros(n_params), np.zeros(n_params + 1)
     factor[layout.place] = scale
-    places = np.where(columns >= 0, layout.place[columns], -1)
-    if compiled:
-        widths = block_widths(columns)
-        low, high = layout.low, layout.high
-        rest = banded_kernels().band_of_blocks(triangles, places, factor, layout.order, low, high, widths, band, right)
-        return band, right, float(rest)
-    return band, right, _swept_by_numpy(triangles, places, factor, layout, band, right)
-
-
-def _swept_by_numpy(
-    triangles: FloatArray, places: IntArray, factor: FloatArray, layout: BandLayout, band: FloatArray, right: FloatArray
-) -> float:
-    """The same sweep by LAPACK, a window of columns and all blocks that begin in it at a time; the residual sum."""
-    total, side = float((triangles[:, -1, -1] ** 2).sum()), triangles.shape[1]
+    places = np.where(columns >= 0, layout.place[columns], n_params)
+    total = float((triangles[:, -1, -1] ** 2).sum())
     begin = 0
-    while begin < len(layout.order):
-        stop = begin + int(np.searchsorted(layout.low[begin:], layout.low[begin] + _WINDOW))
-        stop = max(stop, begin + 1)
-        low, high = int(layout.low[begin]), int(layout.high[begin:stop].max())
-        n = high - low + 1
+    while begin < len(layout.order):  # a window of columns and all blocks that begin in it at a time
+        low = int(layout.low[begin])
+        stop = max(begin + 1, int(np.searchsorted(layout.low, low + _WINDOW)))
+        n = int(layout.high[begin:stop].max()) - low + 1
         blocks = layout.order[begin:stop]
         begin = stop
         if n <= 0:
             total += float((triangles[blocks, :-1, -1] ** 2).sum())
             continue
-        tall = np.zeros((len(blocks), side - 1, n + 2))
-        at = np.where(places[blocks] >= 0, places[blocks] - low, n + 1)
-        rows = triangles[blocks, :-1, :-1] * np.where(places[blocks] >= 0, factor[places[blocks]], 0.0)[:, None, :]
+        tall = np.zeros((len(blocks), side - 1, n + 2))  # one column more for what is in no place
+        at = np.where(places[blocks] < n_params, places[blocks] - low, n + 1)
+        rows = triangles[blocks, :-1, :-1] * factor[places[blocks]][:, None, :]
         tall[np.arange(len(blocks))[:, None, None], np.arange(side - 1)[:, None], at[:, None, :]] = rows
         tall[..., n] = triangles[blocks, :-1, -1]
-        folded = np.asarray(
-            np.linalg.qr(np.concatenate([_window(band, right, low, n), tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r")
-        )
-        _put(band, right, low, n, folded)
-        total += float(folded[n, n] ** 2) if len(folded) > n else 0.0
-    return total
+        window = np.column_stack([_dense(band[low : low + n])[:, :n], right[low : low + n]])
+        found = np.asarray(np.linalg.qr(np.concatenate([window, tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r"))
+        band[low : low + n] = _diagonals(np.pad(found[:n, :n], ((0, 0), (0, layout.width - 1))), layout.width)
+        right[low : low + n] = found[:n, n]
+        total += float(found[n, n] ** 2)
+    return band, right, total
 
 
-def _window(band: FloatArray, right: FloatArray, low: int, n: int) -> FloatArray:
-    """Rows `low` to `low + n` of [band, right] as a dense triangle, (n, n + 1)."""
-    dense = np.zeros((n, n + 1))
-    for offset in range(min(n, band.shape[1])):
-        np.fill_diagonal(dense[:, offset:n], band[low : low + n - offset, offset])
-    dense[:, n] = right[low : low + n]
+def _diagonals(dense: FloatArray, width: int) -> FloatArray:
+    """View of (n, n + width - 1) as a band: of row i the columns i to i + width."""
+    along, across = dense.strides
+    return np.lib.stride_tricks.as_strided(dense, (len(dense), width), (along + across, across))
+
+
+def _dense(band: FloatArray) -> FloatArray:
+    """Rows of a band with their columns side by side, (n, n + width - 1)."""
+    n, width = band.shape
+    dense = np.zeros((n, n + width - 1))
+    _diagonals(dense, width)[:] = band
     return dense
-
-
-def _put(band: FloatArray, right: FloatArray, low: int, n: int, folded: FloatArray) -> None:
-    for offset in range(min(n, band.shape[1])):
-        band[low : low + n - offset, offset] = np.diagonal(folded[:n, :n], offset)
-    right[low : low + n] = folded[:n, n]
 
 
 def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
@@ -162,19 +145,19 @@ def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> Flo
     return np.asarray(found[:, 0] if right.ndim == 1 else found)
 
 
-def inverse_diagonal(band: FloatArray, compiled: bool) -> FloatArray:
-    """Diagonal of (R'R)^-1, from the entries of the inverse within the band (Takahashi, Fagan and Chin 1973)."""
-    if compiled:
-        return np.asarray(banded_kernels().inverse_diagonal(np.ascontiguousarray(band)))
+def inverse_diagonal(band: FloatArray) -> FloatArray:
+    """Diagonal of (R'R)^-1, from what of the inverse is near it (Takahashi, Fagan and Chin 1973), some rows at a time."""
     n, width = band.shape
-    inverse, out = np.zeros((width, width)), np.empty(n)  # the corner of the inverse below and right of row i
-    for i in range(n - 1, -1, -1):
-        reach = min(width, n - i)
-        row = band[i, 1:reach] / band[i, 0]
-        corner = inverse[: reach - 1, : reach - 1]
-        beside = -(corner @ row)
-        out[i] = 1.0 / band[i, 0] ** 2 - row @ beside
-        inverse = np.zeros((width, width))
-        inverse[1:reach, 1:reach] = corner
-        inverse[0, 0], inverse[0, 1:reach], inverse[1:reach, 0] = out[i], beside, beside
+    size = max(width, _WINDOW)
+    out, corner = np.empty(n), np.zeros((size, size))  # of the inverse: what follows the rows at hand
+    for first in range((n - 1) // size * size, -1, -size):
+        rows = _dense(band[first : first + size])
+        k = len(rows)
+        beside = np.zeros((k, size))
+        beside[:, : width - 1] = rows[:, k:]
+        over = solve_triangular(rows[:, :k], np.column_stack([np.eye(k), beside]), check_finite=False)
+        inverse = over[:, :k] @ over[:, :k].T + over[:, k:] @ corner @ over[:, k:].T
+        out[first : first + k] = np.diag(inverse)
+        corner = np.zeros((size, size))
+        corner[:k, :k] = inverse
     return out

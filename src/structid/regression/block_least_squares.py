@@ -18,7 +18,6 @@ from scipy.sparse.linalg import splu
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.regression.banded_sweep import BandLayout, band_layout, inverse_diagonal, solved, swept
-from structid.regression.local_reduction import Kernels
 from structid.regression.streaming_qr import RANK_TOLERANCE, StreamingQr
 
 #: Widest band that is swept; wider problems go through sparse normal equations.
@@ -94,7 +93,6 @@ class _Band:
 
     layout: BandLayout
     band: FloatArray
-    compiled: bool
 
     def inverse(self, right: FloatArray) -> FloatArray:
         """(R'R)^-1 times right-hand sides in the order of the parameters."""
@@ -103,7 +101,7 @@ class _Band:
         return solved(self.band, solved(self.band, ordered, transposed=True))[self.layout.place]
 
     def diagonal(self) -> FloatArray:
-        return inverse_diagonal(self.band, self.compiled)[self.layout.place]
+        return inverse_diagonal(self.band)[self.layout.place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +124,7 @@ class _Normal:
         return found
 
 
-def block_solution(state: StreamingQr, size: FloatArray | None = None, work: Kernels | None = None) -> BlockFit:
+def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
     """The least-squares solution of all rows that `state` has seen.
 
     Parameters
@@ -134,21 +132,18 @@ def block_solution(state: StreamingQr, size: FloatArray | None = None, work: Ker
     state : StreamingQr
     size : (n_params,) float array, optional
         What the norm of each column would be if nothing cancelled in it; see `StreamingQr.solution`.
-    work : Kernels, optional
     """
-    chosen = work or Kernels()
-    compiled = chosen.compiled(50 * len(state.columns))
     norm = _column_norms(state)
     seen = norm > (0.0 if size is None else RANK_TOLERANCE * size)
     scale = np.where(seen, 1.0 / np.where(seen, norm, 1.0), 0.0)
     layout = band_layout(state.columns, state.n_params)
     if layout.width <= WIDEST_BAND:
-        return _by_band(state, scale, layout, compiled)
+        return _by_band(state, scale, layout)
     found = _by_normal_equations(state, scale)
     if found is not None:
         return found
     if layout.width * state.n_params <= _LARGEST_BAND:
-        return _by_band(state, scale, layout, compiled)
+        return _by_band(state, scale, layout)
     return _unresolved(state, scale)
 
 
@@ -158,22 +153,22 @@ def _column_norms(state: StreamingQr) -> FloatArray:
     return np.sqrt(np.bincount(state.columns[used], squares[used], state.n_params))
 
 
-def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout, compiled: bool) -> BlockFit:
-    band, right, rest = swept(state.triangles, state.columns, layout, scale, compiled)
+def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> BlockFit:
+    band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
     weak = (np.abs(band[layout.place, 0]) <= RANK_TOLERANCE) & kept
     lost = ~kept
     if weak.any():  # once more without these columns, so that nothing of the others is left in their rows
         rows, _ = _rows(state, scale)
         without = np.where(weak, 0.0, scale)
-        band, right, rest = swept(state.triangles, state.columns, layout, without, compiled)
+        band, right, rest = swept(state.triangles, state.columns, layout, without)
         kept = without > 0
     empty = np.empty(len(kept), dtype=bool)
     empty[layout.place] = ~kept
     rest += float((right[empty] ** 2).sum())
     band[empty], right[empty] = 0.0, 0.0
     band[empty, 0] = 1.0
-    factor = _Band(layout, band, compiled)
+    factor = _Band(layout, band)
     values = solved(band, right)[layout.place] * scale
     if weak.any():
         lost = lost | weak | _partners(rows, weak, factor)

@@ -1,9 +1,9 @@
 """Rows of every block made from fields and folded into its triangle, compiled where numba is installed.
 
-The compiled way never writes the rows to memory: it reads each field once and costs a few times the sum of the same
-numbers. Where the rows of a block are well conditioned it takes the triangle from their products, to 1e-13 of a QR;
-everywhere else, as NumPy does, by Householder's reflections. Blocks are independent, so threads share them out,
-and the answer does not depend on how many there are.
+The compiled way never writes the rows to memory: it costs a few times the sum of the fields. Where the rows of a block
+are well conditioned it takes the triangle from their products, to 1e-13 of a QR; everywhere else, as NumPy does, by
+Householder's reflections. Blocks are independent, so threads share them out, and the answer does not depend on how many
+there are.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,7 @@ Engine = Literal["auto", "numba", "numpy"]
 COMPILED_FROM = 200_000
 _ROW_ENTRIES = 125_000
 _TOGETHER = 3  # blocks whose rows are made at once
-_LONGEST = 640  # samples at a time
-_NARROW_ROWS, _ROWS = 4_800, 8_000  # numbers of the rows of narrow and of wide blocks at a time
-_NARROW = 9  # rows of a block that may go by reflections, which want it near the first-level cache
-_NARROW_FIELDS, _FIELDS = 60_000, 300_000  # numbers of the fields that their rows are made from between two triangles
+_SHORTEST, _LONGEST, _ENTRIES = 64, 2048, 60_000  # samples, and numbers of a block's rows, folded at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,21 +72,7 @@ def has_numba() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def kernels() -> Any:
-    """The module of compiled kernels of the reduction."""
-    from structid.regression.kernels import local as local_kernels
-
-    return local_kernels
-
-
-def banded_kernels() -> Any:
-    """The module of compiled kernels of the sweep and of many small problems."""
-    from structid.regression.kernels import banded as banded_kernels
-
-    return banded_kernels
-
-
-def shared_out(n: int, threads: int, work: Callable[[int, int], Any]) -> None:
+def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None:
     """`work(first, last)` on `threads` equal parts of range(n) at once."""
     edges = [n * k // threads for k in range(threads + 1)]
     parts = [(a, b) for a, b in pairwise(edges) if b > a]
@@ -110,6 +93,28 @@ def block_widths(columns: IntArray) -> IntArray:
     return np.asarray(widths)
 
 
+class Blocks(NamedTuple):
+    """The rows of an operator block by block, as compiled code takes them.
+
+    Attributes
+    ----------
+    starts : (n_blocks (k + 1) + 1,) int array
+        Where the entries of each row begin.
+    which, data : (n_entries,) int and float arrays
+        Field and factor of each entry.
+    widths : (n_blocks,) int array
+        Columns in use of each block.
+    heads : (n_groups + 1,) int array
+        Where each group of neighbouring blocks with the same columns begins; three blocks at most.
+    """
+
+    starts: IntArray
+    which: NDArray[np.int32]
+    data: FloatArray
+    widths: IntArray
+    heads: IntArray
+
+
 @dataclass(frozen=True, eq=False)
 class RowMaker:
     """What makes the rows of every block from fields; made once for all chunks of a record.
@@ -118,61 +123,24 @@ class RowMaker:
     ----------
     operator : (n_blocks (k + 1), n_fields) sparse array
         Regressors of every block and its right-hand side from the fields of one sample.
-    widths : (n_blocks,) int array
-        Columns in use of each block.
-    starts : (n_blocks (k + 1) + 1,) int array
-        Where the entries of each row begin.
-    which : (n_entries,) unsigned int array
-        Field of each entry.
-    alike : (n_blocks (k + 1),) int array
-        How many rows after each, a block further every time and made with it, are of the same fields.
-    heads : (n_groups + 1,) int array
-        Where each group of neighbouring blocks with the same columns begins.
-    new : unsigned int array
-        The fields of each group that the group before it does not use, one group after another.
-    news : (n_groups + 1,) int array
-        Where those of each group begin.
-    reach : float
-        Fields that a group uses, on average.
+    blocks : Blocks, optional
+        None where the operator does not go block by block.
     """
 
     operator: sparse.csr_array
-    widths: IntArray
-    starts: IntArray
-    which: NDArray[np.uint32]
-    alike: NDArray[np.int8]
-    heads: IntArray
-    new: NDArray[np.uint32]
-    news: IntArray
-    reach: float
+    blocks: Blocks | None
 
 
 def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
     """The `RowMaker` of blocks with these columns, -1, last in its row, where a block has fewer."""
-    side = columns.shape[1] + 1
-    require_shape("operator", operator, (columns.shape[0] * side, None))
+    require_shape("operator", operator, (columns.shape[0] * (columns.shape[1] + 1), None))
     starts, which = operator.indptr.astype(np.int64, copy=False), operator.indices.astype(np.int32, copy=False)
-    which = which.view(np.uint32)
-    heads = _groups(columns)
-    alike = _alike(starts, which, heads, side)
-    n_groups = len(heads) - 1
-    group = np.repeat(np.arange(n_groups), np.diff(starts[heads * side]))
-    uses = np.unique(which * np.int64(n_groups + 1) + group)
-    first = np.ones(len(uses), dtype=bool)
-    first[1:] = np.diff(uses) != 1  # not used by the group before
-    new, group = np.divmod(uses[first], n_groups + 1)
-    order = np.argsort(group, kind="stable")
-    news = np.searchsorted(group[order], np.arange(n_groups + 1))
-    reach = len(uses) / max(1, n_groups)
-    return RowMaker(
-        operator, block_widths(columns), starts, which, alike, heads, new[order].astype(np.uint32), news, reach
-    )
+    return RowMaker(operator, Blocks(starts, which, operator.data, block_widths(columns), _groups(columns)))
 
 
 def only_operator(operator: sparse.csr_array) -> RowMaker:
-    """A `RowMaker` for what does not go block by block: its operator, and nothing else."""
-    none, unsigned = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint32)
-    return RowMaker(operator, none, none, unsigned, none.astype(np.int8), none, unsigned, none, 0.0)
+    """A `RowMaker` for what does not go block by block."""
+    return RowMaker(operator, None)
 
 
 def _groups(columns: IntArray) -> IntArray:
@@ -182,25 +150,6 @@ def _groups(columns: IntArray) -> IntArray:
     begin = np.flatnonzero(fresh)
     since = np.arange(len(columns)) - begin[np.cumsum(fresh) - 1]
     return np.append(np.flatnonzero(since % _TOGETHER == 0), len(columns))
-
-
-def _alike(starts: IntArray, which: NDArray[np.uint32], heads: IntArray, side: int) -> NDArray[np.int8]:
-    """How many rows, each `side` after the other and within one group, use the fields of each row; 2 at most."""
-    count = np.diff(starts)
-    n_rows = len(count)
-    block = np.arange(n_rows) // side
-    again = np.zeros(n_rows, dtype=bool)
-    if n_rows > side:
-        again[:-side] = count[:-side] == count[side:]
-    again[np.isin(block, heads[1:] - 1)] = False  # the last of a group
-    row = np.repeat(np.arange(n_rows), count)
-    entry = np.flatnonzero(again[row])
-    other = entry + starts[row[entry] + side] - starts[row[entry]]
-    again[row[entry[which[entry] != which[other]]]] = False
-    alike = again.astype(np.int8)
-    if n_rows > side:
-        alike[:-side] += again[:-side] & again[side:]
-    return alike
 
 
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
@@ -215,32 +164,16 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
     """
     n_blocks, side = triangles.shape[:2]
     require_shape("fields", fields, (maker.operator.shape[1], None))
-    if not work.compiled(n_blocks * fields.shape[1]):
+    blocks = maker.blocks
+    if blocks is None or not work.compiled(n_blocks * fields.shape[1]):
         return _folded_by_numpy(triangles, maker.operator, fields)
-    found = np.array(triangles)
-    flat = np.ascontiguousarray(fields, dtype=np.float64).reshape(-1)
-    n_times = fields.shape[1]
-    inner, outer = stretches(n_times, side, maker.reach)
-    kernel, data = kernels().fold_fields, maker.operator.data
+    from structid.regression.compiled import fold_fields
 
-    def part(first: int, last: int) -> None:
-        kernel(
-            found, flat, n_times, maker.starts, maker.which, data, maker.widths, maker.alike, maker.heads, maker.new,
-            maker.news, first, last, outer, inner,
-        )  # fmt: skip
-
-    shared_out(len(maker.heads) - 1, work.threads, part)
+    found, given = np.array(triangles), np.ascontiguousarray(fields, dtype=np.float64)
+    longest = min(_LONGEST, max(_SHORTEST, _ENTRIES // side))
+    groups = len(blocks.heads) - 1
+    shared_out(groups, work.threads, lambda first, last: fold_fields(found, given, blocks, first, last, longest))
     return found
-
-
-def stretches(n_times: int, side: int, reach: float) -> tuple[int, int]:
-    """Samples at a time whose rows stay in the cache, and a multiple of them whose `reach` fields do."""
-    rows, fields = (_NARROW_ROWS, _NARROW_FIELDS) if side <= _NARROW else (_ROWS, _FIELDS)
-    most = min(_LONGEST, max(64, rows // side // 32 * 32))
-    parts = max(1, -(-n_times // most))
-    inner = min(n_times, -(-n_times // parts // 32) * 32) if n_times else 1
-    outer = max(inner, int(fields / max(reach, 1.0)) // inner * inner)
-    return inner, outer
 
 
 def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:

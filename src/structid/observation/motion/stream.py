@@ -257,7 +257,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
     fit.require_content()
     _give_back_memory()
     chosen = work or Kernels()
-    found = block_solution(fit.state, fit.equations.sizes(fit.energy), chosen)
+    found = block_solution(fit.state, fit.equations.sizes(fit.energy))
     size = fit.n_samples * len(fit.state.columns)
     engine = chosen.words(size) if len(fit.state.columns) == fit.equations.n_dofs else "NumPy"
     std = locked(found.standard_deviations())

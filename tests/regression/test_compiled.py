@@ -1,8 +1,5 @@
 """Compiled rows and triangles of blocks against dense rows: groups, products where they hold, reflections elsewhere."""
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import sparse
@@ -12,19 +9,6 @@ from structid.regression.local_reduction import Kernels, has_numba, row_maker
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="no numba")
 ONE, NUMPY = Kernels("numba"), Kernels("numpy")
-
-
-def test_cached_kernels_are_compiled_anew_when_a_part_of_them_changes():
-    """numba looks at the file of the cached function only; if this fails, put the digest into both files."""
-    from structid.regression.kernels import banded as banded_kernels
-    from structid.regression.kernels import local as local_kernels
-
-    folder, found = Path(local_kernels.__file__).parent, hashlib.sha256()
-    for name in ("gram", "householder", "product", "vector", "whitened", "vector_code"):
-        found.update((folder / f"{name}.py").read_text(encoding="utf-8").encode())
-    digest = found.hexdigest()[:16]
-    assert digest == local_kernels.PARTS
-    assert digest == banded_kernels.PARTS
 
 
 def nodes(n=5, together=3, span=5, seed=0):
@@ -62,7 +46,7 @@ def gram_error(state, operator, fields):
 
 
 @pytest.mark.parametrize(("together", "span"), [(1, 5), (2, 5), (3, 5), (4, 5), (1, 1), (2, 2), (2, 3), (3, 4)])
-@pytest.mark.parametrize("n_times", [1, 95, 96, 131, 700, 1500])
+@pytest.mark.parametrize("n_times", [1, 4, 39, 40, 131, 700, 4500])
 def test_every_product_of_the_rows_is_kept(together, span, n_times):
     """Groups of one to four blocks, stretches with and without remainders of vectors, in one call and in two."""
     columns, operator = nodes(together=together, span=span)
@@ -250,19 +234,7 @@ def test_what_is_not_a_number_arrives():
 
 
 @pytest.mark.parametrize("together", [1, 2, 3, 4, 7])
-def test_groups_and_their_fields_are_those_of_a_plain_count(together):
+def test_groups_are_those_of_a_plain_count(together):
     columns, operator = nodes(n=4, together=together)
-    maker, side = row_maker(operator, columns), columns.shape[1] + 1
-    sizes = np.diff(maker.heads)
+    sizes = np.diff(row_maker(operator, columns).blocks.heads)
     assert sizes.tolist() == ([3] * (together // 3) + [together % 3] * (together % 3 > 0)) * 4
-    fields = [set(operator.indices[a:b].tolist()) for a, b in zip(operator.indptr, operator.indptr[1:], strict=False)]
-    groups = [set().union(*fields[a * side : b * side]) for a, b in zip(maker.heads, maker.heads[1:], strict=False)]
-    for h, own in enumerate(groups):
-        before = groups[h - 1] if h else set()
-        assert set(maker.new[maker.news[h] : maker.news[h + 1]].tolist()) == own - before
-    assert maker.reach == pytest.approx(np.mean([len(own) for own in groups]))
-    group = np.repeat(np.arange(len(sizes)), sizes)
-    for row, alike in enumerate(maker.alike.tolist()):
-        later = [row + side * k for k in (1, 2) if row + side * k < len(fields)]
-        same = [group[r // side] == group[row // side] and fields[r] == fields[row] for r in later]
-        assert alike == (0 if not same or not same[0] else 1 + (len(same) > 1 and same[1]))

@@ -1,0 +1,335 @@
+"""Compiled loops: rows made from fields and folded into the triangles of their blocks; loaded only where numba is wanted.
+
+Nearly all time goes into two loops over samples, `_products` of rows and `_combine`, which adds rows to rows. They take
+rows as tuples of where these begin: numba compiles them for every number of rows, all but the loop over samples is
+unrolled, and that one becomes vector instructions whose sums stay in registers. Three by three rows are nine products
+for six numbers read. Whatever else is here has the size of a triangle.
+
+Rows follow one another in one array, `apart` numbers from one to the next: q columns, filled up with zeros to a multiple
+of three, and the right-hand side. What the triangle holds already stands in front of the new samples. All functions are
+in this one file because numba looks at the file of a cached function only to see whether it must be compiled anew.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, uint64
+from numba.cpython.unsafe.tuple import tuple_setitem
+
+#: Largest sum of squares of the inverse of a triangle with unit columns that comes from products, over its columns.
+WEAKEST = 20.0
+#: Part of the square of the right-hand side below which what is left of it is summed itself.
+SMALL = 1e-4
+_FEWEST = 4  # samples a column that are tried by products
+_EVEN = 32  # samples go by multiples of it
+_APART = 24  # more numbers between rows, so that they do not fall into the same sets of the cache
+_ONE, _THREE, _NINE = (0.0,), (0.0,) * 3, (0.0,) * 9
+
+# Sums may be reordered and fused for vector units, nothing else of IEEE arithmetic is given up: NaN and infinity arrive.
+_MATHS = {"reassoc", "contract", "nsz"}
+_part = njit(nogil=True, fastmath=_MATHS, error_model="numpy")
+_whole = njit(cache=True, nogil=True, fastmath=_MATHS, error_model="numpy")
+
+
+class Samples(NamedTuple):
+    """Some samples of all fields: of field k they begin at fields[k pace + first]."""
+
+    fields: np.ndarray
+    pace: int
+    first: int
+    length: int
+
+
+class Rows(NamedTuple):
+    """Rows of one block: row k begins at b[first + k apart]."""
+
+    b: np.ndarray
+    first: int
+    apart: int
+    length: int
+
+
+@_part
+def _products(b, left, right, count, sums):
+    """`sums` plus the products of rows: entry i len(right) + j is of rows left[i] and right[j]."""
+    for t in range(uint64(count)):
+        for i in range(len(left)):
+            x = b[uint64(left[i]) + t]
+            for j in range(len(right)):
+                k = i * len(right) + j
+                sums = tuple_setitem(sums, k, sums[k] + x * b[uint64(right[j]) + t])
+    return sums
+
+
+@_part
+def _combine(b, rows, fields, sources, factors, count, fresh):
+    """Add to every row of `b`, or set it where `fresh`, the sources times its factors; row after row of these."""
+    x = factors[: len(sources)]
+    for t in range(uint64(count)):
+        for k in range(len(sources)):
+            x = tuple_setitem(x, k, fields[uint64(sources[k]) + t])
+        for i in range(len(rows)):
+            total = 0.0 if fresh else b[uint64(rows[i]) + t]
+            for k in range(len(sources)):
+                total += factors[i * len(sources) + k] * x[k]
+            b[uint64(rows[i]) + t] = total
+
+
+@_part
+def _padded(q):
+    return (q + 2) // 3 * 3
+
+
+@_part
+def _three(rows, k):
+    at = rows.first + k * rows.apart
+    return (at, at + rows.apart, at + 2 * rows.apart)
+
+
+@_part
+def _alike(blocks, row, other):
+    """Whether two rows of the operator are of the same fields."""
+    a, b, k = blocks.starts[row], blocks.starts[other], 0
+    n = blocks.starts[row + 1] - a
+    while k < n and blocks.which[a + k] == blocks.which[b + k]:
+        k += 1
+    return k == n == blocks.starts[other + 1] - b
+
+
+@_part
+def _make_alike(b, at, samples, blocks, row, side, factors):
+    """Rows of the operator from `row`, each `side` after the other, of the same fields: four fields at a time."""
+    start, end = blocks.starts[row], blocks.starts[row + 1]
+    if start == end:
+        for i in range(len(at)):
+            b[at[i] : at[i] + samples.length] = 0.0
+    for k in range(start, end, 4):
+        sources = (
+            blocks.which[k] * samples.pace + samples.first,
+            blocks.which[min(k + 1, end - 1)] * samples.pace + samples.first,
+            blocks.which[min(k + 2, end - 1)] * samples.pace + samples.first,
+            blocks.which[min(k + 3, end - 1)] * samples.pace + samples.first,
+        )
+        for i in range(len(at)):
+            shift = blocks.starts[row + i * side] - start
+            for j in range(4):
+                factors = tuple_setitem(factors, 4 * i + j, blocks.data[shift + k + j] if k + j < end else 0.0)
+        _combine(b, at, samples.fields, sources, factors, samples.length, k == start)
+
+
+@_part
+def _make(b, at, block, samples, blocks, row, side, n):
+    """The same row of `n` neighbouring blocks, `block` numbers from one to the next; up to three are made together."""
+    while n > 0:
+        alike = 1
+        while alike < min(n, 3) and _alike(blocks, row, row + alike * side):
+            alike += 1
+        if alike == 3:
+            _make_alike(b, (at, at + block, at + 2 * block), samples, blocks, row, side, (0.0,) * 12)
+        elif alike == 2:
+            _make_alike(b, (at, at + block), samples, blocks, row, side, (0.0,) * 8)
+        else:
+            _make_alike(b, (at,), samples, blocks, row, side, (0.0,) * 4)
+        at, row, n = at + alike * block, row + alike * side, n - alike
+
+
+@_part
+def _put_triangle_first(r, q, rows, new):
+    """Put the triangle in front of the `new` last samples of the rows; zeros where there is nothing."""
+    n, last = _padded(q), r.shape[0] - 1
+    for k in range(n + 1):
+        at = rows.first + k * rows.apart
+        rows.b[at : at + rows.length - (0 if q <= k < n else new)] = 0.0
+        if k < q:
+            for t in range(k + 1):
+                rows.b[at + t] = r[t, k]
+    for t in range(q):
+        rows.b[at + t] = r[t, last]
+    rows.b[at + n] = r[last, last]
+
+
+@_part
+def _take(r, q, rows, i, j):
+    """Entry i of row j, which no later reflection touches, goes to the triangle; zero in its place."""
+    at = rows.first + j * rows.apart + i
+    if i < q and (j < q or j == _padded(q)):
+        r[i, j if j < q else r.shape[0] - 1] = rows.b[at]
+    rows.b[at] = 0.0
+
+
+@_part
+def _reflect_panel(r, q, rows, k):
+    """Reflections that clear rows k to k + 2 below the diagonal, one by one, on these and the right-hand side.
+
+    Returns their factors and the products of their vectors, which stand in the rows, with one another.
+    """
+    b, n, factors, overlap = rows.b, _padded(q), _THREE, _NINE
+    v = _three(rows, k)
+    x = (*v, rows.first + n * rows.apart)
+    for i in range(3):
+        products = _products(b, (v[i],), x, rows.length, (0.0,) * 4)
+        at, size = k + i, np.sqrt(products[i])
+        head = b[v[i] + at]
+        more = size if head >= 0.0 else -size
+        b[v[i] + at] = head + more
+        if at < q:
+            r[at, at] = -more
+        factors = tuple_setitem(factors, i, 1.0 / (size * (size + abs(head))) if size > 0.0 else 0.0)
+        for j in range(4):
+            product = products[j] + more * b[x[j] + at]
+            if j < i:
+                overlap = tuple_setitem(overlap, 3 * i + j, product)
+            elif j > i:
+                _combine(b, (x[j],), b, (v[i],), (-factors[i] * product,), rows.length, False)
+                _take(r, q, rows, at, k + j if j < 3 else n)
+    return factors, overlap
+
+
+@_part
+def _by_reflections(r, q, rows):
+    """The triangle of the rows by Householder's reflections, three at a time on all rows that follow."""
+    n, last = _padded(q), r.shape[0] - 1
+    for k in range(0, n, 3):
+        factors, overlap = _reflect_panel(r, q, rows, k)
+        v = _three(rows, k)
+        for j in range(k + 3, n, 3):
+            x, shares = _three(rows, j), _NINE
+            products = _products(rows.b, v, x, rows.length, _NINE)
+            for i in range(3):
+                first = factors[0] * products[i]
+                second = factors[1] * (products[3 + i] - overlap[3] * first)
+                third = factors[2] * (products[6 + i] - overlap[6] * first - overlap[7] * second)
+                shares = tuple_setitem(tuple_setitem(shares, 3 * i, -first), 3 * i + 1, -second)
+                shares = tuple_setitem(shares, 3 * i + 2, -third)
+            _combine(rows.b, x, rows.b, v, shares, rows.length, False)
+            for i in range(9):
+                _take(r, q, rows, k + i // 3, j + i % 3)
+    right = rows.first + n * rows.apart
+    r[last, last] = np.sqrt(_products(rows.b, (right,), (right,), rows.length, _ONE)[0])
+
+
+@_part
+def _cholesky(g, q):
+    """The triangle in place of its products g, its inverse transposed below; the square sum of that with unit columns.
+
+    The last column, of right-hand sides, is divided by the triangle transposed. Infinity where g is singular.
+    """
+    sizes, weakness = np.zeros(q), 0.0
+    for k in range(q):
+        sizes[k] = g[k, k]
+    for k in range(q):
+        if not g[k, k] > 0.0:
+            return np.inf
+        over = 1.0 / np.sqrt(g[k, k])
+        for j in range(g.shape[1]):
+            g[k, j] *= over
+            if j < k:
+                weakness += g[k, j] * g[k, j] * sizes[j]
+        weakness += over * over * sizes[k]
+        for i in range(k + 1, q):
+            share = g[k, i]
+            for j in range(k):
+                g[i, j] -= share * g[k, j]
+            g[i, k] = -share * over
+            for j in range(i, g.shape[1]):
+                g[i, j] -= share * g[k, j]
+    return weakness
+
+
+@_part
+def _with_right(g, rows, n):
+    """Products with the right-hand side into the last column of `g`."""
+    right = (rows.first + n * rows.apart,)
+    for i in range(0, n, 3):
+        products = _products(rows.b, _three(rows, i), right, rows.length, _THREE)
+        for k in range(3):
+            g[i + k, n] = products[k]
+    g[n, n] = _products(rows.b, right, right, rows.length, _ONE)[0]
+
+
+@_part
+def _refined(g, q, rows, n):
+    """The last column of `g`, and the residual's square, once more from the right-hand side less what explains it."""
+    p = np.zeros(n)
+    for i in range(q - 1, -1, -1):
+        p[i] = g[i, n]
+        for k in range(i + 1, q):
+            p[i] -= g[i, k] * p[k]
+        p[i] /= g[i, i]
+    for i in range(0, n, 3):
+        right = (rows.first + n * rows.apart,)
+        _combine(rows.b, right, rows.b, _three(rows, i), (-p[i], -p[i + 1], -p[i + 2]), rows.length, False)
+    _with_right(g, rows, n)
+    left = g[n, n]
+    for i in range(q):
+        for k in range(i):
+            g[i, n] -= g[k, i] * g[k, n]
+        g[i, n] /= g[i, i]
+        left -= g[i, n] * g[i, n]
+    for i in range(q):
+        for k in range(i, q):
+            g[i, n] += g[i, k] * p[k]
+    return left
+
+
+@_part
+def _by_products(r, q, rows):
+    """The triangle of the rows from their products; False, and nothing done, where it would lose digits.
+
+    Products cost half the reflections and square the condition. They count only if the inverse of the triangle with
+    unit columns stays below `WEAKEST` in the sum of its squares: an error of so many roundings, 1e-13, in the weakest
+    direction. Of a right-hand side that is nearly explained what is left is summed itself, not found as a difference.
+    """
+    n, last = _padded(q), r.shape[0] - 1
+    g = np.zeros((n + 1, n + 1))
+    for i in range(0, n, 3):
+        for j in range(i, n, 3):
+            products = _products(rows.b, _three(rows, i), _three(rows, j), rows.length, _NINE)
+            for k in range(9):
+                g[i + k // 3, j + k % 3] = products[k]
+    _with_right(g, rows, n)
+    if not _cholesky(g, q) <= WEAKEST * q:
+        return False
+    left = g[n, n]
+    for i in range(q):
+        left -= g[i, n] * g[i, n]
+    if left < SMALL * g[n, n]:
+        left = _refined(g, q, rows, n)
+    for i in range(q):
+        for j in range(i, q):
+            r[i, j] = g[i, j]
+        r[i, last] = g[i, n]
+    r[last, last] = np.sqrt(max(left, 0.0))
+    return True
+
+
+@_whole
+def fold_fields(triangles, fields, blocks, first, last, longest):
+    """Fold the rows of groups `first` to `last` over all samples, at most `longest` at a time, into `triangles`.
+
+    Group h is the blocks heads[h] to heads[h + 1], three at most.
+    """
+    side, n_times = triangles.shape[1], fields.shape[1]
+    most = _padded(side - 1)
+    step = -(-n_times // max(1, -(-n_times // longest)))
+    apart = (step + most + _EVEN) // _EVEN * _EVEN + _APART
+    block = (most + 1) * apart
+    room = np.zeros(3 * block + 8)
+    b = room[-room.ctypes.data // 8 % 8 :]  # from the beginning of a cache line
+    for at in range(0, n_times, max(step, 1)):
+        samples = Samples(fields.ravel(), n_times, at, min(step, n_times - at))
+        for h in range(first, last):
+            d, size = blocks.heads[h], blocks.heads[h + 1] - blocks.heads[h]
+            q = blocks.widths[d]
+            n = _padded(q)
+            count = (samples.length + n + _EVEN) // _EVEN * _EVEN
+            for k in range(q + 1):
+                row, to = d * side + (k if k < q else side - 1), (k if k < q else n) * apart + count - samples.length
+                _make(b, to, block, samples, blocks, row, side, size)
+            for j in range(size):
+                rows, r = Rows(b, j * block, apart, count), triangles[d + j]
+                _put_triangle_first(r, q, rows, samples.length)
+                if samples.length < _FEWEST * q or not _by_products(r, q, rows):
+                    _by_reflections(r, q, rows)

@@ -1,1 +1,0 @@
-"""Compiled kernels of the streaming reduction; imported only where numba is wanted."""
