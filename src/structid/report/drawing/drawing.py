@@ -1,4 +1,4 @@
-"""The structure as flat shapes: what the PNG figure and the page draw, with nothing left to compute."""
+"""The structure as flat shapes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
-from structid.identification.identify import Identification
 from structid.report.drawing import symbols
-from structid.report.drawing.changes import Panel, panels
 from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
 from structid.report.drawing.labels import Label, Placed, place
 from structid.report.drawing.picture import Arrow, Mark, Picture
-from structid.report.drawing.projection import PLANE_AXES, SPACE_AXES
+from structid.report.drawing.projection import is_spatial, paper_axes
 from structid.report.text import counted
 from structid.structure import (
     Dashpot,
@@ -30,10 +28,12 @@ from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 
 _SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.friction}
-#: Width in inches that a wide drawing and one panel of several have in the PNG figure.
+#: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 _CHARACTER_INCHES = (0.068, 0.115)
 _MANY_NODES = 40
+#: Marks beyond which labels may stand before them.
+_MOST_OBSTACLES = 2000
 #: Cosine beyond which two directions count as the same.
 _IN_THE_WAY = 0.9
 
@@ -59,16 +59,8 @@ class _Frame:
         return np.mean(list(self.points.values()), axis=0)
 
 
-def picture(identification: Identification) -> Picture:
-    """The structure of `identification` with its sensors, loads and changes."""
-    found = identification
-    return structure_picture(found.structure, found.sensors, found.loads, panels(found))
-
-
-def structure_picture(
-    structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], shown: tuple[Panel, ...] = ()
-) -> Picture:
-    """`structure` with sensors and loads, and with what `shown` says of its elements."""
+def structure_picture(structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof]) -> Picture:
+    """`structure` with sensors and loads."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
     hidden = hidden_nodes(structure, frame.points, marks)
@@ -84,11 +76,12 @@ def structure_picture(
     shapes += [part for arrow in (*sensors, *loads) for part in (arrow.shaft, *arrow.heads)]
     corners = np.concatenate(shapes)
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
-    is_wide = high[0] - low[0] > 2.2 * (high[1] - low[1])
+    is_wide = high[0] - low[0] > 1.8 * (high[1] - low[1])
     per_inch = (high[0] - low[0]) / (0.86 * WIDE_INCHES if is_wide else 0.72 * PANEL_INCHES)
     character = (_CHARACTER_INCHES[0] * per_inch, _CHARACTER_INCHES[1] * per_inch)
     inside = [m.centre + share * (m.path - m.centre) for m in marks if m.filled for share in (0.35, 0.7)]
-    obstacles = symbols.sampled(symbols.joined([*shapes[1:], *inside]), 0.4 * character[1])
+    in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
+    obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
     labels, lost = place(_wanted(frame, shown_nodes, marks, sensors, loads), character, 0.08 * per_inch, obstacles)
     if lost:
         left = (
@@ -98,12 +91,12 @@ def structure_picture(
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
     return Picture(
         marks, grounds, links, supports, points, _node_texts(structure, shown_nodes), sensors, loads, axes, labels,
-        _bounds(corners, labels, axes, per_inch), shown, notes,
+        _bounds(corners, labels, axes, per_inch), notes,
     )  # fmt: skip
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
-    axes = SPACE_AXES if structure.dimension == 3 else PLANE_AXES
+    axes = paper_axes(structure)
     table = np.array(list(structure.nodes.values()))
     flat = table @ axes[: structure.dimension]
     notes: tuple[str, ...] = ()
@@ -296,7 +289,7 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> Arrow:
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
-    if dof.direction == "RZ" and frame.structure.dimension < 3:
+    if dof.direction == "RZ" and not is_spatial(frame.structure):
         shaft, tip_head = symbols.turning_arrow(point, dof.sign, (0.055 if is_load else 0.04) * frame.size, head)
         return Arrow(dof, shaft, (tip_head,), tip_head[0])
     way = dof.sign * frame.direction(dof)
@@ -351,8 +344,8 @@ def _wanted(
 
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
     """Short lines along the global axes, at the lower left of the drawing."""
-    origin = corner - np.array([0.11, 0.0 if frame.structure.dimension < 3 else 0.05]) * frame.size
-    count = 3 if frame.structure.dimension == 3 or "Z" in used else 2
+    origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
+    count = 3 if is_spatial(frame.structure) or "Z" in used else 2
     return tuple((DIRECTIONS[i], np.array([origin, origin + 0.05 * frame.size * frame.axes[i]])) for i in range(count))
 
 

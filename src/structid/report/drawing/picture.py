@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
-from structid.report.drawing.changes import Panel
 from structid.report.drawing.labels import Placed
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One element, or one face of it: its outline, whether it is an area, where it is, and the nodes of a face."""
+    """One element, or one face of it.
+
+    Attributes
+    ----------
+    element, index, label : str, int, str
+        Element set, which of its elements, and the name of that.
+    path : (n, 2) float array
+        What is drawn; NaN lifts the pen.
+    filled : bool
+        Whether it is an area.
+    centre : (2,) float array
+    nodes : tuple of int
+        Of a face.
+    outline : (n, 2) float array
+        Of a face, from node to node.
+    """
 
     element: str
     index: int
@@ -21,6 +37,7 @@ class Mark:
     filled: bool
     centre: FloatArray
     nodes: tuple[int, ...] = ()
+    outline: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +68,6 @@ class Picture:
     labels : tuple of Placed
     bounds : (float, float, float, float)
         Left, right, bottom, top.
-    panels : tuple of Panel
     notes : tuple of str
         What the reader should know about the drawing.
     """
@@ -67,7 +83,6 @@ class Picture:
     axes: tuple[tuple[str, FloatArray], ...]
     labels: tuple[Placed, ...]
     bounds: tuple[float, float, float, float]
-    panels: tuple[Panel, ...]
     notes: tuple[str, ...]
 
     @property
@@ -79,4 +94,4 @@ class Picture:
     @property
     def is_wide(self) -> bool:
         """Whether panels belong below instead of beside each other."""
-        return self.aspect > 2.0
+        return self.aspect > 1.6
