@@ -1,15 +1,19 @@
 """Meshes as the drawing shows them: outer faces of solids, shells in space, what is hidden, and in which order."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
 from structid.report.drawing import faces
-from structid.report.drawing.changes import Change, Panel
+from structid.report.drawing.changes import Change, shading
 from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.projection import SPACE_AXES
-from structid.report.figures.interactive_structure import structure_figures
-from structid.report.figures.png_structure import structure_figure
+from structid.report.figures.structure import structure_figure
+from structid.report.rendering.plot import Area, Curve
+from structid.report.rendering.png import drawn as png_drawn
 
 SIGHT = np.cross(*SPACE_AXES.T)
 GIVEN = {"youngs_modulus": 70e9, "density": 2700.0, "poisson": 0.3}
@@ -105,7 +109,7 @@ def test_large_meshes_have_no_nodes_drawn(monkeypatch):
     monkeypatch.setattr(faces, "_MOST_PAIRS", 10)
     drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
     assert drawn.nodes.shape == (0, 2)
-    structure_figure(drawn)
+    png_drawn(structure_figure(drawn))
 
 
 def test_flat_cells_keep_a_gap_and_names_stand_where_they_are_seen():
@@ -131,14 +135,45 @@ def test_faces_have_their_colours_and_lie_below_lines_on_page_and_figure():
     beams = SpaceBeam("ring", ring, 1.0, 1.0, 1.0)
     structure = Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN), beams])
     changes = {("tube", k): Change(0.1 * (k % 2) - 0.05, True, f"change {k}") for k in range(len(cells))}
-    drawn = structure_picture(structure, [], [], (Panel("stiffness", changes, 0.05),))
-    traces = structure_figures(drawn)["structure-stiffness"].data
-    filled = [k for k, trace in enumerate(traces) if trace.get("fill") == "toself"]
-    lines = [k for k, trace in enumerate(traces) if trace.get("mode") == "lines" and "fill" not in trace]
-    line = next(k for k in lines if len(traces[k]["x"]) > 20)
+    drawn = structure_picture(structure, [], [])
+    traces = list(structure_figure(drawn, (shading("stiffness", changes, 0.05),)).panels[0].traces)
+    filled = [k for k, trace in enumerate(traces) if isinstance(trace, Area)]
+    line = next(k for k, trace in enumerate(traces) if isinstance(trace, Curve) and trace.pen and len(trace.x) > 20)
     assert max(filled) < line
-    assert len({traces[k]["fillcolor"] for k in filled}) == 2
-    hover = [text for trace in traces for text in trace.get("text", []) if text.endswith(" change 3")]
+    assert len({traces[k].colour for k in filled}) == 2
+    hover = [
+        text for trace in traces if isinstance(trace, Curve) for text in trace.hover or () if text.endswith(" change 3")
+    ]
     assert hover == ["tube:4: change 3"]
-    axes = structure_figure(drawn).axes[0]
-    assert {patch.get_zorder() for patch in axes.patches if len(patch.get_path().vertices) == 5} == {2.5}
+
+
+def test_regions_are_outlined_where_no_neighbour_belongs_to_them():
+    nodes = {k: (float(k % 4), float(k // 4)) for k in range(12)}
+    cells = [[k, k + 1, k + 5, k + 4] for k in (0, 1, 2, 4, 5, 6)]
+    structure = Structure(nodes, [Plate("p", cells, thickness=0.01, **GIVEN)])
+    changes = {("p", k): Change(0.1, True, "") for k in range(6)}
+    both = replace(shading("", changes, 0.1), outlined=frozenset({("p", 0), ("p", 1)}))
+    traces = structure_figure(structure_picture(structure, [], []), (both,)).panels[0].traces
+    (border,) = [trace for trace in traces if trace.label == "round changes beyond chance"]
+    ends = np.column_stack([border.x, border.y])
+    sides = [part[~np.isnan(part[:, 0])] for part in np.split(ends, np.flatnonzero(np.isnan(border.x)))]
+    drawn = {frozenset(map(tuple, side.tolist())) for side in sides}
+    corners = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)]
+    assert drawn == {frozenset((a, b)) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)}
+
+
+def test_meshes_of_many_colours_keep_their_order_from_far_to_near():
+    nodes, cells = tube(n_along=40, n_around=40)
+    structure = Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)])
+    changes = {("tube", k): Change(0.05 * np.sin(k), True, "") for k in range(len(cells))}
+    drawn = structure_picture(structure, [], [])
+    traces = [t for t in structure_figure(drawn, (shading("", changes, 0.05),)).panels[0].traces if isinstance(t, Area)]
+    assert len(traces) < 600
+    order = {mark.path.tobytes(): k for k, mark in enumerate(drawn.marks)}
+    places = []
+    for trace in traces:
+        parts = np.split(np.column_stack([trace.x, trace.y]), np.flatnonzero(np.isnan(trace.x)))
+        places.append([order[part[~np.isnan(part[:, 0])].tobytes()] for part in parts])
+    assert sum(map(len, places)) == len(cells)
+    for first, second in pairwise(places):  # a trace never holds a face behind the slice before
+        assert min(second) > min(first) - len(cells) / 12

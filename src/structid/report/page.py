@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from structid._version import __version__
 from structid.files import atomic_write, made_folder
-from structid.report.rendering.browser import embedded, legend
+from structid.report.rendering.browser import clean, embedded, legend
 from structid.report.rendering.plot import Figure
 
 
@@ -82,5 +82,5 @@ def _environment() -> Environment:
         loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    found.globals["legend"] = legend
+    found.globals |= {"legend": legend, "clean": clean}
     return found

@@ -199,7 +199,7 @@ class _Traces:
     data: list[Described]
 
     def _add(self, trace: Described, label: str, **places: int | list[int]) -> None:
-        named: Described = {"name": clean(label), "meta": label} if label else {}
+        named: Described = {"name": clean(label)} if label else {}
         self.data.append({"type": "scatter", "yaxis": self.left} | trace | named | {"arrays": places})
 
     def curve(self, trace: Curve) -> None:

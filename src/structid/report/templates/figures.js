@@ -35,7 +35,7 @@ function startFigure(box, panels, arrays) {
       const columns = trace.columns.length ? trace.columns.map((name) => " / " + name) : found.x.slice(1).map(() => "");
       found.text = trace.rows.map((row) => columns.map((column) => row + column));
     }
-    return hidden.has(trace.meta) ? {...found, visible: false} : found;
+    return hidden.has(trace.name) ? {...found, visible: false} : found;
   };
   const draw = () => plots.forEach((plot, i) => {
     const panel = panelOf(i);
