@@ -47,6 +47,14 @@ def read_figures(text: str) -> dict[str, list[dict[str, Any]]]:
     }
 
 
+def pieces(x: Any, y: Any) -> list[np.ndarray]:
+    """Lines or outlines, (n, 2) each, between what is not a number."""
+    points = np.column_stack([as_array(x), as_array(y)])
+    parts = np.split(points, np.flatnonzero(np.isnan(points[:, 0])))
+    parts = [part[~np.isnan(part[:, 0])] for part in parts]
+    return [part for part in parts if len(part)]
+
+
 def as_array(values: Any) -> np.ndarray:
     """Numbers of JSON, NaN for null."""
     return np.array(values, dtype=float)

@@ -17,7 +17,7 @@ import report_cases
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection, QuadMesh
-from page_parts import as_array, read_figures
+from page_parts import as_array, pieces, read_figures
 
 from conftest import Report
 from modes_cases import ambient
@@ -169,8 +169,8 @@ def same_panel(panel: plot.Panel, described: dict, axes: Iterator[Axes], bars: I
                 np.testing.assert_allclose(label.xy, (x, y), **SIX_DIGITS)
         elif trace.get("fill") == "toself":
             outlines = [path.vertices for path in next(areas).get_paths()]
-            assert len(outlines) == len(pieces(trace))
-            for drawn, given in zip(outlines, pieces(trace), strict=True):
+            assert len(outlines) == len(pieces(trace["x"], trace["y"]))
+            for drawn, given in zip(outlines, pieces(trace["x"], trace["y"]), strict=True):
                 np.testing.assert_allclose(drawn[: len(given)], given, **SIX_DIGITS)
         else:
             side = "right" if trace["yaxis"] == described["right"] else "left"
@@ -191,13 +191,6 @@ def same_panel(panel: plot.Panel, described: dict, axes: Iterator[Axes], bars: I
         same_axis(strip.right, described["layout"][f"yaxis{described['right'][1:]}"], beside, "y")
     if panel.scale is not None:
         same_scale(panel.scale, described["layout"]["coloraxis"], next(bars))
-
-
-def pieces(trace: dict) -> list[np.ndarray]:
-    points = np.column_stack([as_array(trace["x"]), as_array(trace["y"])])
-    parts = np.split(points, np.flatnonzero(np.isnan(points[:, 0])))
-    parts = [part[~np.isnan(part[:, 0])] for part in parts]
-    return [part for part in parts if len(part)]
 
 
 def same_map(trace: dict, mesh: QuadMesh, panel: plot.Panel) -> None:

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from page_parts import pieces
 
 from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
 from structid.report.drawing import faces
@@ -43,6 +44,10 @@ def tube(n_along=4, n_around=12):
     return dict(enumerate(np.concatenate(rings), 1)), cells
 
 
+def node_texts(drawn):
+    return [t for trace in drawn.before if isinstance(trace, Curve) for t in trace.hover or () if t.startswith("node ")]
+
+
 def doubled_area(path):
     x, y = path.T
     return x @ np.roll(y, -1) - y @ np.roll(x, -1)
@@ -64,7 +69,7 @@ def test_a_block_shows_the_three_sides_that_look_at_the_eye_and_none_between_its
         assert doubled_area(mark.path) > 0
     assert sorted(ends.values()) == [6, 8, 12]
     seen = {n for mark in drawn.marks for n in mark.nodes}
-    assert len(drawn.nodes) == len(seen) < len(nodes)
+    assert len(node_texts(drawn)) == len(seen) < len(nodes)
     assert int(number[1, 1, 1]) not in seen
 
 
@@ -85,9 +90,10 @@ def test_shells_are_drawn_from_far_to_near_and_nodes_behind_them_are_not():
     depth = [np.mean([nodes[n] @ SIGHT for n in mark.nodes]) for mark in drawn.marks]
     assert np.all(np.diff(depth) >= 0)
     assert min(doubled_area(mark.path) for mark in drawn.marks) > 0  # back and front in one sense
-    assert 0.4 * len(nodes) < len(drawn.nodes) < 0.8 * len(nodes)
-    assert [arrow.dof.node for arrow in drawn.sensors] == [1]
-    shown = {text.split()[1] for text in drawn.node_texts}
+    assert 0.4 * len(nodes) < len(node_texts(drawn)) < 0.8 * len(nodes)
+    texts = [t for trace in drawn.before if isinstance(trace, Curve) for t in trace.hover or ()]
+    assert [text for text in texts if text.startswith("sensor")] == ["sensor 1Z+"]
+    shown = {text.split()[1] for text in node_texts(drawn)}
     middle = [n for n, p in nodes.items() if 0.7 < p[0] < 1.6]
     front = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] > 0.75]
     back = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] < -0.3]
@@ -101,14 +107,14 @@ def test_nodes_that_other_elements_use_are_always_drawn():
     nodes, sets, number = block()
     inner = int(number[2, 1, 1])
     drawn = structure_picture(Structure(nodes, [*sets, PointMass("lump", [inner], 1.0)]), [], [])
-    assert any(text.startswith(f"node {inner} ") for text in drawn.node_texts)
+    assert any(text.startswith(f"node {inner} ") for text in node_texts(drawn))
 
 
 def test_large_meshes_have_no_nodes_drawn(monkeypatch):
     nodes, cells = tube()
     monkeypatch.setattr(faces, "_MOST_PAIRS", 10)
     drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
-    assert drawn.nodes.shape == (0, 2)
+    assert node_texts(drawn) == []
     png_drawn(structure_figure(drawn))
 
 
@@ -155,9 +161,7 @@ def test_regions_are_outlined_where_no_neighbour_belongs_to_them():
     both = replace(shading("", changes, 0.1), outlined=frozenset({("p", 0), ("p", 1)}))
     traces = structure_figure(structure_picture(structure, [], []), (both,)).panels[0].traces
     (border,) = [trace for trace in traces if trace.label == "round changes beyond chance"]
-    ends = np.column_stack([border.x, border.y])
-    sides = [part[~np.isnan(part[:, 0])] for part in np.split(ends, np.flatnonzero(np.isnan(border.x)))]
-    drawn = {frozenset(map(tuple, side.tolist())) for side in sides}
+    drawn = {frozenset(map(tuple, side.tolist())) for side in pieces(border.x, border.y)}
     corners = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)]
     assert drawn == {frozenset((a, b)) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)}
 
@@ -172,8 +176,7 @@ def test_meshes_of_many_colours_keep_their_order_from_far_to_near():
     order = {mark.path.tobytes(): k for k, mark in enumerate(drawn.marks)}
     places = []
     for trace in traces:
-        parts = np.split(np.column_stack([trace.x, trace.y]), np.flatnonzero(np.isnan(trace.x)))
-        places.append([order[part[~np.isnan(part[:, 0])].tobytes()] for part in parts])
+        places.append([order[part.tobytes()] for part in pieces(trace.x, trace.y)])
     assert sum(map(len, places)) == len(cells)
     for first, second in pairwise(places):  # a trace never holds a face behind the slice before
         assert min(second) > min(first) - len(cells) / 12

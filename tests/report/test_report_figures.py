@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 import report_cases
+from page_parts import pieces
 
 import structid as si
 from conftest import Report
@@ -30,7 +31,7 @@ from structid.report.figures.responses import (
     worst_channels,
 )
 from structid.report.figures.structure import structure_figure
-from structid.report.rendering.plot import Area, ColourScale, Curve, Panel
+from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Texts
 from structid.report.rendering.png import STYLE, drawn, plain
 
 _NAMES = {
@@ -64,8 +65,8 @@ def test_png_files_have_their_size_and_something_on_them(cantilever: Report, ser
             assert 900 <= width <= 3200
             assert 350 <= height <= 3200
             assert np.ptp(matplotlib.image.imread(path)[..., :3]) > 0.5
-    # 10.5 in and 1.05 in + 13 rows of 0.25 in + a legend of 0.2 in, at 150 dots an inch
-    assert _size(cantilever.folder / "figures" / "parameters.png") == (1575, 675)
+    # 10.5 in and 1.3 in + 13 rows of 0.25 in + a legend of 0.2 in, at 150 dots an inch
+    assert _size(cantilever.folder / "figures" / "parameters.png") == (1575, 712)
 
 
 def test_unidentified_elements_are_dashed(series: Report) -> None:
@@ -158,20 +159,29 @@ def test_drawing_of_the_frame_has_its_sensors_in_their_sense() -> None:
     options = report_cases.IdentifyOptions(method=si.LevenbergMarquardt(max_iterations=1), pole_free_start=False)
     found = report_cases.identify(structure, unknown, record, options)
     drawn = structure_picture(structure, found.sensors, found.loads)
-    left, right, up, _ = drawn.sensors
-    assert left.tip[0] < left.shaft[0, 0]
-    assert right.tip[0] > right.shaft[0, 0]
-    assert up.tip[1] > up.shaft[0, 1]
-    assert up.tip[0] == pytest.approx(up.shaft[0, 0])
-    assert [len(a.heads) for a in drawn.sensors] == [1, 1, 1, 2]
-    load = drawn.loads[0]
-    at_node = right.shaft[0]
-    assert load.heads[0][0] == pytest.approx(at_node)
-    assert load.tip[0] < at_node[0]
+    traces = (*drawn.behind, *drawn.before)
+    shafts, tips, heads = {}, {}, {}
+    for k, trace in enumerate(traces):
+        if isinstance(trace, Curve) and trace.label in ("sensor", "load"):
+            shafts[trace.label] = pieces(trace.x, trace.y)
+            heads[trace.label] = pieces(traces[k + 1].x, traces[k + 1].y)
+            tips[trace.label] = np.column_stack([traces[k + 2].x, traces[k + 2].y])
+            dofs = found.sensors if trace.label == "sensor" else found.loads
+            assert traces[k + 2].hover == tuple(f"{trace.label} {dof}" for dof in dofs)
+    left, right, up, _ = zip(shafts["sensor"], tips["sensor"], strict=True)
+    assert left[1][0] < left[0][0, 0]
+    assert right[1][0] > right[0][0, 0]
+    assert up[1][1] > up[0][0, 1]
+    assert up[1][0] == pytest.approx(up[0][0, 0])
+    assert len(heads["sensor"]) == 1 + 1 + 1 + 2  # a rotation has two
+    at_node = right[0][0]
+    assert heads["load"][0][0] == pytest.approx(at_node)
+    assert tips["load"][0, 0] < at_node[0]
     assert len(drawn.marks) == 4 + 12 + 12 + 5
-    assert len(drawn.supports) == 1
-    assert np.isnan(drawn.links).any(axis=1).sum() == 15  # 16 lines of 4 rigid links
-    assert [axis for axis, _ in drawn.axes] == ["X", "Y", "Z"]
+    named = {trace.label: trace for trace in traces if trace.label}
+    assert len(pieces(named["support"].x, named["support"].y)) == 1
+    assert len(pieces(named["rigid link"].x, named["rigid link"].y)) == 16  # 4 of each of 4 plates
+    assert next(words.words for words in traces if isinstance(words, Texts)) == ("X", "Y", "Z")
 
 
 def test_ratios_stay_within_the_axis_and_wild_ones_do_not_stretch_it(many: Identification) -> None:
@@ -232,6 +242,6 @@ def test_labels_never_cover_each_other() -> None:
     assert len(placed) + lost == 60
     assert placed
     half = 0.5 * np.array([5 * 0.02, 1.25 * 0.04])
-    for i, a in enumerate(placed):
-        for b in placed[:i]:
-            assert (np.abs(a.at - b.at) >= 2 * half - 1e-12).any()
+    for i, (_, first) in enumerate(placed):
+        for _, second in placed[:i]:
+            assert (np.abs(first - second) >= 2 * half - 1e-12).any()

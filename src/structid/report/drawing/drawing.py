@@ -10,24 +10,18 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
-from structid.report.drawing import symbols
+from structid.report.drawing import palette, symbols
 from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
-from structid.report.drawing.labels import Label, Placed, place
-from structid.report.drawing.picture import Arrow, Mark, Picture
+from structid.report.drawing.labels import Label, place
+from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.drawing.projection import is_spatial, paper_axes
+from structid.report.rendering import plot
 from structid.report.text import counted
-from structid.structure import (
-    Dashpot,
-    Friction,
-    PointMass,
-    RotaryInertia,
-    Spring,
-    Structure,
-)
+from structid.structure import Bar, Beam, Dashpot, Friction, PointMass, RotaryInertia, SpaceBeam, Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 
-_SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.friction}
+_SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 _CHARACTER_INCHES = (0.068, 0.115)
@@ -54,25 +48,22 @@ class _Frame:
         """Where the positive sense of `dof` points on paper, not of unit length."""
         return self.axes[dof.axis % 3]
 
-    @property
-    def centre(self) -> FloatArray:
-        return np.mean(list(self.points.values()), axis=0)
 
-
-def structure_picture(structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof]) -> Picture:
-    """`structure` with sensors and loads."""
+def structure_picture(
+    structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], is_field: bool = False
+) -> Picture:
+    """`structure` with sensors and loads; without nodes and names of elements where its cells carry a field."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
-    hidden = hidden_nodes(structure, frame.points, marks)
-    sensors = tuple(_arrow(frame, dof, is_load=False) for dof in outputs)
-    loads = tuple(_arrow(frame, dof, is_load=True) for dof in inputs)
+    hidden = frozenset(frame.points) if is_field else hidden_nodes(structure, frame.points, marks)
+    sensors, loads = ([_arrow(frame, dof, dofs is inputs) for dof in dofs] for dofs in (outputs, inputs))
     foot = min(1.6 * frame.height, max(0.9 * frame.spacing, 0.012 * frame.size))
-    held = dict.fromkeys(dof.node for dof in structure.fixed if dof.node not in hidden)
-    supports = tuple(symbols.triangle(frame.points[node], foot) for node in held)
+    held = dict.fromkeys(dof.node for dof in structure.fixed if is_field or dof.node not in hidden)
+    supports = symbols.joined(symbols.triangle(frame.points[node], foot) for node in held)
     links = symbols.joined(_links(frame))
-    shown_nodes = [node for node in frame.points if node not in hidden]
-    points = np.array([frame.points[node] for node in shown_nodes]).reshape(-1, 2)
-    shapes = [points, grounds, links, *supports, *(m.path for m in marks)]
+    shown = [node for node in frame.points if node not in hidden]
+    nodes = np.array([frame.points[node] for node in shown]).reshape(-1, 2)
+    shapes = [nodes, grounds, links, supports, *(m.path for m in marks)]
     shapes += [part for arrow in (*sensors, *loads) for part in (arrow.shaft, *arrow.heads)]
     corners = np.concatenate(shapes)
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
@@ -82,17 +73,40 @@ def structure_picture(structure: Structure, outputs: Sequence[Dof], inputs: Sequ
     inside = [m.centre + share * (m.path - m.centre) for m in marks if m.filled for share in (0.35, 0.7)]
     in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
     obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
-    labels, lost = place(_wanted(frame, shown_nodes, marks, sensors, loads), character, 0.08 * per_inch, obstacles)
+    wanted = [*_dof_labels(frame, loads, palette.LOAD), *_dof_labels(frame, sensors, palette.SENSOR)]
+    wanted += [] if is_field else _names(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
+    placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
-        left = (
-            f"{counted(lost, 'label')} that would cover another {'is' if lost == 1 else 'are'} left out of the drawing"
-        )
+        are = "is" if lost == 1 else "are"
+        left = f"{counted(lost, 'label')} that would cover another {are} left out of the drawing"
         notes = (*notes, f"{left}; point at an element to read its name.")
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
-    return Picture(
-        marks, grounds, links, supports, points, _node_texts(structure, shown_nodes), sensors, loads, axes, labels,
-        _bounds(corners, labels, axes, per_inch), notes,
-    )  # fmt: skip
+    behind = (
+        curve(links, plot.Pen(palette.RIGID, 1.5, "dash"), "rigid link"),
+        curve(grounds, plot.Pen(palette.SUPPORT)),
+    )
+    before: tuple[plot.Trace, ...] = (
+        plot.Area(supports[:, 0], supports[:, 1], palette.SUPPORT, label="support"),
+        points(nodes, _node_texts(structure, shown), plot.Marker(size=3.5, colour=palette.INK)),
+        *_arrow_traces(sensors, palette.SENSOR, 2.0, "sensor"),
+        *_arrow_traces(loads, palette.LOAD, 3.2, "load"),
+        *(curve(path, plot.Pen(palette.MUTED, 1.6)) for _, path in axes),
+        *_words([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
+        *_words([(label.text, at, label.colour) for label, at in placed], 9.5),
+    )
+    bounds = _bounds(corners, [(label.text, at) for label, at in placed], [path for _, path in axes], per_inch)
+    return Picture(behind, marks, before, bounds, notes)
+
+
+def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
+    """Texts at places, those of one colour together."""
+    found = []
+    for colour in dict.fromkeys(colour for *_, colour in words):
+        texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
+        found.append(
+            plot.Texts(np.array([at[0] for at in places]), np.array([at[1] for at in places]), texts, colour, size)
+        )
+    return found
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
@@ -153,8 +167,7 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
 
 
 def _is_line(element: ElementSet) -> bool:
-    connector = isinstance(element, Spring | Dashpot | Friction)
-    return not connector and element.nodes.shape[1] == 2 and hasattr(element, "mass")
+    return isinstance(element, Bar | Beam | SpaceBeam)
 
 
 def _pair(nodes: Sequence[int]) -> tuple[int, int]:
@@ -248,7 +261,7 @@ def _connector(
         finish = end - around.clearance[second.node if second else first.node] * along
     lead = [begin, begin + shift] if step else []
     tail = [finish + shift, finish] if step and not stub else []
-    body = _SYMBOLS[type(element)](begin + shift, finish + shift, frame.height)
+    body = symbols.connector(_SYMBOLS[type(element)], begin + shift, finish + shift, frame.height)
     path = symbols.joined([p for p in (np.array(lead), body, np.array(tail)) if len(p)])
     wall = symbols.ground(finish + shift, along, frame.height) if second is None else np.zeros((0, 2))
     return path, wall, 0.5 * (begin + finish) + shift
@@ -284,14 +297,34 @@ def _area(frame: _Frame, element: ElementSet, index: int, label: str, taken: Cou
     return Mark(element.name, index, label, symbols.square(centre, frame.radius), True, centre)
 
 
-def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> Arrow:
+@dataclass(frozen=True, eq=False)
+class _Arrow:
+    """A sensor or a load."""
+
+    dof: Dof
+    shaft: FloatArray
+    heads: tuple[FloatArray, ...]
+    tip: FloatArray
+
+
+def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str) -> tuple[plot.Trace, ...]:
+    heads = symbols.joined(head for arrow in arrows for head in arrow.heads)
+    tips = np.array([arrow.tip for arrow in arrows]).reshape(-1, 2)
+    return (
+        curve(symbols.joined(arrow.shaft for arrow in arrows), plot.Pen(colour, width), noun),
+        plot.Area(heads[:, 0], heads[:, 1], colour, label=noun),
+        points(tips, tuple(f"{noun} {arrow.dof}" for arrow in arrows)),
+    )
+
+
+def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
     """A sensor starts at its node, a load ends there; rotations turn in a plane and have two heads in space."""
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
     if dof.direction == "RZ" and not is_spatial(frame.structure):
         shaft, tip_head = symbols.turning_arrow(point, dof.sign, (0.055 if is_load else 0.04) * frame.size, head)
-        return Arrow(dof, shaft, (tip_head,), tip_head[0])
+        return _Arrow(dof, shaft, (tip_head,), tip_head[0])
     way = dof.sign * frame.direction(dof)
     along = symbols.unit(way)
     length *= max(min(float(np.hypot(*way)), 1.0), 0.55)
@@ -302,7 +335,7 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> Arrow:
     heads = [symbols.arrow_head(tip, along, head)]
     if dof.is_rotation:
         heads.append(symbols.arrow_head(tip - 0.8 * head * along, along, head))
-    return Arrow(dof, np.array([tail, tip - 0.8 * head * along]), tuple(heads), tail if is_load else tip)
+    return _Arrow(dof, np.array([tail, tip - 0.8 * head * along]), tuple(heads), tail if is_load else tip)
 
 
 def _links(frame: _Frame) -> list[FloatArray]:
@@ -319,26 +352,24 @@ def _links(frame: _Frame) -> list[FloatArray]:
     return found
 
 
-def _wanted(
-    frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], sensors: Sequence[Arrow], loads: Sequence[Arrow]
-) -> list[Label]:
-    """Labels by importance: loads, sensors, nodes, element names."""
-    found = []
-    for arrows, role in ((loads, "load"), (sensors, "sensor")):
-        for arrow in arrows:
-            away = symbols.unit(arrow.tip - frame.points[arrow.dof.node], (0.0, 1.0))
-            found.append(Label(str(arrow.dof), arrow.tip, away, role))
-    busy = {arrow.dof.node for arrow in (*sensors, *loads)}
+def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[Label]:
+    aways = (symbols.unit(arrow.tip - frame.points[arrow.dof.node], (0.0, 1.0)) for arrow in arrows)
+    return [Label(str(arrow.dof), arrow.tip, away, colour) for arrow, away in zip(arrows, aways, strict=True)]
+
+
+def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
+    """Of nodes that are few or `busy`, and of element sets."""
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
-    for node, point in frame.points.items():
-        if node in few or node in busy:
-            found.append(
-                Label(str(node), point + np.array([0.0, -frame.height]), symbols.unit(np.array([-1.0, -1.0])), "node")
-            )
+    aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
+    found = [
+        Label(str(node), point + below, aside, palette.MUTED)
+        for node, point in frame.points.items()
+        if node in few or node in busy
+    ]
     for mark in labelled_marks(marks):
         away = symbols.unit(np.array([1.0, 0.6]) if mark.filled else np.array([0.4, 1.0]))
         anchor = mark.centre + (frame.radius if mark.filled else frame.height) * away
-        found.append(Label(mark.element, anchor, away, "element"))
+        found.append(Label(mark.element, anchor, away, palette.INK))
     return found
 
 
@@ -350,13 +381,11 @@ def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str,
 
 
 def _bounds(
-    corners: FloatArray, labels: Sequence[Placed], axes: Sequence[tuple[str, FloatArray]], per_inch: float
+    corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
-    points = [corners, *(path for _, path in axes)]
-    for label in labels:
-        half = 0.5 * per_inch * np.array([len(label.text) * _CHARACTER_INCHES[0], _CHARACTER_INCHES[1]])
-        points.append(np.array([label.at - half, label.at + half]))
-    everything = np.concatenate(points)
+    half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
+    boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
+    everything = np.concatenate([corners, *paths, np.array(boxes).reshape(-1, 2)])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = 0.04 * max(high - low)
     return float(low[0] - margin), float(high[0] + margin), float(low[1] - margin), float(high[1] + margin)

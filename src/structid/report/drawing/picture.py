@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.report.drawing.labels import Placed
+from structid.report.rendering import plot
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,47 +40,15 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrow:
-    """A sensor or a load."""
-
-    dof: Dof
-    shaft: FloatArray
-    heads: tuple[FloatArray, ...]
-    tip: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Picture:
-    """Shapes of the structure in drawing units.
+    """A structure on paper: elements, what stands before and behind them, and what the reader should know (`notes`).
 
-    Attributes
-    ----------
-    marks : tuple of Mark
-    grounds, links, supports : (n, 2) paths
-        Walls of grounded connectors, rigid links and constraints, and triangles of supports.
-    nodes : (n_nodes, 2) float array
-    node_texts : tuple of str
-        What each node is, for the reader who points at it.
-    sensors, loads : tuple of Arrow
-    axes : tuple of (str, path)
-        Names and short lines of the global axes.
-    labels : tuple of Placed
-    bounds : (float, float, float, float)
-        Left, right, bottom, top.
-    notes : tuple of str
-        What the reader should know about the drawing.
+    `bounds` are left, right, bottom and top.
     """
 
+    behind: tuple[plot.Trace, ...]
     marks: tuple[Mark, ...]
-    grounds: FloatArray
-    links: FloatArray
-    supports: tuple[FloatArray, ...]
-    nodes: FloatArray
-    node_texts: tuple[str, ...]
-    sensors: tuple[Arrow, ...]
-    loads: tuple[Arrow, ...]
-    axes: tuple[tuple[str, FloatArray], ...]
-    labels: tuple[Placed, ...]
+    before: tuple[plot.Trace, ...]
     bounds: tuple[float, float, float, float]
     notes: tuple[str, ...]
 
@@ -95,3 +62,13 @@ class Picture:
     def is_wide(self) -> bool:
         """Whether panels belong below instead of beside each other."""
         return self.aspect > 1.6
+
+
+def curve(path: FloatArray, pen: plot.Pen, label: str = "") -> plot.Curve:
+    """A line along `path`, (n, 2)."""
+    return plot.Curve(path[:, 0], path[:, 1], pen, label=label)
+
+
+def points(places: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plot.UNSEEN) -> plot.Curve:
+    """Points at `places`, (n, 2), that answer to the mouse."""
+    return plot.Curve(places[:, 0], places[:, 1], None, marker, hover=texts)

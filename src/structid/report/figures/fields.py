@@ -25,9 +25,7 @@ def field_figures(found: FreeIdentification) -> dict[str, plot.Figure]:
     design, draws = unknown.design.tocsr(), estimate.physical_draws
     sensors = tuple(dict.fromkeys(dof for record in records for dof in record.outputs))
     loads = tuple(dict.fromkeys(dof for record in records for dof in record.inputs))
-    drawn = structure_picture(problem.structure, sensors, loads)
-    labels = tuple(label for label in drawn.labels if label.role in ("sensor", "load"))
-    drawn = replace(drawn, nodes=np.zeros((0, 2)), node_texts=(), labels=labels)
+    drawn = structure_picture(problem.structure, sensors, loads, is_field=True)
     figures = {}
     for item in problem.structure.properties:
         part = design[item.values.start : item.values.stop]

@@ -74,17 +74,20 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
     fitted, initial = (np.full(whole.values.shape, np.nan, dtype=np.complex128) for _ in range(2))
     fitted[judged], initial[judged] = fit.evaluation_predicted, fit.evaluation_initial
     fitted[rows], initial[rows] = fit.predicted, fit.predicted_initial
-    tables = [table.reshape(len(used), -1)[::stride] for table in (whole.values, initial, fitted)]
+    tables = np.array([table.reshape(len(used), -1)[::stride] for table in (whole.values, initial, fitted)])
     coherence = None if whole.coherence is None else whole.coherence.reshape(len(used), -1)[::stride]
     low, high = float(whole.frequency[0]), float(whole.frequency[-1])
     x = plot.Axis("frequency", "Hz", (low, high) if high > low else (low - 0.5, high + 0.5))
     panels = []
     for c, channel in enumerate(found):
-        lines = _Lines(whole.frequency[::stride], used[::stride], *(table[:, c] for table in tables))
-        strips = _strips(lines, whole.kind, channel.unit, None if coherence is None else coherence[:, c])
+        strips = _strips(
+            whole.frequency[::stride], used[::stride], tables[:, :, c], plot.Axis(whole.kind, channel.unit)
+        )
+        if coherence is not None:
+            strips.append(_coherence(whole.frequency[::stride], used[::stride], coherence[:, c]))
         error, before = (percent(e, 3, signed=False) for e in (channel.median_error, channel.median_error_initial))
         title = f"{channel.label}: median relative error {error}, initial model {before}"
-        panels.append(plot.Panel(x, strips, title, channel.label))
+        panels.append(plot.Panel(x, tuple(strips), title, channel.label))
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
     note = (
         f"{len(shown)} of {len(found)} channels: those with the largest median relative error; all are in report.html"
@@ -97,59 +100,44 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
     return plot.Figure(tuple(panels), (1150.0, height), columns, caption, choice)
 
 
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """One channel, (n_lines,) each; the models are NaN where a line was neither used nor judged."""
-
-    frequency: FloatArray
-    used: np.ndarray
-    measured: ComplexArray
-    initial: ComplexArray
-    fitted: ComplexArray
-
-    def curves(self, values: tuple[FloatArray, ...], dots: bool = False) -> tuple[plot.Trace, ...]:
-        """What was measured, used and not used, and both models; `dots` for values that a line would not join."""
-        measured, initial, fitted = values
-        outside, inside = (np.where(self.used != out, measured, np.nan) for out in (True, False))
-        dot = plot.Marker(size=2.0, colour=palette.OUTSIDE) if dots else None
-        size = float(np.clip(4.2 * np.sqrt(300 / max(self.used.sum(), 1)), 2.2, 4.2))
-        marks = [
-            plot.Marker(size=5.0, colour=pen.colour) if self.used.sum() < _FEW else None for pen in (_INITIAL, _FITTED)
-        ]
-        traces = (
-            (outside, None if dots else plot.Pen(palette.OUTSIDE, 1.2), dot, "measured, not used"),
-            (inside, None, plot.Marker(size=size, colour=palette.MEASURED), "measured"),
-            (initial, _INITIAL, marks[0], "initial model"),
-            (fitted, _FITTED, marks[1], "fitted model"),
-        )
-        shown = traces[int(self.used.all()) :]
-        return tuple(plot.Curve(self.frequency, y, pen, mark, label, plot.NUMBERS) for y, pen, mark, label in shown)
-
-
-def _strips(lines: _Lines, kind: str, unit: str, coherence: FloatArray | None) -> tuple[plot.Strip, ...]:
-    complex_ = (lines.measured, lines.initial, lines.fitted)
-    sizes = tuple(np.where(np.abs(values) > 0, np.abs(values), np.nan) for values in complex_)
-    angles = tuple(np.degrees(np.angle(values)) for values in complex_)
-    angles = (angles[0], *(_unwound(degrees) for degrees in angles[1:]))
-    y = plot.Axis(kind, unit, plot.decade_limits(sizes), log=True)
-    turns = plot.Axis("phase", "degrees", (-190.0, 190.0), ticks=_TURNS)
-    found = [
-        plot.Strip(y, lines.curves(sizes), 0.55, name="magnitude"),
-        plot.Strip(turns, lines.curves(angles, dots=True), 0.27, name="phase"),
+def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:
+    """Magnitude and phase of one channel: `values` are what was measured, the initial and the fitted model."""
+    sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
+    turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
+    angles[1:][turns] = np.nan  # a gap where the phase would jump by a turn
+    phase = plot.Axis("phase", "degrees", (-190.0, 190.0), ticks=_TURNS)
+    magnitude = plot.Axis(y.label, y.unit, plot.decade_limits(sizes), log=True)
+    faint = (plot.Pen(palette.OUTSIDE, 1.2), None), (None, plot.Marker(size=2.0, colour=palette.OUTSIDE))
+    return [
+        plot.Strip(magnitude, _curves(frequency, used, sizes, *faint[0]), 0.55, name="magnitude"),
+        plot.Strip(phase, _curves(frequency, used, angles, *faint[1]), 0.27, name="phase"),
     ]
-    if coherence is not None:
-        curves = tuple(
-            plot.Curve(lines.frequency, np.where(which, coherence, np.nan), plot.Pen(colour, 1.1), hover=plot.NUMBERS)
-            for which, colour in ((~lines.used, palette.OUTSIDE), (lines.used, palette.MEASURED))
-        )
-        found.append(plot.Strip(plot.Axis("coherence", "1", (0.0, 1.05)), curves, 0.18, name="coherence"))
-    return tuple(found)
 
 
-def _unwound(degrees: FloatArray) -> FloatArray:
-    """With a gap where the phase would jump by a turn."""
-    jump = np.concatenate([[False], np.abs(np.diff(degrees)) > 270])
-    return np.where(jump, np.nan, degrees)
+def _curves(
+    frequency: FloatArray, used: np.ndarray, values: FloatArray, pen: plot.Pen | None, dot: plot.Marker | None
+) -> tuple[plot.Trace, ...]:
+    """What was measured, used and not used, and both models; `pen` or `dot` show what was not used."""
+    measured, initial, fitted = values
+    count = int(used.sum())
+    inside = plot.Marker(size=float(np.clip(4.2 * np.sqrt(300 / max(count, 1)), 2.2, 4.2)), colour=palette.MEASURED)
+    marks = [plot.Marker(size=5.0, colour=own.colour) if count < _FEW else None for own in (_INITIAL, _FITTED)]
+    traces = (
+        (np.where(used, np.nan, measured), pen, dot, "measured, not used"),
+        (np.where(used, measured, np.nan), None, inside, "measured"),
+        (initial, _INITIAL, marks[0], "initial model"),
+        (fitted, _FITTED, marks[1], "fitted model"),
+    )
+    shown = traces[1:] if used.all() else traces
+    return tuple(plot.Curve(frequency, y, own, mark, label, plot.NUMBERS) for y, own, mark, label in shown)
+
+
+def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> plot.Strip:
+    curves = tuple(
+        plot.Curve(frequency, np.where(which, values, np.nan), plot.Pen(colour, 1.1), hover=plot.NUMBERS)
+        for which, colour in ((~used, palette.OUTSIDE), (used, palette.MEASURED))
+    )
+    return plot.Strip(plot.Axis("coherence", "1", (0.0, 1.05)), curves, 0.18, name="coherence")
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:

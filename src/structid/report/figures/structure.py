@@ -13,7 +13,7 @@ from structid.arrays import FloatArray
 from structid.report.drawing import palette, symbols
 from structid.report.drawing.changes import Look, Shading, look
 from structid.report.drawing.drawing import PANEL_INCHES, WIDE_INCHES
-from structid.report.drawing.picture import Arrow, Mark, Picture
+from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.rendering import plot
 
 _EDGE = "#333333"
@@ -23,7 +23,6 @@ _MOST_RUNS = 300
 _SLICES = 12
 #: Marks that answer to the mouse at most; faces that have an edge, and a strong one.
 _MOST_HOVER, _MOST_EDGED, _MOST_STRONG = 3000, 6000, 1500
-_ROLES = {"load": palette.LOAD, "sensor": palette.SENSOR, "node": palette.MUTED, "element": palette.INK}
 _CAPTION = (
     "Coloured: change of the parameter. Dashed or hatched: not identified. Grey: not a parameter of this kind. Arrows point in"
     " the positive sense."
@@ -41,7 +40,7 @@ def structure_figure(
         for shade, name, scale in _headed(shadings, title)
     )
     inches, beside = (WIDE_INCHES, 1.4) if drawn.is_wide else (PANEL_INCHES, 0.9)
-    size = (100 * (inches + (beside if shadings else 0.0)), float(np.clip(100 * inches / drawn.aspect + 60, 230, 660)))
+    size = (100 * (inches + (beside if shadings else 0.0)), float(np.clip(100 * inches / drawn.aspect + 60, 240, 660)))
     columns = 1 if drawn.is_wide else len(panels)
     return plot.Figure(
         panels, size, columns, caption or (_CAPTION if shadings else "Arrows point in the positive sense.")
@@ -54,32 +53,13 @@ def _headed(shadings: Sequence[Shading], title: str) -> list[tuple[Shading | Non
 
 def _traces(drawn: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
     """From what lies below to what stands before it."""
-    yield plot.Curve(*_xy(drawn.links), plot.Pen(palette.RIGID, 1.5, "dash"), label="rigid link")
-    yield plot.Curve(*_xy(drawn.grounds), plot.Pen(palette.SUPPORT, 1.4))
+    yield from drawn.behind
     yield from _marks(drawn.marks, shade)
-    yield plot.Area(*_xy(symbols.joined(drawn.supports)), palette.SUPPORT, label="support")
-    yield plot.Curve(*_xy(drawn.nodes), marker=plot.Marker(size=3.5, colour=_EDGE), hover=drawn.node_texts)
-    yield from _arrows(drawn.sensors, palette.SENSOR, 2.0, "sensor")
-    yield from _arrows(drawn.loads, palette.LOAD, 3.2, "load")
-    for name, path in drawn.axes:
-        end = path[1] + 0.35 * (path[1] - path[0])
-        yield plot.Curve(*_xy(path), plot.Pen(palette.MUTED, 1.6))
-        yield plot.Texts(end[:1], end[1:], (name,), palette.MUTED)
+    yield from drawn.before
     if shade:
-        yield plot.Curve(
-            *_xy(_region(drawn.marks, shade)), plot.Pen(palette.INK, 2.2), label="round changes beyond chance"
-        )
-    for role, colour in _ROLES.items():
-        placed = [label for label in drawn.labels if label.role == role]
-        at = np.array([label.at for label in placed]).reshape(-1, 2)
-        yield plot.Texts(*_xy(at), tuple(label.text for label in placed), colour, 9.5)
+        yield curve(_region(drawn.marks, shade), plot.Pen(palette.INK, 2.2), "round changes beyond chance")
     answering = drawn.marks if len(drawn.marks) <= _MOST_HOVER else ()
-    middles = np.array([mark.centre for mark in answering]).reshape(-1, 2)
-    yield plot.Curve(*_xy(middles), marker=plot.UNSEEN, hover=_words(answering, shade))
-
-
-def _xy(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return points[:, 0], points[:, 1]
+    yield points(np.array([mark.centre for mark in answering]).reshape(-1, 2), _words(answering, shade))
 
 
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
@@ -95,31 +75,16 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
         groups.setdefault((layer, depth if mark.nodes else 0, shown), []).append(mark.path)
     strong = len(marks) <= _MOST_STRONG
     for (layer, _, shown), paths in sorted(groups.items(), key=lambda item: item[0][:2]):
-        label = (
-            "not identified"
-            if shown.is_doubtful
-            else ""
-            if shown.is_unknown or shade is None
-            else "not a parameter of this kind"
-        )
+        path, doubtful = symbols.joined(paths), shown.is_doubtful
+        label = "not a parameter of this kind" if shade and not shown.is_unknown else "not identified" * doubtful
         if layer != 1:
             edge = plot.Pen(_EDGE, 1.1 if strong else 0.4) if len(marks) <= _MOST_EDGED else plot.Pen(shown.colour, 0.4)
-            yield plot.Area(
-                *_xy(symbols.joined(paths)), shown.colour, label=label, edge=edge, hatched=shown.is_doubtful
-            )
+            yield plot.Area(path[:, 0], path[:, 1], shown.colour, label=label, edge=edge, hatched=doubtful)
             continue
-        path = symbols.joined(paths)
-        dash: Literal["solid", "dash"] = "dash" if shown.is_doubtful else "solid"
+        dash: Literal["solid", "dash"] = "dash" if doubtful else "solid"
         if shown.is_unknown:
-            yield plot.Curve(*_xy(path), plot.Pen(_EDGE, 6.0, dash))
-        yield plot.Curve(*_xy(path), plot.Pen(shown.colour, 4.2 if shown.is_unknown else 2.0, dash), label=label)
-
-
-def _arrows(arrows: Sequence[Arrow], colour: str, width: float, noun: str) -> Iterator[plot.Trace]:
-    yield plot.Curve(*_xy(symbols.joined(arrow.shaft for arrow in arrows)), plot.Pen(colour, width), label=noun)
-    yield plot.Area(*_xy(symbols.joined(head for arrow in arrows for head in arrow.heads)), colour, label=noun)
-    tips = np.array([arrow.tip for arrow in arrows]).reshape(-1, 2)
-    yield plot.Curve(*_xy(tips), marker=plot.UNSEEN, hover=tuple(f"{noun} {arrow.dof}" for arrow in arrows))
+            yield curve(path, plot.Pen(_EDGE, 6.0, dash))
+        yield curve(path, plot.Pen(shown.colour, 4.2 if shown.is_unknown else 2.0, dash), label)
 
 
 def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:

@@ -28,17 +28,10 @@ Limits = tuple[float, float]
 class Canvas(Protocol):
     """What a renderer can draw."""
 
-    def curve(self, trace: Curve) -> None:
-        """Points, joined by a line or marked or both."""
-
-    def area(self, trace: Area) -> None:
-        """Filled outlines."""
-
-    def heat_map(self, trace: HeatMap) -> None:
-        """Cells in the colours of the scale of the panel."""
-
-    def texts(self, trace: Texts) -> None:
-        """Words at places."""
+    def curve(self, trace: Curve) -> None: ...
+    def area(self, trace: Area) -> None: ...
+    def heat_map(self, trace: HeatMap) -> None: ...
+    def texts(self, trace: Texts) -> None: ...
 
 
 class Trace(Protocol):
@@ -356,7 +349,7 @@ def rows_axis(names: Sequence[str]) -> Axis:
 
 def rows_size(count: int) -> tuple[float, float]:
     """Of a panel with so many rows."""
-    return 1050.0, 105.0 + (25.0 if count <= 40 else 18.0) * count
+    return 1050.0, 130.0 + (25.0 if count <= 40 else 18.0) * count
 
 
 def named_ticks(names: Sequence[str], most: int = 60) -> Ticks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from structid._version import __version__
@@ -13,7 +14,7 @@ from structid.report.page import Page
 from structid.report.reproduce.tables import table_text
 from structid.report.text import NOTHING, number, unit_text
 from structid.reproduce.item import Curve, Item, Table, Verdict
-from structid.study.results.folder import json_text
+from structid.study.results.folder import json_text, plain
 
 _CLASSES = {
     Verdict.AGREES: "agrees",
@@ -58,43 +59,30 @@ def reproduction_summary(items: Sequence[Item]) -> dict[str, object]:
 
 
 def _item_summary(item: Item) -> dict[str, object]:
-    first = (
-        _table_summary(item.tables[0]) if item.tables else {"rows": [], "columns": [], "printed": [], "computed": []}
-    )
+    blank: dict[str, object] = {"rows": [], "columns": [], "printed": [], "computed": []}
     return {
         "item": item.name,
         "title": item.title,
         "verdict": item.verdict.value,
         "note": item.note,
         "max_abs_difference": _rounded(item.max_abs_difference),
-        **first,
-        "supporting_tables": [_table_summary(table) for table in item.tables[1:]],
+        **(_rounded_fields(item.tables[0]) if item.tables else blank),
+        "supporting_tables": [_rounded_fields(table) for table in item.tables[1:]],
         "panels": [
             {
                 "title": panel.title,
                 "x_label": panel.x_label,
                 "y_label": panel.y_label,
-                "curves": [_curve_summary(curve) for curve in panel.curves],
+                "curves": [_rounded_fields(curve) for curve in panel.curves],
             }
             for panel in item.panels
         ],
     }
 
 
-def _table_summary(table: Table) -> dict[str, object]:
-    return {
-        "rows": table.rows,
-        "columns": table.columns,
-        "printed": _rounded(table.printed.tolist()),
-        "computed": _rounded(table.computed.tolist()),
-    }
-
-
-def _curve_summary(curve: Curve) -> dict[str, object]:
-    bands = {"low": curve.low, "high": curve.high}
-    given = {name: values for name, values in bands.items() if values is not None}
-    numbers = {"x": curve.x, "y": curve.y, **given}
-    return {"label": curve.label} | {name: _rounded(values.tolist()) for name, values in numbers.items()}
+def _rounded_fields(part: Table | Curve) -> dict[str, object]:
+    """What is known of a table or a curve."""
+    return {name: _rounded(plain(value)) for name, value in asdict(part).items() if value is not None}
 
 
 def _rounded(value: object) -> object:
