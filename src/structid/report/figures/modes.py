@@ -65,7 +65,8 @@ def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
         ("damping ratio", "%", 100 * rows.initial_damping, 100 * rows.damping, []),
     ):
         low, high = (float(end(np.concatenate([before, after, [0.0]]))) for end in (np.nanmin, np.nanmax))
-        y = plot.Axis(label, unit, (low - 0.04 * (high - low), high + 0.06 * (high - low) or 1.0))
+        margin = 0.05 * (high - low or 1.0)
+        y = plot.Axis(label, unit, (low - margin, high + margin))
         panels.append(plot.panel(_numbers(number), y, *below, *_pairs(number, before, after)))
     caption = "Natural frequencies and damping ratios of the initial and the identified model."
     return plot.Figure(tuple(panels), _SIZE, 2, caption)

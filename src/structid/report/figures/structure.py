@@ -83,7 +83,7 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
             continue
         dash: Literal["solid", "dash"] = "dash" if doubtful else "solid"
         if shown.is_unknown:
-            yield curve(path, plot.Pen(_EDGE, 6.0, dash))
+            yield curve(path, plot.Pen(_EDGE, 6.0, dash), label)
         yield curve(path, plot.Pen(shown.colour, 4.2 if shown.is_unknown else 2.0, dash), label)
 
 

@@ -39,6 +39,7 @@ function startFigure(box, panels, arrays) {
   };
   const draw = () => plots.forEach((plot, i) => {
     const panel = panelOf(i);
+    phase = timer ? phase : 0;
     headings[i].textContent = panel.title;
     const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
     Plotly.react(plot, panel.data.map(traceOf), {...panel.layout, template: TEMPLATE}, config);
