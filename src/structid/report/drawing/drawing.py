@@ -21,6 +21,7 @@ from structid.structure import Bar, Beam, Dashpot, Friction, PointMass, RotaryIn
 from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 
+_Connector, _Line = Spring | Dashpot | Friction, Bar | Beam | SpaceBeam
 _SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
@@ -56,7 +57,8 @@ def structure_picture(
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
     hidden = frozenset(frame.points) if is_field else hidden_nodes(structure, frame.points, marks)
-    sensors, loads = ([_arrow(frame, dof, dofs is inputs) for dof in dofs] for dofs in (outputs, inputs))
+    sensors = [_arrow(frame, dof, is_load=False) for dof in outputs]
+    loads = [_arrow(frame, dof, is_load=True) for dof in inputs]
     foot = min(1.6 * frame.height, max(0.9 * frame.spacing, 0.012 * frame.size))
     held = dict.fromkeys(dof.node for dof in structure.fixed if is_field or dof.node not in hidden)
     supports = symbols.joined(symbols.triangle(frame.points[node], foot) for node in held)
@@ -119,8 +121,8 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
         notes = ("All nodes are at one place, so they are drawn in a row.",)
     size = float(np.ptp(flat, axis=0).max()) or 1.0
     points = dict(zip(structure.nodes, flat, strict=True))
-    connectors = [e for e in structure.elements if isinstance(e, Spring | Dashpot | Friction)]
-    areas = [e for e in structure.elements if e not in connectors and not _is_line(e)]
+    connectors = [e for e in structure.elements if isinstance(e, _Connector)]
+    areas = [e for e in structure.elements if not isinstance(e, _Connector | _Line)]
     height = np.clip(0.22 * _spacing(points, connectors, size), 0.008 * size, 0.020 * size)
     radius = np.clip(0.32 * _spacing(points, areas, size), 0.008 * size, 0.036 * size)
     spacing = _spacing(points, structure.elements, size)
@@ -138,36 +140,35 @@ def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], s
 
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     """All elements, lines first so that masses stand before them, and the walls of grounded connectors."""
+    sets = frame.structure.elements
+    connectors = [(e, k) for e in sets if isinstance(e, _Connector) for k in range(len(e.nodes))]
+    lines = [(e, k) for e in sets if isinstance(e, _Line) for k in range(len(e.nodes))]
+    rest = [e for e in sets if not isinstance(e, _Connector | _Line) and not is_cells(e)]
+    heaviest = max((float(e.mass.max()) for e in rest if isinstance(e, PointMass)), default=1.0)
     taken: Counter[object] = Counter()
-    heaviest = max((float(e.mass.max()) for e in frame.structure.elements if isinstance(e, PointMass)), default=1.0)
-    areas: list[Mark] = []
-    owners: list[int] = []
-    rest: list[tuple[ElementSet, int, str]] = []
-    cells = cell_faces(frame.structure, frame.points)
-    for element in frame.structure.elements:
-        for index, row in enumerate(element.nodes if not is_cells(element) else ()):
-            label = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
-            if isinstance(element, Spring | Dashpot | Friction) or _is_line(element):
-                rest.append((element, index, label))
-            else:
-                areas.append(_area(frame, element, index, label, taken, heaviest))
-                owners.append(int(row[0]))
-    around = _around(frame, areas, owners)
-    lines: list[Mark] = []
-    walls: list[FloatArray] = []
-    for element, index, label in rest:
-        if isinstance(element, Spring | Dashpot | Friction):
-            path, wall, centre = _connector(frame, element, index, around, taken)
-            walls.extend([wall] if len(wall) else [])
-        else:
-            path = np.array([frame.points[int(n)] for n in element.nodes[index]])
-            centre = path.mean(axis=0)
-        lines.append(Mark(element.name, index, label, path, False, centre))
-    return (*cells, *lines, *areas), symbols.joined(walls)
+    areas = [(e, k, *_area(frame, e, k, taken, heaviest)) for e in rest for k in range(len(e.nodes))]
+    around = _Around(Counter(_pair(e.nodes[k]) for e, k in lines), Counter(), {}, {})
+    for element, k, path, centre in areas:
+        radius, node = float(np.nanmax(np.hypot(*(path - centre).T))), int(element.nodes[k][0])
+        around.clearance[node] = max(around.clearance.get(node, 0.0), radius)
+    around.connectors.update(_place_key(e, k) for e, k in connectors if not e.first[k].is_rotation)
+    for first, second in (_pair(e.nodes[k]) for e, k in (*connectors, *lines)):
+        if first >= 0:
+            around.neighbours.setdefault(first, set()).add(second)
+            around.neighbours.setdefault(second, set()).add(first)
+    shapes = [(e, k, *_connector(frame, e, k, around, taken)) for e, k in connectors]
+    marks = [_mark(e, k, path, False, centre) for e, k, path, _, centre in shapes]
+    for element, k in lines:
+        path = np.array([frame.points[int(n)] for n in element.nodes[k]])
+        marks.append(_mark(element, k, path, False, path.mean(axis=0)))
+    marks += [_mark(e, k, path, not isinstance(e, RotaryInertia), centre) for e, k, path, centre in areas]
+    walls = symbols.joined(wall for *_, wall, _ in shapes if len(wall))
+    return (*cell_faces(frame.structure, frame.points), *marks), walls
 
 
-def _is_line(element: ElementSet) -> bool:
-    return isinstance(element, Bar | Beam | SpaceBeam)
+def _mark(element: ElementSet, index: int, path: FloatArray, filled: bool, centre: FloatArray) -> Mark:
+    label = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
+    return Mark(element.name, index, label, path, filled, centre)
 
 
 def _pair(nodes: Sequence[int]) -> tuple[int, int]:
@@ -186,52 +187,18 @@ def _place_key(element: Spring | Dashpot | Friction, index: int) -> object:
 class _Around:
     """What a connector has to keep clear of.
 
-    Attributes
-    ----------
-    lines : Counter
-        Beams and bars between each pair of nodes.
-    connectors : Counter
-        Connectors that share a place, see `_place_key`.
-    neighbours : mapping of node to nodes
-        Nodes that elements join.
-    clearance : mapping of node to float
-        Radius of the masses and inertias drawn at each node.
+    Beams and bars between each pair of nodes, connectors that share a place (see `_place_key`), nodes that elements
+    join, and the radius of what is drawn at each node.
     """
 
     lines: Counter[tuple[int, int]]
     connectors: Counter[object]
     neighbours: dict[int, set[int]]
-    clearance: Counter[int]
-
-
-def _around(frame: _Frame, areas: Sequence[Mark], nodes: Sequence[int]) -> _Around:
-    lines: Counter[tuple[int, int]] = Counter()
-    connectors: Counter[object] = Counter()
-    neighbours: dict[int, set[int]] = {}
-    for element in frame.structure.elements:
-        is_connector = isinstance(element, Spring | Dashpot | Friction)
-        for index, row in enumerate(element.nodes if is_connector or _is_line(element) else ()):
-            first, second = _pair(row)
-            if isinstance(element, Spring | Dashpot | Friction):
-                connectors[_place_key(element, index)] += 0 if element.first[index].is_rotation else 1
-            else:
-                lines[(first, second)] += 1
-            if first >= 0:
-                neighbours.setdefault(first, set()).add(second)
-                neighbours.setdefault(second, set()).add(first)
-    clearance: Counter[int] = Counter()
-    for mark, node in zip(areas, nodes, strict=True):
-        radius = float(np.nanmax(np.hypot(*(mark.path - mark.centre).T)))
-        clearance[node] = max(clearance[node], radius)  # type: ignore[assignment]
-    return _Around(lines, connectors, neighbours, clearance)
+    clearance: dict[int, float]
 
 
 def _connector(
-    frame: _Frame,
-    element: Spring | Dashpot | Friction,
-    index: int,
-    around: _Around,
-    taken: Counter[object],
+    frame: _Frame, element: Spring | Dashpot | Friction, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Path, wall and middle of one spring, dashpot or friction pad."""
     first = element.first[index]
@@ -254,11 +221,11 @@ def _connector(
     along = symbols.unit(frame.direction(first)) if stub and second is not None else along
     step = (number + 1 if blocked else number - 0.5 * (count - 1)) * 3.2 * frame.height
     shift = step * symbols.across(along)
-    begin = start + around.clearance[first.node] * along
+    begin = start + around.clearance.get(first.node, 0.0) * along
     if stub:
         finish = begin + max(9 * frame.height, 0.06 * frame.size) * along
     else:
-        finish = end - around.clearance[second.node if second else first.node] * along
+        finish = end - around.clearance.get(second.node if second else first.node, 0.0) * along
     lead = [begin, begin + shift] if step else []
     tail = [finish + shift, finish] if step and not stub else []
     body = symbols.connector(_SYMBOLS[type(element)], begin + shift, finish + shift, frame.height)
@@ -280,21 +247,20 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
     return -along, against > _IN_THE_WAY
 
 
-def _area(frame: _Frame, element: ElementSet, index: int, label: str, taken: Counter[object], heaviest: float) -> Mark:
-    """A disc for a mass, rings for rotary inertias, a square for what is left."""
-    nodes = [int(n) for n in element.nodes[index] if n >= 0]
-    centre = np.mean([frame.points[n] for n in nodes], axis=0)
+def _area(
+    frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
+) -> tuple[FloatArray, FloatArray]:
+    """Outline and middle: a disc for a mass, rings for rotary inertias, a square for what is left."""
+    centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
-        path = symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35))
-        return Mark(element.name, index, label, path, True, centre)
+        return symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35)), centre
     key = ("area", round(float(centre[0]) / frame.size, 6), round(float(centre[1]) / frame.size, 6))
     taken[key] += 1
     if isinstance(element, RotaryInertia):
-        path = symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key]))
-        return Mark(element.name, index, label, path, False, centre)
+        return symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key])), centre
     centre = centre + np.array([2.6 * frame.radius * (taken[key] - 1), 0.0])
-    return Mark(element.name, index, label, symbols.square(centre, frame.radius), True, centre)
+    return symbols.square(centre, frame.radius), centre
 
 
 @dataclass(frozen=True, eq=False)
