@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from structid.report.drawing import palette
-from structid.report.figures.png_style import DPI, STYLE
+from structid.report.rendering.png import DPI, STYLE
 
 _ACROSS = 4
 _KINDS = (("seconds", "time_slope", 1.0, "time, s", palette.BLUE, "o"),

@@ -45,7 +45,7 @@ def test_no_option_is_needed(place):
     assert lines[-1].endswith("report.html")
     assert "no masses or stiffnesses" in lines[-2]
     folder = place / "tower_modes"
-    assert {p.name for p in folder.iterdir()} == {"modes.json", "modes.csv", "modes.uff", "report.html", "figures"}
+    assert {p.name for p in folder.iterdir()} == {"modes.json", "modes.csv", "modes.uff", "report.html"}
     data = json.loads((folder / "modes.json").read_text())
     np.testing.assert_allclose(data["frequency_hz"], FREQUENCY, rtol=0.01)
     np.testing.assert_allclose(data["damping_ratio"], RATIO, atol=4 * max(data["damping_std"]))

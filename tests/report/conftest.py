@@ -1,4 +1,4 @@
-"""Reports written once for all tests of this folder."""
+"""Reports written once, with their PNG files, for all tests of this folder."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import report_cases
+from page_parts import words
 
 from structid.identification.identify import Identification
 from structid.report import write_report
@@ -25,12 +26,12 @@ class Report:
 
     @property
     def before_scripts(self) -> str:
-        """The page up to the library that draws."""
-        return self.page.split("<script>")[0]
+        """The page up to the library that draws, which comes compressed."""
+        return words(self.page)
 
 
 def written(identification: Identification, folder: Path) -> Report:
-    path = write_report(identification, folder, TITLE, PROVENANCE)
+    path = write_report(identification, folder, TITLE, PROVENANCE, png=True)
     return Report(identification, folder, path.read_text(encoding="utf-8"))
 
 

@@ -1,15 +1,20 @@
 """Meshes as the drawing shows them: outer faces of solids, shells in space, what is hidden, and in which order."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from page_parts import pieces
 
 from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
 from structid.report.drawing import faces
-from structid.report.drawing.changes import Change, Panel
+from structid.report.drawing.changes import Change, shading
 from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.projection import SPACE_AXES
-from structid.report.figures.interactive_structure import structure_figures
-from structid.report.figures.png_structure import structure_figure
+from structid.report.figures.structure import structure_figure
+from structid.report.rendering.plot import Area, Curve
+from structid.report.rendering.png import drawn as png_drawn
 
 SIGHT = np.cross(*SPACE_AXES.T)
 GIVEN = {"youngs_modulus": 70e9, "density": 2700.0, "poisson": 0.3}
@@ -39,6 +44,10 @@ def tube(n_along=4, n_around=12):
     return dict(enumerate(np.concatenate(rings), 1)), cells
 
 
+def node_texts(drawn):
+    return [t for trace in drawn.before if isinstance(trace, Curve) for t in trace.hover or () if t.startswith("node ")]
+
+
 def doubled_area(path):
     x, y = path.T
     return x @ np.roll(y, -1) - y @ np.roll(x, -1)
@@ -60,7 +69,7 @@ def test_a_block_shows_the_three_sides_that_look_at_the_eye_and_none_between_its
         assert doubled_area(mark.path) > 0
     assert sorted(ends.values()) == [6, 8, 12]
     seen = {n for mark in drawn.marks for n in mark.nodes}
-    assert len(drawn.nodes) == len(seen) < len(nodes)
+    assert len(node_texts(drawn)) == len(seen) < len(nodes)
     assert int(number[1, 1, 1]) not in seen
 
 
@@ -81,9 +90,10 @@ def test_shells_are_drawn_from_far_to_near_and_nodes_behind_them_are_not():
     depth = [np.mean([nodes[n] @ SIGHT for n in mark.nodes]) for mark in drawn.marks]
     assert np.all(np.diff(depth) >= 0)
     assert min(doubled_area(mark.path) for mark in drawn.marks) > 0  # back and front in one sense
-    assert 0.4 * len(nodes) < len(drawn.nodes) < 0.8 * len(nodes)
-    assert [arrow.dof.node for arrow in drawn.sensors] == [1]
-    shown = {text.split()[1] for text in drawn.node_texts}
+    assert 0.4 * len(nodes) < len(node_texts(drawn)) < 0.8 * len(nodes)
+    texts = [t for trace in drawn.before if isinstance(trace, Curve) for t in trace.hover or ()]
+    assert [text for text in texts if text.startswith("sensor")] == ["sensor 1Z+"]
+    shown = {text.split()[1] for text in node_texts(drawn)}
     middle = [n for n, p in nodes.items() if 0.7 < p[0] < 1.6]
     front = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] > 0.75]
     back = [n for n in middle if nodes[n] @ [0, SIGHT[1], SIGHT[2]] < -0.3]
@@ -97,15 +107,15 @@ def test_nodes_that_other_elements_use_are_always_drawn():
     nodes, sets, number = block()
     inner = int(number[2, 1, 1])
     drawn = structure_picture(Structure(nodes, [*sets, PointMass("lump", [inner], 1.0)]), [], [])
-    assert any(text.startswith(f"node {inner} ") for text in drawn.node_texts)
+    assert any(text.startswith(f"node {inner} ") for text in node_texts(drawn))
 
 
 def test_large_meshes_have_no_nodes_drawn(monkeypatch):
     nodes, cells = tube()
     monkeypatch.setattr(faces, "_MOST_PAIRS", 10)
     drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
-    assert drawn.nodes.shape == (0, 2)
-    structure_figure(drawn)
+    assert node_texts(drawn) == []
+    png_drawn(structure_figure(drawn))
 
 
 def test_flat_cells_keep_a_gap_and_names_stand_where_they_are_seen():
@@ -131,14 +141,42 @@ def test_faces_have_their_colours_and_lie_below_lines_on_page_and_figure():
     beams = SpaceBeam("ring", ring, 1.0, 1.0, 1.0)
     structure = Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN), beams])
     changes = {("tube", k): Change(0.1 * (k % 2) - 0.05, True, f"change {k}") for k in range(len(cells))}
-    drawn = structure_picture(structure, [], [], (Panel("stiffness", changes, 0.05),))
-    traces = structure_figures(drawn)["structure-stiffness"].data
-    filled = [k for k, trace in enumerate(traces) if trace.get("fill") == "toself"]
-    lines = [k for k, trace in enumerate(traces) if trace.get("mode") == "lines" and "fill" not in trace]
-    line = next(k for k in lines if len(traces[k]["x"]) > 20)
+    drawn = structure_picture(structure, [], [])
+    traces = list(structure_figure(drawn, (shading("stiffness", changes, 0.05),)).panels[0].traces)
+    filled = [k for k, trace in enumerate(traces) if isinstance(trace, Area)]
+    line = next(k for k, trace in enumerate(traces) if isinstance(trace, Curve) and trace.pen and len(trace.x) > 20)
     assert max(filled) < line
-    assert len({traces[k]["fillcolor"] for k in filled}) == 2
-    hover = [text for trace in traces for text in trace.get("text", []) if text.endswith(" change 3")]
+    assert len({traces[k].colour for k in filled}) == 2
+    hover = [
+        text for trace in traces if isinstance(trace, Curve) for text in trace.hover or () if text.endswith(" change 3")
+    ]
     assert hover == ["tube:4: change 3"]
-    axes = structure_figure(drawn).axes[0]
-    assert {patch.get_zorder() for patch in axes.patches if len(patch.get_path().vertices) == 5} == {2.5}
+
+
+def test_regions_are_outlined_where_no_neighbour_belongs_to_them():
+    nodes = {k: (float(k % 4), float(k // 4)) for k in range(12)}
+    cells = [[k, k + 1, k + 5, k + 4] for k in (0, 1, 2, 4, 5, 6)]
+    structure = Structure(nodes, [Plate("p", cells, thickness=0.01, **GIVEN)])
+    changes = {("p", k): Change(0.1, True, "") for k in range(6)}
+    both = replace(shading("", changes, 0.1), outlined=frozenset({("p", 0), ("p", 1)}))
+    traces = structure_figure(structure_picture(structure, [], []), (both,)).panels[0].traces
+    (border,) = [trace for trace in traces if trace.label == "round changes beyond chance"]
+    drawn = {frozenset(map(tuple, side.tolist())) for side in pieces(border.x, border.y)}
+    corners = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)]
+    assert drawn == {frozenset((a, b)) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)}
+
+
+def test_meshes_of_many_colours_keep_their_order_from_far_to_near():
+    nodes, cells = tube(n_along=40, n_around=40)
+    structure = Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)])
+    changes = {("tube", k): Change(0.05 * np.sin(k), True, "") for k in range(len(cells))}
+    drawn = structure_picture(structure, [], [])
+    traces = [t for t in structure_figure(drawn, (shading("", changes, 0.05),)).panels[0].traces if isinstance(t, Area)]
+    assert len(traces) < 600
+    order = {mark.path.tobytes(): k for k, mark in enumerate(drawn.marks)}
+    places = []
+    for trace in traces:
+        places.append([order[part.tobytes()] for part in pieces(trace.x, trace.y)])
+    assert sum(map(len, places)) == len(cells)
+    for first, second in pairwise(places):  # a trace never holds a face behind the slice before
+        assert min(second) > min(first) - len(cells) / 12

@@ -1,4 +1,4 @@
-"""PNG figures and the arrays behind them."""
+"""PNG files and what the figures show."""
 
 from __future__ import annotations
 
@@ -9,29 +9,30 @@ import matplotlib
 import numpy as np
 import pytest
 import report_cases
-from matplotlib.axes import Axes
-from matplotlib.patches import Patch
+from page_parts import pieces
 
 import structid as si
 from conftest import Report
 from structid.identification.identify import Identification
 from structid.report import write_report
-from structid.report.drawing.changes import look
-from structid.report.drawing.drawing import picture
+from structid.report.drawing.changes import look, shadings
+from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.labels import Label, place
-from structid.report.drawing.palette import DIVERGING, colours, diverging_step
-from structid.report.figures.data import (
+from structid.report.drawing.palette import DIVERGING, steps
+from structid.report.figures.modes import mode_rows
+from structid.report.figures.parameters import correlation_figure, parameters_figure
+from structid.report.figures.responses import (
+    MAX_CHANNELS,
     channel_unit,
-    correlation,
+    channels,
     line_edges,
-    mode_rows,
-    parameter_ratios,
-    responses,
+    responses_figure,
+    whitened,
     worst_channels,
 )
-from structid.report.figures.png_responses import MAX_CHANNELS, magnitude_figure
-from structid.report.figures.png_structure import structure_figure
-from structid.report.figures.png_style import STYLE, plain
+from structid.report.figures.structure import structure_figure
+from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Texts
+from structid.report.rendering.png import STYLE, drawn, plain
 
 _NAMES = {
     "parameters", "structure", "frf_magnitude", "frf_phase", "residual_by_channel", "residual_map", "correlation",
@@ -45,12 +46,18 @@ def _size(path: Path) -> tuple[int, int]:
     return struct.unpack(">II", data[16:24])
 
 
-def _dashed(axes: Axes) -> list[Patch]:
-    return [patch for patch in axes.patches if patch.get_linestyle() not in ("-", "solid")]
+def _structure(found: Identification) -> tuple[Panel, ...]:
+    drawing = structure_picture(found.structure, found.sensors, found.loads)
+    return structure_figure(drawing, shadings(found)).panels
+
+
+def _dashed(panel: Panel) -> list[Curve]:
+    named = [trace for trace in panel.traces if trace.label == "not identified" and isinstance(trace, Curve)]
+    return [trace for trace in named if trace.pen is not None and trace.pen.dash == "dash"]
 
 
 def test_png_files_have_their_size_and_something_on_them(cantilever: Report, series: Report) -> None:
-    for report, extra in ((cantilever, {"coherence"}), (series, set())):
+    for report, extra in ((cantilever, {"frf_coherence"}), (series, set())):
         files = {p.stem: p for p in (report.folder / "figures").glob("*.png")}
         assert set(files) == _NAMES | extra
         for path in files.values():
@@ -58,17 +65,19 @@ def test_png_files_have_their_size_and_something_on_them(cantilever: Report, ser
             assert 900 <= width <= 3200
             assert 350 <= height <= 3200
             assert np.ptp(matplotlib.image.imread(path)[..., :3]) > 0.5
-    # 10.5 in and 1.7 in + 13 rows of 0.27 in, at 150 dots an inch
-    assert _size(cantilever.folder / "figures" / "parameters.png") == (1575, 781)
+    # 10.5 in and 1.3 in + 13 rows of 0.25 in + a legend of 0.2 in, at 150 dots an inch
+    assert _size(cantilever.folder / "figures" / "parameters.png") == (1575, 712)
 
 
-def test_unidentified_elements_are_dashed_or_hatched_in_png(series: Report) -> None:
-    drawn = picture(series.identification)
-    with matplotlib.rc_context(STYLE):
-        mass, stiffness = structure_figure(drawn).axes[:2]
-    assert mass.get_title(loc="left") == "change of mass parameters"
+def test_unidentified_elements_are_dashed(series: Report) -> None:
+    mass, stiffness = _structure(series.identification)[:2]
+    assert mass.title == "Change of mass parameters"
     assert len(_dashed(mass)) == 0
-    assert len(_dashed(stiffness)) == 2
+    edge, lines = _dashed(stiffness)  # the colour lies on a dark line
+    assert edge.pen.width > lines.pen.width
+    two = next(shading for shading in shadings(series.identification) if "stiffness" in shading.title).changes
+    assert sum(not change.identified for change in two.values()) == 2
+    assert np.isnan(lines.x).sum() >= 1  # both springs
 
 
 def test_masses_that_are_not_identified_are_hatched() -> None:
@@ -81,27 +90,32 @@ def test_masses_that_are_not_identified_are_hatched() -> None:
     unknown = si.parameters(structure, [si.Unknown("mass", "known"), si.Unknown("mass", "twin")])
     record = report_cases.synthetic_record(structure, unknown, np.linspace(1, 5, 20), ["1X"], ["1X"], 0.01)
     identification = report_cases.identify(structure, unknown, record)
+    hatched = [trace for trace in _structure(identification)[0].traces if isinstance(trace, Area) and trace.hatched]
+    assert sum(np.isnan(trace.x).sum() + 1 for trace in hatched) == 2
     with matplotlib.rc_context(STYLE):
-        axes = structure_figure(picture(identification)).axes[0]
-    assert [p.get_hatch() for p in axes.patches].count("////") == 2
+        axes = drawn(structure_figure(structure_picture(structure, [], []), shadings(identification))).axes[0]
+    assert [c.get_hatch() for c in axes.collections].count("////") == len(hatched)
 
 
 def test_many_channels_are_capped_and_the_figure_says_so(many: Identification) -> None:
-    data = responses(many.fits[0])
-    assert len(data.channels) == 40
-    chosen = worst_channels(data, MAX_CHANNELS)
-    errors = np.array([c.median_error for c in data.channels])
-    assert set(chosen) == set(np.argsort(-errors)[:16])
+    fit = many.fits[0]
+    found = channels(fit)
+    assert len(found) == 40
+    chosen = worst_channels(fit, MAX_CHANNELS)
+    assert set(chosen) == set(np.argsort([-c.median_error for c in found])[:16])
+    figure = responses_figure(fit)
+    assert len(figure.panels) == 40  # all are on the page
     with matplotlib.rc_context(STYLE):
-        figure = magnitude_figure(data)
-    assert sum(axes.get_visible() for axes in figure.axes) == MAX_CHANNELS
-    assert "16 of 40 channels" in figure.get_supxlabel()
+        picture = drawn(figure.strip(0))
+    assert len(picture.axes) == MAX_CHANNELS
+    assert [axes.get_title(loc="left") for axes in picture.axes] == [found[i].label for i in chosen]
+    assert "16 of 40 channels" in picture.get_supxlabel()
 
 
 @pytest.mark.parametrize("name", ["plane", "groups"])
 def test_odd_models_are_drawn_without_a_warning(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("structid.report.figures.png.DPI", 40)
-    page = write_report(report_cases.CASES[name](), tmp_path).read_text(encoding="utf-8").split("<script>")[0]
+    monkeypatch.setattr("structid.report.rendering.png.DPI", 40)
+    page = write_report(report_cases.CASES[name](), tmp_path, png=True).read_text(encoding="utf-8").split("<script")[0]
     assert ("drawn in a row" in page) == (name == "groups")
     assert ("träger $x$ 梁" in page) == (name == "plane")
 
@@ -111,25 +125,32 @@ def test_text_is_kept_free_of_mathematics_and_missing_glyphs() -> None:
 
 
 def test_colours_are_centred_at_no_change() -> None:
-    steps = diverging_step(np.array([-0.5, -0.2, 0.0, 0.2, 0.5, np.nan]), 0.2)
-    assert steps.tolist() == [0, 0, 10, 20, 20, 10]
-    low, middle, high = (colours(DIVERGING)[i] for i in (0, 10, 20))
-    assert middle == "#f6f6f7"  # the middle of PuOr
-    assert low != high
+    scale = ColourScale(DIVERGING, -0.2, 0.2, "")
+    colours = steps(DIVERGING)
+    found = [scale.colour(change) for change in (-0.5, -0.2, 0.0, 0.2, 0.5, np.nan)]
+    assert found == [colours[0], colours[0], "#F7F7F7", colours[-1], colours[-1], "#F7F7F7"]  # the middle of PuOr
+    assert colours[0] != colours[-1]
+
+
+def test_colours_are_those_of_matplotlib() -> None:
+    """PuOr is linear between its colours, cividis nearly so: largest distance 11 of 255."""
+    for name, most in (("PuOr", 3), ("cividis", 11)):
+        exact = 255 * matplotlib.colormaps[name](np.linspace(0, 1, 41))[:, :3]
+        ours = [[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in steps(name, 41)]
+        assert np.abs(exact - ours).max() <= most
 
 
 def test_elements_carry_the_change_of_their_parameter(cantilever: Report) -> None:
-    drawn = picture(cantilever.identification)
-    panels = {panel.name: panel for panel in drawn.panels}
-    assert list(panels) == ["mass", "stiffness", "damping"]
+    shown = {shading.title.split()[2]: shading for shading in shadings(cantilever.identification)}
+    assert list(shown) == ["mass", "stiffness", "damping"]
     found = cantilever.identification.estimate
     for e in range(6):
         value = found[f"bending_stiffness[beam:{e + 1}]"][0]
-        assert panels["stiffness"].changes["beam", e].ratio == pytest.approx(value / 80.0 - 1, abs=1e-12)
-    assert panels["stiffness"].changes["beam", 2].ratio == pytest.approx(-0.25, abs=0.02)  # 1 % noise
-    assert panels["stiffness"].limit == 0.3
-    assert not look(panels["stiffness"], "beam", 2).is_doubtful
-    assert not look(panels["stiffness"], "nothing", 0).is_unknown
+        assert shown["stiffness"].changes["beam", e].ratio == pytest.approx(value / 80.0 - 1, abs=1e-12)
+    assert shown["stiffness"].changes["beam", 2].ratio == pytest.approx(-0.25, abs=0.02)  # 1 % noise
+    assert shown["stiffness"].scale.high == 0.3
+    assert not look(shown["stiffness"], "beam", 2).is_doubtful
+    assert not look(shown["stiffness"], "nothing", 0).is_unknown
 
 
 def test_drawing_of_the_frame_has_its_sensors_in_their_sense() -> None:
@@ -137,46 +158,64 @@ def test_drawing_of_the_frame_has_its_sensors_in_their_sense() -> None:
     outputs = ["1X-", "2X+", "31Z+", "32RY-"]
     record = report_cases.synthetic_record(structure, unknown, np.linspace(5, 9, 30), outputs, ["2X+"], 0.02)
     options = report_cases.IdentifyOptions(method=si.LevenbergMarquardt(max_iterations=1), pole_free_start=False)
-    drawn = picture(report_cases.identify(structure, unknown, record, options))
-    left, right, up, _ = drawn.sensors
-    assert left.tip[0] < left.shaft[0, 0]
-    assert right.tip[0] > right.shaft[0, 0]
-    assert up.tip[1] > up.shaft[0, 1]
-    assert up.tip[0] == pytest.approx(up.shaft[0, 0])
-    assert [len(a.heads) for a in drawn.sensors] == [1, 1, 1, 2]
-    load = drawn.loads[0]
-    at_node = right.shaft[0]
-    assert load.heads[0][0] == pytest.approx(at_node)
-    assert load.tip[0] < at_node[0]
+    found = report_cases.identify(structure, unknown, record, options)
+    drawn = structure_picture(structure, found.sensors, found.loads)
+    traces = (*drawn.behind, *drawn.before)
+    shafts, tips, heads = {}, {}, {}
+    for k, trace in enumerate(traces):
+        if isinstance(trace, Curve) and trace.label in ("sensor", "load"):
+            shafts[trace.label] = pieces(trace.x, trace.y)
+            heads[trace.label] = pieces(traces[k + 1].x, traces[k + 1].y)
+            tips[trace.label] = np.column_stack([traces[k + 2].x, traces[k + 2].y])
+            dofs = found.sensors if trace.label == "sensor" else found.loads
+            assert traces[k + 2].hover == tuple(f"{trace.label} {dof}" for dof in dofs)
+    left, right, up, _ = zip(shafts["sensor"], tips["sensor"], strict=True)
+    assert left[1][0] < left[0][0, 0]
+    assert right[1][0] > right[0][0, 0]
+    assert up[1][1] > up[0][0, 1]
+    assert up[1][0] == pytest.approx(up[0][0, 0])
+    assert len(heads["sensor"]) == 1 + 1 + 1 + 2  # a rotation has two
+    at_node = right[0][0]
+    assert heads["load"][0][0] == pytest.approx(at_node)
+    assert tips["load"][0, 0] < at_node[0]
     assert len(drawn.marks) == 4 + 12 + 12 + 5
-    assert len(drawn.supports) == 1
-    assert np.isnan(drawn.links).any(axis=1).sum() == 15  # 16 lines of 4 rigid links
-    assert [axis for axis, _ in drawn.axes] == ["X", "Y", "Z"]
+    named = {trace.label: trace for trace in traces if trace.label}
+    assert len(pieces(named["support"].x, named["support"].y)) == 1
+    assert len(pieces(named["rigid link"].x, named["rigid link"].y)) == 16  # 4 of each of 4 plates
+    assert next(words.words for words in traces if isinstance(words, Texts)) == ("X", "Y", "Z")
 
 
 def test_ratios_stay_within_the_axis_and_wild_ones_do_not_stretch_it(many: Identification) -> None:
-    rows = parameter_ratios(many)
-    inside = rows.identified & np.isfinite(rows.ratio)
-    assert (rows.ratio[inside] >= rows.limits[0]).all()
-    assert (rows.ratio[inside] <= rows.limits[1]).all()
-    assert ((rows.shown >= rows.limits[0]) & (rows.shown <= rows.limits[1])).all()
-    assert rows.is_wild.any()
+    panel = parameters_figure(many).panels[0]
+    low, high = panel.x.limits
+    points = [trace for trace in panel.traces if isinstance(trace, Curve) and trace.marker is not None]
+    assert sum(len(trace.x) for trace in points) == len(many.estimate.names)
+    assert all(((trace.x >= low) & (trace.x <= high)).all() for trace in points)
+    ratio = many.estimate.values / many.estimate.initial
+    sure = next(trace for trace in points if trace.label == "identified")
+    np.testing.assert_allclose(np.sort(sure.x), np.sort(ratio[many.estimate.identified]))
+    (wild,) = [trace for trace in panel.traces if trace.label == "not determined"]
+    assert len(wild.x) % 3 == 0
+    assert low < np.nanmin(wild.x) < np.nanmax(wild.x) < high
 
 
 def test_whitened_residual_of_a_fit_to_the_noise_is_about_one(cantilever: Report) -> None:
-    data = responses(cantilever.identification.fits[0])
-    whitened = data.whitened[data.used]
-    n = 2 * whitened.size
+    fit = cantilever.identification.fits[0]
+    frequency, found = whitened(fit)
+    used = np.isin(frequency, fit.problem.record.frequency)
+    n = 2 * found[used].size
     # mean square of n normal numbers, minus what 13 parameters take up: 5 standard deviations
-    assert np.mean(whitened**2) == pytest.approx(1 - 13 / n, abs=5 * np.sqrt(2 / n))
-    assert np.isnan(data.whitened[~data.used]).all()
+    assert np.mean(found[used] ** 2) == pytest.approx(1 - 13 / n, abs=5 * np.sqrt(2 / n))
+    assert np.isnan(found[~used]).all()
 
 
 def test_correlation_is_grey_where_it_is_not_determined(series: Report) -> None:
-    matrix = correlation(series.identification)
-    assert np.isnan(matrix[:2]).all()
-    assert np.isnan(matrix[:, :2]).all()
-    assert np.diag(matrix)[2:] == pytest.approx(1.0)
+    panel = correlation_figure(series.identification).panels[0]
+    (cells,) = panel.traces
+    assert panel.background == "#D9D9D9"
+    assert np.isnan(cells.values[:2]).all()
+    assert np.isnan(cells.values[:, :2]).all()
+    assert np.diag(cells.values)[2:] == pytest.approx(1.0)
 
 
 def test_modes_are_paired_with_their_mac(cantilever: Report) -> None:
@@ -204,6 +243,6 @@ def test_labels_never_cover_each_other() -> None:
     assert len(placed) + lost == 60
     assert placed
     half = 0.5 * np.array([5 * 0.02, 1.25 * 0.04])
-    for i, a in enumerate(placed):
-        for b in placed[:i]:
-            assert (np.abs(a.at - b.at) >= 2 * half - 1e-12).any()
+    for i, (_, first) in enumerate(placed):
+        for _, second in placed[:i]:
+            assert (np.abs(first - second) >= 2 * half - 1e-12).any()

@@ -55,7 +55,7 @@ def changed(folder, *pairs):
 def plate(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plate")
     truth, middle = made(folder)
-    done = RUN.invoke(cli.app, ["identify", str(folder / "study.toml"), "--out", str(folder / "results")])
+    done = RUN.invoke(cli.app, ["identify", str(folder / "study.toml"), "--out", str(folder / "results"), "--png"])
     return folder, truth, middle, done
 
 
@@ -83,8 +83,8 @@ def test_damage_is_found_from_the_command_line(plate):
 
 def test_page_figures_and_arrays_are_there(plate):
     folder, *_ = plate
-    page = (folder / "results" / "report.html").read_text(encoding="utf-8").split("<script>")[0]
-    for words in ("youngs modulus of skin", "Parameters that moved most", "data:image/png;base64", "Combinations"):
+    page = (folder / "results" / "report.html").read_text(encoding="utf-8").split("<script")[0]
+    for words in ("youngs modulus of skin", "Parameters that moved most", 'id="figure-map_1"', "Combinations"):
         assert words in page
     assert (folder / "results" / "figures" / "map_1.png").stat().st_size > 20_000
     with h5py.File(folder / "results" / "estimate.h5") as file:
@@ -226,7 +226,7 @@ def test_two_records_give_the_answer_of_one_with_all_sensors(plate, tmp_path):
     with (tmp_path / "r" / "parameters.csv").open(encoding="utf-8") as stream:
         values = np.array([float(row["value"]) for row in csv.DictReader(stream)])
     np.testing.assert_allclose(values, whole.estimate.values, rtol=1e-3)
-    assert "record 2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8").split("<script>")[0]
+    assert "record 2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8").split("<script")[0]
 
 
 def test_compare_says_that_there_is_no_covariance(plate):

@@ -10,9 +10,7 @@ import pytest
 
 from structid import identify
 from structid.errors import InputError
-from structid.report.drawing.drawing import picture
-from structid.report.figures.data import responses
-from structid.report.identification.page import page
+from structid.report.identification.page import report_page
 from structid.report.identification.tables import span_text
 from structid.study.results.folder import estimate_summary, json_text
 from structid.study.run.run import load_study, run_study
@@ -43,7 +41,7 @@ def test_residual_tests_reach_summary_and_page_with_the_names_of_the_sensors(res
     assert [test["name"] for test in tests["series"]] == ["1X+", "1X+", "3X+", "3X+"]
     assert tests["whiteness_probability"] > 1e-3
     identification = result.identification
-    text = page(identification, responses(identification.fits[0]), picture(identification))
+    text = report_page(identification).text
     assert "No test speaks against it." in text
     assert "from the profile likelihood" in text
     assert "95\u00a0% interval" in text

@@ -13,9 +13,7 @@ from structid.cli import app as cli
 from structid.dynamics.modes import modes
 from structid.modal.files.files import read_modes, write_modes
 from structid.records.io import write_record
-from structid.report.drawing.drawing import picture
-from structid.report.figures.data import responses
-from structid.report.identification.page import page
+from structid.report.identification.page import report_page
 from structid.study.run.check import check_study
 from structid.study.run.run import load_study, run_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
@@ -96,10 +94,15 @@ def test_check_of_modes_says_that_kilograms_are_missing(tmp_path):
 
 
 def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
-    done = invoke("identify", storeys(tmp_path, "[record]", FREE), "--out", tmp_path / "out")
+    done = invoke("identify", storeys(tmp_path, "[record]", FREE), "--out", tmp_path / "out", "--png")
     assert done.exit_code == 1
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    for words in ("Measured and fitted modes", "Ratios, which a free common scale leaves determined", "modal-fit-1"):
+    for words in (
+        "Measured and fitted modes",
+        "Ratios, which a free common scale leaves determined",
+        "modal-fit-1",
+        "figure-modal_fit_1",
+    ):
         assert words in text
     assert 'id="responses"' not in text
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
@@ -150,7 +153,7 @@ def test_modes_and_responses_are_fitted_together(tmp_path):
     names = [test.name for test in found.estimate.residual_tests.series]
     assert "ambient: shape at 1X+" in names
     assert NOISE == 0.01
-    text = page(found, responses(found.fits[0]), picture(found))
+    text = report_page(found).text
     for words in ("frequency response functions and modes", 'id="modal-fit-1"', 'id="responses"', "Modes: ambient"):
         assert words in text
 

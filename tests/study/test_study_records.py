@@ -10,10 +10,8 @@ import pytest
 
 from structid import InputError, load_study, run_study
 from structid.records.io import write_record
-from structid.report.drawing.drawing import picture
-from structid.report.figures.data import responses
-from structid.report.figures.png import further_records
-from structid.report.identification.page import page
+from structid.report.identification.page import report_page
+from structid.report.rendering.png import pictures
 from structid.study.results.folder import write_results
 from structid.study.run.check import check_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, line_of, replaced, write_chain
@@ -113,10 +111,11 @@ def test_results_and_report_show_every_record(result, tmp_path):
         assert np.abs(second["residual"][()] / second["measured"][()]).max() < 0.06
         assert not np.allclose(file["record_2/modes/frequency"][()], file["modes/frequency"][()], rtol=1e-3)
     found = result.identification
-    text = page(found, responses(found.fits[0]), picture(found), "Two")
+    page = report_page(found, "Two")
+    text = page.text
     assert "<h2>loaded</h2>" in text
-    assert 'id="figure-responses-2"' in text
-    assert "record_2_frf_magnitude" in further_records(found)
+    assert 'id="figure-record_2_frf"' in text
+    assert "record_2_frf_magnitude" in pictures(page.figures)
 
 
 def test_check_predicts_from_all_records(tmp_path):

@@ -8,7 +8,7 @@ from typing import Annotated, cast
 import typer
 
 from structid._version import __version__
-from structid.cli.base import DONE, NOT_DETERMINED, fail, reported, words
+from structid.cli.base import DONE, NOT_DETERMINED, Png, Report, check_png, fail, reported, words
 from structid.cli.console import (
     check_summary,
     record_summary,
@@ -107,7 +107,8 @@ def plan(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_plan].")
     ] = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write plan.html and figures.")] = True,
+    report: Report = True,
+    png: Png = False,
 ) -> None:
     """Predict what a test will tell before it is run, and choose its sensors, loads and lines; write plan.json.
 
@@ -120,13 +121,14 @@ def plan(
       structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
     """
     with reported():
+        check_png(report, png)
         given = {"n_sensors": sensors, "n_loads": loads, "n_frequencies": frequencies, "criterion": criterion}
         changes = {name: value for name, value in {**given, "target": target}.items() if value is not None}
         read = load_plan(study, **changes)
         found = planned(read)
         folder = out if out is not None else Path(f"{study.stem}_plan")
         with staged_folder(folder, PLAN_PAGE) as staged:
-            name = _write_plan(found, read, staged, report)
+            name = _write_plan(found, read, staged, report, png)
         from structid.report.planning.text import plan_text  # imported here, so that nothing else waits for it
 
         for part in plan_text(found, read.title, read.notes):
@@ -136,14 +138,14 @@ def plan(
             fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
 
 
-def _write_plan(found: Plan, read: PlanStudy, folder: Path, report: bool) -> str:
+def _write_plan(found: Plan, read: PlanStudy, folder: Path, report: bool, png: bool) -> str:
     """The name of the page in `folder`, or of plan.json; drawing is imported here, so that nothing else waits for it."""
     write_plan(found, read, folder)
     if not report:
         return "plan.json"
-    from structid.report.planning.page import write_plan_page
+    from structid.report.planning.page import plan_page
 
-    return write_plan_page(found, folder, read.title, read.notes).name
+    return plan_page(found, read.title, read.notes).write(folder, png).name
 
 
 @app.command()
@@ -159,7 +161,8 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <later>_comparison].")
     ] = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write compare.html and figures.")] = True,
+    report: Report = True,
+    png: Png = False,
 ) -> None:
     """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.
 
@@ -172,6 +175,7 @@ def compare(
       structid compare before_results after.toml --unchanged mass --out damage
     """
     with reported():
+        check_png(report, png)
         from structid.report.comparison.text import comparison_text  # imported here, so that nothing else waits for it
 
         options = CompareOptions(words(unchanged), level, power, cast(Correction, correction))
@@ -179,7 +183,7 @@ def compare(
             found = compared(baseline, later, options, progress.search)
         folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
         with staged_folder(folder, COMPARE_PAGE) as staged:
-            name = _write_comparison(found, staged, report)
+            name = _write_comparison(found, staged, report, png)
         for part in comparison_text(found):
             standard_output().print(part)
         typer.echo(str(folder / name))
@@ -187,14 +191,14 @@ def compare(
             fail("the data do not determine every change; see the warnings", NOT_DETERMINED)
 
 
-def _write_comparison(found: ComparisonResult, folder: Path, report: bool) -> str:
+def _write_comparison(found: ComparisonResult, folder: Path, report: bool, png: bool) -> str:
     """The name of the page in `folder`, or of compare.json; drawing is imported here, so that nothing else waits."""
     (folder / "compare.json").write_text(json_text(comparison_summary(found)), encoding="utf-8")
     if not report:
         return "compare.json"
-    from structid.report.comparison.page import write_comparison_page
+    from structid.report.comparison.page import comparison_page
 
-    return write_comparison_page(found, folder).name
+    return comparison_page(found).write(folder, png).name
 
 
 @app.command()
@@ -254,10 +258,11 @@ app.command()(motion)
 def reproduce(
     chapter: Annotated[int | None, typer.Option("--chapter", metavar="N", help="3, 4 or 5 [default: all].")] = None,
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results folder.")] = Path("reproduction"),
+    png: Png = False,
 ) -> None:
     """Compute the tables and figures of the dissertation beside the printed numbers, with a verdict for each.
 
-    Writes reproduction.html, reproduction.json and the figures as PNG files. It takes a few minutes.
+    Writes reproduction.html and reproduction.json. It takes a few minutes.
 
     \b
     Examples:
@@ -273,7 +278,7 @@ def reproduce(
 
         with item_progress() as progress:
             items = reproduced(CHAPTERS if chapter is None else (chapter,), progress)
-        page = write_reproduction(items, out)
+        page = write_reproduction(items, out, png)
         for part in reproduction_summary(items):
             standard_output().print(part)
         typer.echo(str(page))

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Annotated
 
 import typer
 
@@ -13,6 +14,8 @@ from structid.errors import NoModesError, StructidError
 from structid.study.run.run import SearchFailedError
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Write the results as a page.")]
+Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page as PNG files too.")]
 
 
 @contextmanager
@@ -38,6 +41,12 @@ def fail(message: str, code: int) -> None:
     """Exit with `code`, the message on stderr."""
     typer.echo(f"error: {message}", err=True)
     raise typer.Exit(code) from None
+
+
+def check_png(report: bool, png: bool) -> None:
+    """Refuses figures of a page that is not wanted."""
+    if png and not report:
+        fail("--png writes the figures of the page; leave out --no-report", UNUSABLE_INPUT)
 
 
 def words(text: str) -> tuple[str, ...]:

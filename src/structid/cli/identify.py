@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Png, Report, check_png, fail, reported
 from structid.cli.console import free_summary_shown, identification_summary, standard_output
 from structid.cli.progress import run_progress
 from structid.estimation import Status
@@ -44,7 +44,8 @@ Seconds = Annotated[
 def identify(
     study: StudyPath,
     out: Out = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
+    report: Report = True,
+    png: Png = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -59,9 +60,10 @@ def identify(
       structid identify frame.toml
       structid identify frame.toml --out results/frame
       structid identify frame.toml --resume
-      structid identify frame.toml --workers 8 --no-report
+      structid identify frame.toml --workers 8 --png
     """
     with reported():
+        check_png(report, png)
         read = load_study(study)
         folder = out if out is not None else Path(f"{study.stem}_results")
         kept = Checkpoint(checkpoint_folder(folder), fingerprint(read), resume, checkpoint)
@@ -72,15 +74,16 @@ def identify(
                 ready = started(read)
                 result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
         except KeyboardInterrupt:
-            call = _call(study, out=out, workers=workers, scheduler=scheduler)
-            fail(_interrupted(run, kept, call if report else [*call, "--no-report"]), INTERRUPTED)
+            flags = ["--no-report"] * (not report) + ["--png"] * png
+            call = [*_call(study, out=out, workers=workers, scheduler=scheduler), *flags]
+            fail(_interrupted(run, kept, call), INTERRUPTED)
         except WorkersLostError:
             kept.write(run.so_far())
             raise
         finally:
             run.close()
         with staged_folder(folder) as staged:
-            name = _write(result, staged, report)
+            name = _write(result, staged, report, png)
         kept.remove()
         for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
             standard_output().print(part)
@@ -91,21 +94,21 @@ def identify(
             fail(f"{words} ({estimate.message})", NOT_DETERMINED)
 
 
-def _write(result: StudyResult | FreeResult, folder: Path, report: bool) -> str:
+def _write(result: StudyResult | FreeResult, folder: Path, report: bool, png: bool) -> str:
     """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
     if isinstance(result, FreeResult):
         write_free_results(result, folder)
         if not report:
             return "estimate.json"
-        from structid.report.identification.free_page import write_free_report
+        from structid.report.identification.free_page import free_page
 
-        return write_free_report(result, folder).name
+        return free_page(result).write(folder, png).name
     write_results(result, folder)
     if not report:
         return "estimate.json"
     from structid.report import write_report
 
-    return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name
+    return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png).name
 
 
 def _interrupted(run: LongRun, kept: Checkpoint, call: Sequence[str]) -> str:

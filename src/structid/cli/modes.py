@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, fail, reported, words
+from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, reported, words
 from structid.cli.console import standard_output
 from structid.modal.survey.survey import MODES_PAGE, ModesOptions, ModesResult, modes_of_file
 from structid.records.io import ReadOptions
@@ -53,7 +53,8 @@ def modes(
     kind: Annotated[str, typer.Option(help="receptance, mobility or accelerance of a bare FRF array.")] = "",
     unit: Annotated[str, typer.Option(help="Unit of a bare FRF array, as in g/N.")] = "",
     out: Out = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
+    report: Report = True,
+    png: Png = False,
 ) -> None:
     """Find the modes of a record, each with its uncertainty; write modes.json, modes.csv, modes.uff and report.html.
 
@@ -68,6 +69,7 @@ def modes(
       structid modes frf.uff --frequencies 21.6,50.1,68.4
     """
     with reported():
+        check_png(report, png)
         options = ModesOptions(
             method, band, parse_numbers("frequencies", frequencies), parse_orders(orders), rate,
             int(detrend) if detrend.isdigit() else detrend,
@@ -79,7 +81,7 @@ def modes(
         found = modes_of_file(record, options, read, geometry)
         folder = out if out is not None else Path(f"{record.stem}_modes")
         with staged_folder(folder, MODES_PAGE) as staged:
-            name = _written(found, staged, report)
+            name = _written(found, staged, report, png)
         from structid.report.modes.text import modes_text  # imported here, so that nothing else waits for it
 
         for part in modes_text(found):
@@ -89,11 +91,11 @@ def modes(
             fail("the data do not determine the uncertainty of every mode; see the warnings", NOT_DETERMINED)
 
 
-def _written(found: ModesResult, folder: Path, report: bool) -> str:
+def _written(found: ModesResult, folder: Path, report: bool, png: bool) -> str:
     """The name of the page in `folder`, or of modes.json; drawing is imported here, so that nothing else waits for it."""
     write_modes_results(found, folder)
     if not report:
         return "modes.json"
-    from structid.report.modes.page import write_modes_page
+    from structid.report.modes.page import modes_page
 
-    return write_modes_page(found, folder).name
+    return modes_page(found).write(folder, png).name

@@ -1,4 +1,4 @@
-"""The only place that draws: a page and PNG figures of an identification."""
+"""The only place that draws: pages and PNG files."""
 
 from structid.report.identification.page import write_report
 

@@ -65,6 +65,11 @@ def with_std(value: float, std: float) -> str:
     return text if shown == 0 else f"({text}){TIMES}10{_superscript(shown)}"
 
 
+def value_words(value: float, std: float) -> str:
+    """`value` ± `std`, or the value alone where there is no standard deviation."""
+    return with_std(float(value), float(std)) if math.isfinite(std) else number(float(value), 5)
+
+
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
     """`ratio` in per cent, with its sign.
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from structid.comparison.comparing import ComparisonResult
+from structid.report.tables import Table, printed
 from structid.report.text import number, percent, unit_text, with_std
 
-HEADER = (
+_HEADER = (
     "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",
 )  # fmt: skip
 
 
-def comparison_rows(result: ComparisonResult) -> list[tuple[str, ...]]:
-    """One row a parameter under `HEADER`, those declared first."""
+def comparison_table(result: ComparisonResult) -> Table:
+    """One row a parameter, those declared first and marked."""
     found = result.comparison
     order = sorted(range(len(found.names)), key=lambda i: (not found.changed[i], i))
     rows: list[tuple[str, ...]] = []
@@ -36,7 +36,8 @@ def comparison_rows(result: ComparisonResult) -> list[tuple[str, ...]]:
                 percent(float(found.relative_detection_limit[i]), 2, signed=False),
             )
         )
-    return rows
+    marks = tuple("changed" if found.changed[i] else "" for i in order)
+    return Table(_HEADER, tuple(rows), (2, 3, 4, 5, 6, 7, 9), marks)
 
 
 def facts(result: ComparisonResult) -> list[str]:
@@ -64,14 +65,15 @@ def facts(result: ComparisonResult) -> list[str]:
 
 def comparison_text(result: ComparisonResult) -> list[RenderableType]:
     """What the terminal shows: warnings, the result in a sentence, how it was made, and the table."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for i, heading in enumerate(HEADER):
-        table.add_column(heading, overflow="fold" if i == 0 else "ellipsis")
-    for row in comparison_rows(result):
-        table.add_row(*row)
     warnings = [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
     first, *rest = facts(result)
-    return [Text(first, style="bold"), *warnings, Text(result.comparison.words, style="bold"), *map(Text, rest), table]
+    return [
+        Text(first, style="bold"),
+        *warnings,
+        Text(result.comparison.words, style="bold"),
+        *map(Text, rest),
+        printed(comparison_table(result)),
+    ]
 
 
 def _probability(value: float) -> str:

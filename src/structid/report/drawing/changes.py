@@ -1,22 +1,28 @@
-"""Relative change of every element, for mass, stiffness and damping apart."""
+"""What became of every element: relative changes by kind of property, and how a drawing shades them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from structid.identification.identify import Identification
 from structid.report.drawing import palette
+from structid.report.rendering import plot
 from structid.report.text import exact, percent, with_unit
+from structid.structure import Structure
+from structid.structure.contribution import Property
 
-#: Panels of the structure drawing, and the kinds of property that each shows.
-PANELS: dict[str, tuple[str, ...]] = {
+#: Shadings of a structure, and the kinds of property that each shows.
+KINDS: dict[str, tuple[str, ...]] = {
     "mass": ("mass", "rotary_inertia"),
     "stiffness": ("stiffness",),
     "damping": ("viscous_damping", "loss_factor", "friction"),
     "thickness": ("thickness",),
 }
+_LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 
 @dataclass(frozen=True)
@@ -28,64 +34,83 @@ class Change:
     text: str
 
 
+#: By element set and index.
 Changes = dict[tuple[str, int], Change]
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
-    """Changes of one kind of property.
+class Shading:
+    """Colours of the elements in one drawing of the structure.
 
     Attributes
     ----------
-    name : str
-        A key of `PANELS`.
+    title : str
     changes : mapping of (element set, index) to Change
-        Only elements that a parameter of this kind acts on.
-    limit : float
-        Relative change at the ends of the colour scale.
+        Only elements that have a colour.
+    scale : ColourScale
+    outlined : frozenset of (element set, index)
+        Elements with a line round the region that they make up.
     """
 
-    name: str
+    title: str
     changes: Changes
-    limit: float
-
-    @property
-    def is_exceeded(self) -> bool:
-        """Whether some change lies beyond the ends of the scale."""
-        return any(abs(change.ratio) > self.limit for change in self.changes.values())
-
-    @property
-    def ticks(self) -> tuple[tuple[float, str], ...]:
-        """Values and texts for the colour scale."""
-        values = [part * self.limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-        return tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in values)
+    scale: plot.ColourScale
+    outlined: frozenset[tuple[str, int]] = frozenset()
 
 
 @dataclass(frozen=True)
 class Look:
-    """How an element is drawn: its colour, whether a parameter of the panel acts on it, and whether it is in doubt."""
+    """How an element is drawn: its colour, whether the shading says something of it, and whether it is in doubt."""
 
     colour: str = palette.KNOWN
     is_unknown: bool = False
     is_doubtful: bool = False
 
 
-def look(panel: Panel | None, element: str, index: int) -> Look:
-    """The look of one element in `panel`; grey where no parameter of the panel acts on it."""
-    change = panel.changes.get((element, index)) if panel else None
-    if panel is None or change is None:
+def look(shading: Shading | None, element: str, index: int) -> Look:
+    """The look of one element; grey where the shading says nothing of it."""
+    change = shading.changes.get((element, index)) if shading else None
+    if shading is None or change is None:
         return Look()
-    step = palette.diverging_step(np.array([change.ratio]), panel.limit)[0]
-    return Look(palette.colours(palette.DIVERGING)[step], True, not change.identified)
+    return Look(shading.scale.colour(change.ratio), True, not change.identified)
 
 
-def panels(identification: Identification) -> tuple[Panel, ...]:
-    """The panels that have a parameter at all."""
+def shading(title: str, changes: Changes, limit: float) -> Shading:
+    """Relative changes on the diverging colours, white for none, ends at `limit`."""
+    ticks = [part * limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    texts = tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in ticks)
+    exceeded = any(abs(change.ratio) > limit for change in changes.values())
+    scale = plot.ColourScale(palette.DIVERGING, -limit, limit, "relative change", texts, is_exceeded=exceeded)
+    return Shading(title, changes, scale)
+
+
+def round_limit(ratios: Iterable[float], least: float = 0.05) -> float:
+    """A round number at the ends of the colour scale, from `least` to 1."""
+    largest = max((abs(r) for r in ratios if np.isfinite(r)), default=0.0)
+    return next((step for step in _LIMITS if max(largest, least) <= step), 1.0)
+
+
+def properties_of(structure: Structure, kinds: tuple[str, ...]) -> Iterator[Property]:
+    """The properties of these kinds."""
+    return (item for item in structure.properties if item.term.kind in kinds)
+
+
+def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, int], int, np.ndarray]]:
+    """Element, place among all values of the structure and parameters, for each element that a parameter acts on."""
+    for row, index in enumerate(range(item.values.start, item.values.stop)):
+        columns = design.indices[design.indptr[index] : design.indptr[index + 1]]
+        if len(columns):
+            yield (item.element, row), index, columns
+
+
+def shadings(identification: Identification) -> tuple[Shading, ...]:
+    """One for each kind of property that has a parameter at all."""
     found = []
-    for name, kinds in PANELS.items():
+    for name, kinds in KINDS.items():
         changes = _changes(identification, kinds)
         if changes:
-            found.append(Panel(name, changes, _limit([c.ratio for c in changes.values() if c.identified])))
+            limit = round_limit(c.ratio for c in changes.values() if c.identified)
+            found.append(shading(f"Change of {name} parameters", changes, limit))
     return tuple(found)
 
 
@@ -96,19 +121,13 @@ def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
     before, after = unknown.values(found.initial[own]), unknown.values(found.values[own])
     design = unknown.design.tocsr()
     changes: Changes = {}
-    for item in structure.properties:
-        if item.term.kind not in kinds:
-            continue
-        for row, index in enumerate(range(item.values.start, item.values.stop)):
-            columns = design.indices[design.indptr[index] : design.indptr[index + 1]]
-            if not len(columns):
-                continue
+    for item in properties_of(structure, kinds):
+        for key, index, columns in elements_of(item, design):
             ratio = float(after[index] / before[index] - 1) if before[index] else np.nan
             values = f"{exact(float(before[index]))} to {with_unit(exact(float(after[index])), item.term.unit)}"
             identified = bool(found.identified[own[columns]].all())
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
             text += "" if identified else ", not identified"
-            key = (item.element, row)
             changes[key] = _merged(changes.get(key), Change(ratio, identified, text))
     return changes
 
@@ -119,9 +138,3 @@ def _merged(first: Change | None, second: Change) -> Change:
         return second
     ratio = max(first.ratio, second.ratio, key=lambda r: abs(np.nan_to_num(r)))
     return Change(ratio, first.identified and second.identified, f"{first.text}\n{second.text}")
-
-
-def _limit(ratios: list[float]) -> float:
-    """A round number at the ends of the colour scale: from 5 to 100 %."""
-    largest = max((abs(r) for r in ratios if np.isfinite(r)), default=0.0)
-    return next((step for step in (0.05, 0.1, 0.2, 0.3, 0.5) if largest <= step), 1.0)

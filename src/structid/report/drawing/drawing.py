@@ -1,4 +1,4 @@
-"""The structure as flat shapes: what the PNG figure and the page draw, with nothing left to compute."""
+"""The structure as flat shapes."""
 
 from __future__ import annotations
 
@@ -10,30 +10,25 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
-from structid.identification.identify import Identification
-from structid.report.drawing import symbols
-from structid.report.drawing.changes import Panel, panels
+from structid.report.drawing import palette, symbols
 from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
-from structid.report.drawing.labels import Label, Placed, place
-from structid.report.drawing.picture import Arrow, Mark, Picture
-from structid.report.drawing.projection import PLANE_AXES, SPACE_AXES
+from structid.report.drawing.labels import Label, place
+from structid.report.drawing.picture import Mark, Picture, curve, points
+from structid.report.drawing.projection import is_spatial, paper_axes
+from structid.report.rendering import plot
 from structid.report.text import counted
-from structid.structure import (
-    Dashpot,
-    Friction,
-    PointMass,
-    RotaryInertia,
-    Spring,
-    Structure,
-)
+from structid.structure import Bar, Beam, Dashpot, Friction, PointMass, RotaryInertia, SpaceBeam, Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 
-_SYMBOLS = {Spring: symbols.spring, Dashpot: symbols.dashpot, Friction: symbols.friction}
-#: Width in inches that a wide drawing and one panel of several have in the PNG figure.
+_Connector, _Line = Spring | Dashpot | Friction, Bar | Beam | SpaceBeam
+_SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
+#: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 _CHARACTER_INCHES = (0.068, 0.115)
 _MANY_NODES = 40
+#: Marks beyond which labels may stand before them.
+_MOST_OBSTACLES = 2000
 #: Cosine beyond which two directions count as the same.
 _IN_THE_WAY = 0.9
 
@@ -54,56 +49,70 @@ class _Frame:
         """Where the positive sense of `dof` points on paper, not of unit length."""
         return self.axes[dof.axis % 3]
 
-    @property
-    def centre(self) -> FloatArray:
-        return np.mean(list(self.points.values()), axis=0)
-
-
-def picture(identification: Identification) -> Picture:
-    """The structure of `identification` with its sensors, loads and changes."""
-    found = identification
-    return structure_picture(found.structure, found.sensors, found.loads, panels(found))
-
 
 def structure_picture(
-    structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], shown: tuple[Panel, ...] = ()
+    structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], is_field: bool = False
 ) -> Picture:
-    """`structure` with sensors and loads, and with what `shown` says of its elements."""
+    """`structure` with sensors and loads; without nodes and names of elements where its cells carry a field."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
-    hidden = hidden_nodes(structure, frame.points, marks)
-    sensors = tuple(_arrow(frame, dof, is_load=False) for dof in outputs)
-    loads = tuple(_arrow(frame, dof, is_load=True) for dof in inputs)
+    hidden = frozenset(frame.points) if is_field else hidden_nodes(structure, frame.points, marks)
+    sensors = [_arrow(frame, dof, is_load=False) for dof in outputs]
+    loads = [_arrow(frame, dof, is_load=True) for dof in inputs]
     foot = min(1.6 * frame.height, max(0.9 * frame.spacing, 0.012 * frame.size))
-    held = dict.fromkeys(dof.node for dof in structure.fixed if dof.node not in hidden)
-    supports = tuple(symbols.triangle(frame.points[node], foot) for node in held)
+    held = dict.fromkeys(dof.node for dof in structure.fixed if is_field or dof.node not in hidden)
+    supports = symbols.joined(symbols.triangle(frame.points[node], foot) for node in held)
     links = symbols.joined(_links(frame))
-    shown_nodes = [node for node in frame.points if node not in hidden]
-    points = np.array([frame.points[node] for node in shown_nodes]).reshape(-1, 2)
-    shapes = [points, grounds, links, *supports, *(m.path for m in marks)]
+    shown = [node for node in frame.points if node not in hidden]
+    nodes = np.array([frame.points[node] for node in shown]).reshape(-1, 2)
+    shapes = [nodes, grounds, links, supports, *(m.path for m in marks)]
     shapes += [part for arrow in (*sensors, *loads) for part in (arrow.shaft, *arrow.heads)]
     corners = np.concatenate(shapes)
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
-    is_wide = high[0] - low[0] > 2.2 * (high[1] - low[1])
+    is_wide = high[0] - low[0] > 1.8 * (high[1] - low[1])
     per_inch = (high[0] - low[0]) / (0.86 * WIDE_INCHES if is_wide else 0.72 * PANEL_INCHES)
     character = (_CHARACTER_INCHES[0] * per_inch, _CHARACTER_INCHES[1] * per_inch)
     inside = [m.centre + share * (m.path - m.centre) for m in marks if m.filled for share in (0.35, 0.7)]
-    obstacles = symbols.sampled(symbols.joined([*shapes[1:], *inside]), 0.4 * character[1])
-    labels, lost = place(_wanted(frame, shown_nodes, marks, sensors, loads), character, 0.08 * per_inch, obstacles)
+    in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
+    obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
+    wanted = [*_dof_labels(frame, loads, palette.LOAD), *_dof_labels(frame, sensors, palette.SENSOR)]
+    wanted += [] if is_field else _names(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
+    placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
-        left = (
-            f"{counted(lost, 'label')} that would cover another {'is' if lost == 1 else 'are'} left out of the drawing"
-        )
+        are = "is" if lost == 1 else "are"
+        left = f"{counted(lost, 'label')} that would cover another {are} left out of the drawing"
         notes = (*notes, f"{left}; point at an element to read its name.")
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
-    return Picture(
-        marks, grounds, links, supports, points, _node_texts(structure, shown_nodes), sensors, loads, axes, labels,
-        _bounds(corners, labels, axes, per_inch), shown, notes,
-    )  # fmt: skip
+    behind = (
+        curve(links, plot.Pen(palette.RIGID, 1.5, "dash"), "rigid link"),
+        curve(grounds, plot.Pen(palette.SUPPORT)),
+    )
+    before: tuple[plot.Trace, ...] = (
+        plot.Area(supports[:, 0], supports[:, 1], palette.SUPPORT, label="support"),
+        points(nodes, _node_texts(structure, shown), plot.Marker(size=3.5, colour=palette.INK)),
+        *_arrow_traces(sensors, palette.SENSOR, 2.0, "sensor"),
+        *_arrow_traces(loads, palette.LOAD, 3.2, "load"),
+        *(curve(path, plot.Pen(palette.MUTED, 1.6)) for _, path in axes),
+        *_words([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
+        *_words([(label.text, at, label.colour) for label, at in placed], 9.5),
+    )
+    bounds = _bounds(corners, [(label.text, at) for label, at in placed], [path for _, path in axes], per_inch)
+    return Picture(behind, marks, before, bounds, notes)
+
+
+def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
+    """Texts at places, those of one colour together."""
+    found = []
+    for colour in dict.fromkeys(colour for *_, colour in words):
+        texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
+        found.append(
+            plot.Texts(np.array([at[0] for at in places]), np.array([at[1] for at in places]), texts, colour, size)
+        )
+    return found
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
-    axes = SPACE_AXES if structure.dimension == 3 else PLANE_AXES
+    axes = paper_axes(structure)
     table = np.array(list(structure.nodes.values()))
     flat = table @ axes[: structure.dimension]
     notes: tuple[str, ...] = ()
@@ -112,8 +121,8 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
         notes = ("All nodes are at one place, so they are drawn in a row.",)
     size = float(np.ptp(flat, axis=0).max()) or 1.0
     points = dict(zip(structure.nodes, flat, strict=True))
-    connectors = [e for e in structure.elements if isinstance(e, Spring | Dashpot | Friction)]
-    areas = [e for e in structure.elements if e not in connectors and not _is_line(e)]
+    connectors = [e for e in structure.elements if isinstance(e, _Connector)]
+    areas = [e for e in structure.elements if not isinstance(e, _Connector | _Line)]
     height = np.clip(0.22 * _spacing(points, connectors, size), 0.008 * size, 0.020 * size)
     radius = np.clip(0.32 * _spacing(points, areas, size), 0.008 * size, 0.036 * size)
     spacing = _spacing(points, structure.elements, size)
@@ -131,37 +140,35 @@ def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], s
 
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     """All elements, lines first so that masses stand before them, and the walls of grounded connectors."""
+    sets = frame.structure.elements
+    connectors = [(e, k) for e in sets if isinstance(e, _Connector) for k in range(len(e.nodes))]
+    lines = [(e, k) for e in sets if isinstance(e, _Line) for k in range(len(e.nodes))]
+    rest = [e for e in sets if not isinstance(e, _Connector | _Line) and not is_cells(e)]
+    heaviest = max((float(e.mass.max()) for e in rest if isinstance(e, PointMass)), default=1.0)
     taken: Counter[object] = Counter()
-    heaviest = max((float(e.mass.max()) for e in frame.structure.elements if isinstance(e, PointMass)), default=1.0)
-    areas: list[Mark] = []
-    owners: list[int] = []
-    rest: list[tuple[ElementSet, int, str]] = []
-    cells = cell_faces(frame.structure, frame.points)
-    for element in frame.structure.elements:
-        for index, row in enumerate(element.nodes if not is_cells(element) else ()):
-            label = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
-            if isinstance(element, Spring | Dashpot | Friction) or _is_line(element):
-                rest.append((element, index, label))
-            else:
-                areas.append(_area(frame, element, index, label, taken, heaviest))
-                owners.append(int(row[0]))
-    around = _around(frame, areas, owners)
-    lines: list[Mark] = []
-    walls: list[FloatArray] = []
-    for element, index, label in rest:
-        if isinstance(element, Spring | Dashpot | Friction):
-            path, wall, centre = _connector(frame, element, index, around, taken)
-            walls.extend([wall] if len(wall) else [])
-        else:
-            path = np.array([frame.points[int(n)] for n in element.nodes[index]])
-            centre = path.mean(axis=0)
-        lines.append(Mark(element.name, index, label, path, False, centre))
-    return (*cells, *lines, *areas), symbols.joined(walls)
+    areas = [(e, k, *_area(frame, e, k, taken, heaviest)) for e in rest for k in range(len(e.nodes))]
+    around = _Around(Counter(_pair(e.nodes[k]) for e, k in lines), Counter(), {}, {})
+    for element, k, path, centre in areas:
+        radius, node = float(np.nanmax(np.hypot(*(path - centre).T))), int(element.nodes[k][0])
+        around.clearance[node] = max(around.clearance.get(node, 0.0), radius)
+    around.connectors.update(_place_key(e, k) for e, k in connectors if not e.first[k].is_rotation)
+    for first, second in (_pair(e.nodes[k]) for e, k in (*connectors, *lines)):
+        if first >= 0:
+            around.neighbours.setdefault(first, set()).add(second)
+            around.neighbours.setdefault(second, set()).add(first)
+    shapes = [(e, k, *_connector(frame, e, k, around, taken)) for e, k in connectors]
+    marks = [_mark(e, k, path, False, centre) for e, k, path, _, centre in shapes]
+    for element, k in lines:
+        path = np.array([frame.points[int(n)] for n in element.nodes[k]])
+        marks.append(_mark(element, k, path, False, path.mean(axis=0)))
+    marks += [_mark(e, k, path, not isinstance(e, RotaryInertia), centre) for e, k, path, centre in areas]
+    walls = symbols.joined(wall for *_, wall, _ in shapes if len(wall))
+    return (*cell_faces(frame.structure, frame.points), *marks), walls
 
 
-def _is_line(element: ElementSet) -> bool:
-    connector = isinstance(element, Spring | Dashpot | Friction)
-    return not connector and element.nodes.shape[1] == 2 and hasattr(element, "mass")
+def _mark(element: ElementSet, index: int, path: FloatArray, filled: bool, centre: FloatArray) -> Mark:
+    label = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
+    return Mark(element.name, index, label, path, filled, centre)
 
 
 def _pair(nodes: Sequence[int]) -> tuple[int, int]:
@@ -180,52 +187,18 @@ def _place_key(element: Spring | Dashpot | Friction, index: int) -> object:
 class _Around:
     """What a connector has to keep clear of.
 
-    Attributes
-    ----------
-    lines : Counter
-        Beams and bars between each pair of nodes.
-    connectors : Counter
-        Connectors that share a place, see `_place_key`.
-    neighbours : mapping of node to nodes
-        Nodes that elements join.
-    clearance : mapping of node to float
-        Radius of the masses and inertias drawn at each node.
+    Beams and bars between each pair of nodes, connectors that share a place (see `_place_key`), nodes that elements
+    join, and the radius of what is drawn at each node.
     """
 
     lines: Counter[tuple[int, int]]
     connectors: Counter[object]
     neighbours: dict[int, set[int]]
-    clearance: Counter[int]
-
-
-def _around(frame: _Frame, areas: Sequence[Mark], nodes: Sequence[int]) -> _Around:
-    lines: Counter[tuple[int, int]] = Counter()
-    connectors: Counter[object] = Counter()
-    neighbours: dict[int, set[int]] = {}
-    for element in frame.structure.elements:
-        is_connector = isinstance(element, Spring | Dashpot | Friction)
-        for index, row in enumerate(element.nodes if is_connector or _is_line(element) else ()):
-            first, second = _pair(row)
-            if isinstance(element, Spring | Dashpot | Friction):
-                connectors[_place_key(element, index)] += 0 if element.first[index].is_rotation else 1
-            else:
-                lines[(first, second)] += 1
-            if first >= 0:
-                neighbours.setdefault(first, set()).add(second)
-                neighbours.setdefault(second, set()).add(first)
-    clearance: Counter[int] = Counter()
-    for mark, node in zip(areas, nodes, strict=True):
-        radius = float(np.nanmax(np.hypot(*(mark.path - mark.centre).T)))
-        clearance[node] = max(clearance[node], radius)  # type: ignore[assignment]
-    return _Around(lines, connectors, neighbours, clearance)
+    clearance: dict[int, float]
 
 
 def _connector(
-    frame: _Frame,
-    element: Spring | Dashpot | Friction,
-    index: int,
-    around: _Around,
-    taken: Counter[object],
+    frame: _Frame, element: Spring | Dashpot | Friction, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Path, wall and middle of one spring, dashpot or friction pad."""
     first = element.first[index]
@@ -248,14 +221,14 @@ def _connector(
     along = symbols.unit(frame.direction(first)) if stub and second is not None else along
     step = (number + 1 if blocked else number - 0.5 * (count - 1)) * 3.2 * frame.height
     shift = step * symbols.across(along)
-    begin = start + around.clearance[first.node] * along
+    begin = start + around.clearance.get(first.node, 0.0) * along
     if stub:
         finish = begin + max(9 * frame.height, 0.06 * frame.size) * along
     else:
-        finish = end - around.clearance[second.node if second else first.node] * along
+        finish = end - around.clearance.get(second.node if second else first.node, 0.0) * along
     lead = [begin, begin + shift] if step else []
     tail = [finish + shift, finish] if step and not stub else []
-    body = _SYMBOLS[type(element)](begin + shift, finish + shift, frame.height)
+    body = symbols.connector(_SYMBOLS[type(element)], begin + shift, finish + shift, frame.height)
     path = symbols.joined([p for p in (np.array(lead), body, np.array(tail)) if len(p)])
     wall = symbols.ground(finish + shift, along, frame.height) if second is None else np.zeros((0, 2))
     return path, wall, 0.5 * (begin + finish) + shift
@@ -274,31 +247,50 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
     return -along, against > _IN_THE_WAY
 
 
-def _area(frame: _Frame, element: ElementSet, index: int, label: str, taken: Counter[object], heaviest: float) -> Mark:
-    """A disc for a mass, rings for rotary inertias, a square for what is left."""
-    nodes = [int(n) for n in element.nodes[index] if n >= 0]
-    centre = np.mean([frame.points[n] for n in nodes], axis=0)
+def _area(
+    frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
+) -> tuple[FloatArray, FloatArray]:
+    """Outline and middle: a disc for a mass, rings for rotary inertias, a square for what is left."""
+    centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
-        path = symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35))
-        return Mark(element.name, index, label, path, True, centre)
+        return symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35)), centre
     key = ("area", round(float(centre[0]) / frame.size, 6), round(float(centre[1]) / frame.size, 6))
     taken[key] += 1
     if isinstance(element, RotaryInertia):
-        path = symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key]))
-        return Mark(element.name, index, label, path, False, centre)
+        return symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key])), centre
     centre = centre + np.array([2.6 * frame.radius * (taken[key] - 1), 0.0])
-    return Mark(element.name, index, label, symbols.square(centre, frame.radius), True, centre)
+    return symbols.square(centre, frame.radius), centre
 
 
-def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> Arrow:
+@dataclass(frozen=True, eq=False)
+class _Arrow:
+    """A sensor or a load."""
+
+    dof: Dof
+    shaft: FloatArray
+    heads: tuple[FloatArray, ...]
+    tip: FloatArray
+
+
+def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str) -> tuple[plot.Trace, ...]:
+    heads = symbols.joined(head for arrow in arrows for head in arrow.heads)
+    tips = np.array([arrow.tip for arrow in arrows]).reshape(-1, 2)
+    return (
+        curve(symbols.joined(arrow.shaft for arrow in arrows), plot.Pen(colour, width), noun),
+        plot.Area(heads[:, 0], heads[:, 1], colour, label=noun),
+        points(tips, tuple(f"{noun} {arrow.dof}" for arrow in arrows)),
+    )
+
+
+def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
     """A sensor starts at its node, a load ends there; rotations turn in a plane and have two heads in space."""
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
-    if dof.direction == "RZ" and frame.structure.dimension < 3:
+    if dof.direction == "RZ" and not is_spatial(frame.structure):
         shaft, tip_head = symbols.turning_arrow(point, dof.sign, (0.055 if is_load else 0.04) * frame.size, head)
-        return Arrow(dof, shaft, (tip_head,), tip_head[0])
+        return _Arrow(dof, shaft, (tip_head,), tip_head[0])
     way = dof.sign * frame.direction(dof)
     along = symbols.unit(way)
     length *= max(min(float(np.hypot(*way)), 1.0), 0.55)
@@ -309,7 +301,7 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> Arrow:
     heads = [symbols.arrow_head(tip, along, head)]
     if dof.is_rotation:
         heads.append(symbols.arrow_head(tip - 0.8 * head * along, along, head))
-    return Arrow(dof, np.array([tail, tip - 0.8 * head * along]), tuple(heads), tail if is_load else tip)
+    return _Arrow(dof, np.array([tail, tip - 0.8 * head * along]), tuple(heads), tail if is_load else tip)
 
 
 def _links(frame: _Frame) -> list[FloatArray]:
@@ -326,44 +318,40 @@ def _links(frame: _Frame) -> list[FloatArray]:
     return found
 
 
-def _wanted(
-    frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], sensors: Sequence[Arrow], loads: Sequence[Arrow]
-) -> list[Label]:
-    """Labels by importance: loads, sensors, nodes, element names."""
-    found = []
-    for arrows, role in ((loads, "load"), (sensors, "sensor")):
-        for arrow in arrows:
-            away = symbols.unit(arrow.tip - frame.points[arrow.dof.node], (0.0, 1.0))
-            found.append(Label(str(arrow.dof), arrow.tip, away, role))
-    busy = {arrow.dof.node for arrow in (*sensors, *loads)}
+def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[Label]:
+    aways = (symbols.unit(arrow.tip - frame.points[arrow.dof.node], (0.0, 1.0)) for arrow in arrows)
+    return [Label(str(arrow.dof), arrow.tip, away, colour) for arrow, away in zip(arrows, aways, strict=True)]
+
+
+def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
+    """Of nodes that are few or `busy`, and of element sets."""
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
-    for node, point in frame.points.items():
-        if node in few or node in busy:
-            found.append(
-                Label(str(node), point + np.array([0.0, -frame.height]), symbols.unit(np.array([-1.0, -1.0])), "node")
-            )
+    aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
+    found = [
+        Label(str(node), point + below, aside, palette.MUTED)
+        for node, point in frame.points.items()
+        if node in few or node in busy
+    ]
     for mark in labelled_marks(marks):
         away = symbols.unit(np.array([1.0, 0.6]) if mark.filled else np.array([0.4, 1.0]))
         anchor = mark.centre + (frame.radius if mark.filled else frame.height) * away
-        found.append(Label(mark.element, anchor, away, "element"))
+        found.append(Label(mark.element, anchor, away, palette.INK))
     return found
 
 
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
     """Short lines along the global axes, at the lower left of the drawing."""
-    origin = corner - np.array([0.11, 0.0 if frame.structure.dimension < 3 else 0.05]) * frame.size
-    count = 3 if frame.structure.dimension == 3 or "Z" in used else 2
+    origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
+    count = 3 if is_spatial(frame.structure) or "Z" in used else 2
     return tuple((DIRECTIONS[i], np.array([origin, origin + 0.05 * frame.size * frame.axes[i]])) for i in range(count))
 
 
 def _bounds(
-    corners: FloatArray, labels: Sequence[Placed], axes: Sequence[tuple[str, FloatArray]], per_inch: float
+    corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
-    points = [corners, *(path for _, path in axes)]
-    for label in labels:
-        half = 0.5 * per_inch * np.array([len(label.text) * _CHARACTER_INCHES[0], _CHARACTER_INCHES[1]])
-        points.append(np.array([label.at - half, label.at + half]))
-    everything = np.concatenate(points)
+    half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
+    boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
+    everything = np.concatenate([corners, *paths, np.array(boxes).reshape(-1, 2)])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = 0.04 * max(high - low)
     return float(low[0] - margin), float(high[0] + margin), float(low[1] - margin), float(high[1] + margin)

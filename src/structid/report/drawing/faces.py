@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.report.drawing.element_outlines import AREA_CORNERS, outer_faces
 from structid.report.drawing.picture import Mark
-from structid.report.drawing.projection import SPACE_AXES
+from structid.report.drawing.projection import is_spatial, sight
 from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
 from structid.structure.elements import ElementSet
 
+#: Corners of the faces of a solid cell by its number of corners, each in order round the face.
+_FACES = {
+    4: ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)),
+    5: ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    6: ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+_SOLID_CORNERS = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
+#: Corners of a flat cell by its number of nodes.
+_AREA_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
 #: Size of a flat cell as drawn, so that a gap shows between neighbours.
 _SHRUNK = 0.94
 #: Nodes times faces beyond which no node of cells is drawn.
@@ -26,13 +36,6 @@ def is_cells(element: ElementSet) -> bool:
     return isinstance(element, Membrane | Plane | Plate | Shell | Solid)
 
 
-def _sight(structure: Structure) -> FloatArray:
-    """Direction towards the eye."""
-    if structure.dimension == 3:
-        return np.cross(*SPACE_AXES.T)
-    return np.array([0.0, 0.0, 1.0])[: structure.dimension]
-
-
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
     """One mark for every cell, of solids for every outer face that looks at the eye; the farthest first.
 
@@ -42,52 +45,59 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
     points : mapping of node to (2,) float array
         Where each node is on paper.
     """
-    sight = _sight(structure)
-    faces = _seen_faces(structure, sight)
+    eye = sight(structure)
+    faces = _seen_faces(structure, eye)
     for element in structure.elements:
         if is_cells(element) and not isinstance(element, Solid):
             rows = (row[row >= 0] for row in element.nodes)
-            faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
+            faces += [(element, index, row[: _AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
     found: list[tuple[float, Mark]] = []
     for element, index, nodes in faces:
-        labels = tuple(int(n) for n in nodes)
-        outline = np.array([points[n] for n in labels])
+        outline = np.array([points[int(n)] for n in nodes])
+        if not _is_counter_clockwise(outline):  # else overlapping ones would cut holes into each other
+            outline, nodes = outline[::-1], nodes[::-1]
         centre = outline.mean(axis=0)
         share = 1.0 if isinstance(element, Shell | Solid) else _SHRUNK
         name = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
-        path = centre + share * (_counter_clockwise(outline) - centre)
-        depth = float(np.mean([structure.nodes[n] @ sight for n in labels]))
-        found.append((depth, Mark(element.name, index, name, path, True, centre, labels)))
+        labels = tuple(int(n) for n in nodes)
+        depth = float(np.mean([structure.nodes[n] @ eye for n in labels]))
+        path = centre + share * (outline - centre)
+        found.append((depth, Mark(element.name, index, name, path, True, centre, labels, outline)))
     return [mark for _, mark in sorted(found, key=lambda pair: pair[0])]
 
 
-def _counter_clockwise(outline: FloatArray) -> FloatArray:
-    """The same outline in the sense in which overlapping ones do not cut holes into each other."""
+def _is_counter_clockwise(outline: FloatArray) -> bool:
     x, y = outline.T
-    doubled = float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    return outline if doubled >= 0 else outline[::-1]
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) >= 0
 
 
-def _seen_faces(structure: Structure, sight: FloatArray) -> list[tuple[ElementSet, int, IntArray]]:
+def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet, int, IntArray]]:
     """The outer faces of all solids together whose outside the eye sees."""
     owners = [(e, index) for e in structure.elements if isinstance(e, Solid) for index in range(len(e.nodes))]
     rows = [np.asarray(e.nodes[index]) for e, index in owners]
     rows = [row[row >= 0] for row in rows]
     found: list[tuple[ElementSet, int, IntArray]] = []
-    for number, nodes in outer_faces(rows):
+    for number, nodes in _outer_faces(rows):
         corners = np.array([structure.nodes[int(n)] for n in nodes])
         middle = np.mean([structure.nodes[int(n)] for n in rows[number]], axis=0)
         normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
         outward = normal * np.sign(normal @ (corners.mean(axis=0) - middle))
-        if outward @ sight > 0:
+        if outward @ eye > 0:
             found.append((*owners[number], nodes))
     return found
+
+
+def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
+    """The faces that only one cell has."""
+    faces = [(index, row[list(face)]) for index, row in enumerate(rows) for face in _FACES[_SOLID_CORNERS[len(row)]]]
+    count = Counter(tuple(sorted(nodes.tolist())) for _, nodes in faces)
+    return [(index, nodes) for index, nodes in faces if count[tuple(sorted(nodes.tolist()))] == 1]
 
 
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells in space that a face covers, and those within solids; all of them where the mesh is large."""
     faces = [mark for mark in marks if mark.nodes]
-    if structure.dimension < 3 or not faces:
+    if not is_spatial(structure) or not faces:
         return frozenset()
     own = {int(n) for e in structure.elements if is_cells(e) for n in np.unique(e.nodes) if n >= 0}
     own -= {int(n) for e in structure.elements if not is_cells(e) for n in np.unique(e.nodes)}
@@ -95,12 +105,12 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
     if len(labels) * len(faces) > _MOST_PAIRS:
         return frozenset(own)
     at = np.array([points[int(n)] for n in labels]).reshape(-1, 2)
-    depth = np.array([structure.nodes[int(n)] @ _sight(structure) for n in labels])
+    depth = np.array([structure.nodes[int(n)] @ sight(structure) for n in labels])
     slack = 1e-3 * float(np.ptp(at, axis=0).max(initial=0.0))
     covered = np.zeros(len(labels), dtype=bool)
     for mark in faces:
         corners = np.array([points[n] for n in mark.nodes])
-        heights = np.array([structure.nodes[n] @ _sight(structure) for n in mark.nodes])
+        heights = np.array([structure.nodes[n] @ sight(structure) for n in mark.nodes])
         plane = np.linalg.lstsq(np.column_stack([corners, np.ones(len(corners))]), heights, rcond=1e-9)[0]
         behind = depth < at @ plane[:2] + plane[2] - slack
         covered |= _inside(corners, at) & behind & ~np.isin(labels, mark.nodes)

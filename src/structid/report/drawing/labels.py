@@ -12,27 +12,18 @@ from structid.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A text wanted near `anchor`, away from it in the direction `away`; `role` picks its colour."""
+    """A text wanted near `anchor`, away from it in the direction `away`."""
 
     text: str
     anchor: FloatArray
     away: FloatArray
-    role: str
-
-
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """A text centred at `at`."""
-
-    text: str
-    at: FloatArray
-    role: str
+    colour: str
 
 
 def place(
     wanted: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
-) -> tuple[tuple[Placed, ...], int]:
-    """Labels that find a place, first come first served, and the number of those left out.
+) -> tuple[list[tuple[Label, FloatArray]], int]:
+    """Labels that find a place, with its middle, first come first served, and the number of those left out.
 
     Of the places that no other label covers, the one with the fewest obstacles behind the text is taken.
 
@@ -66,8 +57,8 @@ def place(
             lost += 1
             continue
         boxes = np.vstack([boxes, np.concatenate([best - half, best + half])])
-        placed.append(Placed(label.text, best, label.role))
-    return tuple(placed), lost
+        placed.append((label, best))
+    return placed, lost
 
 
 def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:

@@ -1,19 +1,16 @@
-"""Colours that colour-blind readers can tell apart, shared by the PNG figures and the page.
+"""Colours that colour-blind readers can tell apart, shared by every figure.
 
 References
 ----------
-Okabe and Ito (2008), Color Universal Design; Nunez, Anderton and Renslow (2018), PLoS ONE 13, e0199239 (cividis).
+Okabe and Ito (2008), Color Universal Design; Nunez, Anderton and Renslow (2018), PLoS ONE 13, e0199239 (cividis);
+Harrower and Brewer (2003), The Cartographic Journal 40, 27 (PuOr).
 """
 
 from __future__ import annotations
 
 from functools import cache
 
-import matplotlib
 import numpy as np
-from matplotlib.colors import to_hex
-
-from structid.arrays import FloatArray, IntArray
 
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, BLACK = "#0072B2", "#D55E00", "#CC79A7", "#000000"
@@ -26,23 +23,25 @@ MEASURED, FITTED, INITIAL, OUTSIDE = INK, VERMILLION, BLUE, FAINT
 SENSOR, LOAD, SUPPORT, RIGID, KNOWN = GREEN, VERMILLION, "#444444", "#8A8A8A", "#C9C9C9"
 
 DIVERGING, SEQUENTIAL = "PuOr", "cividis"
-#: Number of colours of a map that the drawings of the structure use.
-N_STEPS = 21
+#: Colours at even distances, between which a scale is linear.
+SCALES = {
+    "PuOr": (
+        "#7F3B08", "#B35806", "#E08214", "#FDB863", "#FEE0B6", "#F7F7F7", "#D8DAEB", "#B2ABD2", "#8073AC", "#542788",
+        "#2D004B",
+    ),
+    "cividis": (
+        "#00224E", "#0C3470", "#35456C", "#50576C", "#666970", "#7D7C78", "#948E77", "#AEA371", "#C8B866", "#E5CF52",
+        "#FEE838",
+    ),
+}  # fmt: skip
+#: Number of colours of a scale that drawings of the structure use.
+N_STEPS = 41
 
 
 @cache
-def colours(name: str, count: int = N_STEPS) -> tuple[str, ...]:
-    """`count` evenly spaced colours of a matplotlib colour map, as hexadecimal text."""
-    table = matplotlib.colormaps[name]
-    return tuple(to_hex(table(x)) for x in np.linspace(0.0, 1.0, count))
-
-
-def plotly_scale(name: str, count: int = N_STEPS) -> list[list[object]]:
-    """The same colours as a Plotly colour scale."""
-    return [[float(x), c] for x, c in zip(np.linspace(0.0, 1.0, count), colours(name, count), strict=True)]
-
-
-def diverging_step(change: FloatArray, limit: float) -> IntArray:
-    """Which of the `N_STEPS` diverging colours belongs to each change; the middle one is no change."""
-    unit = np.clip(np.nan_to_num(np.asarray(change) / limit), -1.0, 1.0)
-    return np.rint((unit + 1.0) / 2.0 * (N_STEPS - 1)).astype(np.int64)
+def steps(name: str, count: int = N_STEPS) -> tuple[str, ...]:
+    """`count` evenly spaced colours of a scale, as hexadecimal text."""
+    anchors = np.array([[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in SCALES[name]])
+    place = np.linspace(0.0, len(anchors) - 1.0, count)
+    channels = [np.rint(np.interp(place, np.arange(len(anchors)), channel)).astype(int) for channel in anchors.T]
+    return tuple(f"#{red:02X}{green:02X}{blue:02X}" for red, green, blue in zip(*channels, strict=True))

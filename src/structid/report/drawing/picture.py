@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.report.drawing.changes import Panel
-from structid.report.drawing.labels import Placed
+from structid.report.rendering import plot
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One element, or one face of it: its outline, whether it is an area, where it is, and the nodes of a face."""
+    """One element, or one face of it.
+
+    Attributes
+    ----------
+    element, index, label : str, int, str
+        Element set, which of its elements, and the name of that.
+    path : (n, 2) float array
+        What is drawn; NaN lifts the pen.
+    filled : bool
+        Whether it is an area.
+    centre : (2,) float array
+    nodes : tuple of int
+        Of a face.
+    outline : (n, 2) float array
+        Of a face, from node to node.
+    """
 
     element: str
     index: int
@@ -21,53 +36,20 @@ class Mark:
     filled: bool
     centre: FloatArray
     nodes: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Arrow:
-    """A sensor or a load."""
-
-    dof: Dof
-    shaft: FloatArray
-    heads: tuple[FloatArray, ...]
-    tip: FloatArray
+    outline: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Shapes of the structure in drawing units.
+    """A structure on paper: elements, what stands before and behind them, and what the reader should know (`notes`).
 
-    Attributes
-    ----------
-    marks : tuple of Mark
-    grounds, links, supports : (n, 2) paths
-        Walls of grounded connectors, rigid links and constraints, and triangles of supports.
-    nodes : (n_nodes, 2) float array
-    node_texts : tuple of str
-        What each node is, for the reader who points at it.
-    sensors, loads : tuple of Arrow
-    axes : tuple of (str, path)
-        Names and short lines of the global axes.
-    labels : tuple of Placed
-    bounds : (float, float, float, float)
-        Left, right, bottom, top.
-    panels : tuple of Panel
-    notes : tuple of str
-        What the reader should know about the drawing.
+    `bounds` are left, right, bottom and top.
     """
 
+    behind: tuple[plot.Trace, ...]
     marks: tuple[Mark, ...]
-    grounds: FloatArray
-    links: FloatArray
-    supports: tuple[FloatArray, ...]
-    nodes: FloatArray
-    node_texts: tuple[str, ...]
-    sensors: tuple[Arrow, ...]
-    loads: tuple[Arrow, ...]
-    axes: tuple[tuple[str, FloatArray], ...]
-    labels: tuple[Placed, ...]
+    before: tuple[plot.Trace, ...]
     bounds: tuple[float, float, float, float]
-    panels: tuple[Panel, ...]
     notes: tuple[str, ...]
 
     @property
@@ -79,4 +61,14 @@ class Picture:
     @property
     def is_wide(self) -> bool:
         """Whether panels belong below instead of beside each other."""
-        return self.aspect > 2.0
+        return self.aspect > 1.6
+
+
+def curve(path: FloatArray, pen: plot.Pen, label: str = "") -> plot.Curve:
+    """A line along `path`, (n, 2)."""
+    return plot.Curve(path[:, 0], path[:, 1], pen, label=label)
+
+
+def points(places: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plot.UNSEEN) -> plot.Curve:
+    """Points at `places`, (n, 2), that answer to the mouse."""
+    return plot.Curve(places[:, 0], places[:, 1], None, marker, hover=texts)

@@ -5,10 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray
 
 _LIFT = np.array([[np.nan, np.nan]])
+#: Lines of connectors: along from the start over the body, which goes from 0 to 1, to the end; and across.
+_ENDS = (-1.0, 0.0, 1.0, 2.0)
+_BODIES: dict[str, list[list[tuple[float, float]]]] = {
+    "spring": [[(-1, 0), (0, 0), *((k / 7, 1 if k % 2 else -1) for k in range(1, 7)), (1, 0), (2, 0)]],
+    "dashpot": [[(-1, 0), (0.5, 0)], [(0.5, 0.7), (0.5, -0.7)], [(0, 1), (1, 1), (1, -1), (0, -1)], [(1, 0), (2, 0)]],
+    "friction": [
+        [(-1, 0), (0, 0), (0, 0.3), (1, 0.3)],
+        [(0, -0.3), (1, -0.3), (1, 0), (2, 0)],
+        [(0.25, 0.3), (0.25, 1), (0.75, 1), (0.75, 0.3)],
+    ],
+}
 
 
 def joined(paths: Iterable[FloatArray]) -> FloatArray:
@@ -41,38 +53,21 @@ def across(vector: FloatArray) -> FloatArray:
     return np.array([-vector[1], vector[0]])
 
 
-def _placed(local: Sequence[tuple[float, float]], start: FloatArray, along: FloatArray) -> FloatArray:
-    table = np.array(local)
+def _placed(local: ArrayLike, start: FloatArray, along: FloatArray) -> FloatArray:
+    table = np.asarray(local, dtype=np.float64)
     return start + table[:, :1] * along + table[:, 1:] * across(along)
 
 
-def spring(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """A zigzag of half height `height` between straight leads."""
-    along, length, first, last = _body(start, end, 6 * height)
-    steps = np.linspace(first, last, 8)
-    teeth = height * np.array([0, 1, -1, 1, -1, 1, -1, 0])
-    return _placed([(0.0, 0.0), *zip(steps.tolist(), teeth.tolist(), strict=True), (length, 0.0)], start, along)
-
-
-def dashpot(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """A cup open towards the start, with a piston in it."""
-    along, length, first, last = _body(start, end, 4 * height)
-    middle = 0.5 * (first + last)
-    cup = [(first, height), (last, height), (last, -height), (first, -height)]
-    piston = [(middle, 0.7 * height), (middle, -0.7 * height)]
-    lines = [[(0.0, 0.0), (middle, 0.0)], piston, cup, [(last, 0.0), (length, 0.0)]]
-    return joined(_placed(line, start, along) for line in lines)
-
-
-def friction(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """Two pads that slide on each other."""
-    along, length, first, last = _body(start, end, 4 * height)
-    gap = 0.3 * height
-    upper = [(0.0, 0.0), (first, 0.0), (first, gap), (last, gap)]
-    lower = [(first, -gap), (last, -gap), (last, 0.0), (length, 0.0)]
-    middle = 0.5 * (first + last)
-    block = [(middle - height, gap), (middle - height, height), (middle + height, height), (middle + height, gap)]
-    return joined(_placed(line, start, along) for line in (upper, lower, block))
+def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
+    """A ``spring``, a ``dashpot`` or ``friction`` pads of half height `height`, between straight leads."""
+    length = float(np.hypot(*(end - start)))
+    size = min((6 if kind == "spring" else 4) * height, 0.6 * length)
+    body = 0.5 * (length - size), 0.5 * (length + size)
+    lines = [np.array(line) for line in _BODIES[kind]]
+    places = [
+        np.column_stack([np.interp(line[:, 0], _ENDS, (0.0, *body, length)), height * line[:, 1]]) for line in lines
+    ]
+    return joined(_placed(place, start, unit(end - start)) for place in places)
 
 
 def spiral(centre: FloatArray, radius: float) -> FloatArray:
@@ -116,10 +111,3 @@ def turning_arrow(centre: FloatArray, sense: int, radius: float, head: float) ->
     shaft = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
     along = sense * np.array([-np.sin(angle[-1]), np.cos(angle[-1])])
     return shaft, arrow_head(shaft[-1] + head * along, along, head)
-
-
-def _body(start: FloatArray, end: FloatArray, wanted: float) -> tuple[FloatArray, float, float, float]:
-    """Direction and length from `start` to `end`, and where a symbol of length `wanted` begins and ends."""
-    length = float(np.hypot(*(end - start)))
-    size = min(wanted, 0.6 * length)
-    return unit(end - start), length, 0.5 * (length - size), 0.5 * (length + size)

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
-from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs
 
-from structid._version import __version__
 from structid.estimation import Status
-from structid.files import atomic_write, made_folder
-from structid.report.figures.data import mode_rows, responses
-from structid.report.figures.field_maps import FieldMap, field_figure, field_maps
-from structid.report.figures.interactive_responses import responses_figure
-from structid.report.figures.png import write_pngs
-from structid.report.figures.png_responses import magnitude_figure, phase_figure
-from structid.report.identification.page import embedded
-from structid.report.identification.tables import mode_table, provenance_facts
-from structid.report.page_template import page_template
+from structid.report.figures.fields import field_figures
+from structid.report.figures.modes import band_used, mode_rows
+from structid.report.figures.responses import responses_figure
+from structid.report.identification.tables import mode_table
+from structid.report.page import Page
+from structid.report.tables import Table, provenance_facts
 from structid.report.text import NOTHING, counted, number, percent, with_std, with_unit
 from structid.study.results.free import largest_changes
 from structid.study.results.result import FreeResult
@@ -31,82 +21,32 @@ _MOST_ROWS = 25
 _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard deviations")
 
 
-def write_free_report(result: FreeResult, folder: Path) -> Path:
-    """Path of ``report.html`` in `folder`, written with its PNG files in ``figures``.
-
-    The same result gives the same bytes.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be written.
-    """
-    figures = made_folder(Path(folder) / "figures")
-    found = result.identification
-    maps = field_maps(found)
-    named = {f"map_{k}": one for k, one in enumerate(maps, 1)}
-    makers: dict[str, Callable[[], Figure | None]] = {
-        name: partial(field_figure, found, one) for name, one in named.items()
-    }
-    for place, fit in enumerate(found.fits, 1):
-        data, prefix = responses(fit), f"record_{place}_" if place > 1 else ""
-        makers[f"{prefix}frf_magnitude"] = partial(magnitude_figure, data)
-        makers[f"{prefix}frf_phase"] = partial(phase_figure, data)
-    write_pngs(makers, figures)
-    drawn = [
-        (one.name, _caption(one), base64.b64encode((figures / f"{name}.png").read_bytes()).decode("ascii"))
-        for name, one in named.items()
-    ]
-    path = Path(folder) / "report.html"
-    text = _page(result, drawn)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
-
-
-def _page(result: FreeResult, maps: list[tuple[str, str, str]]) -> str:
+def free_page(result: FreeResult) -> Page:
+    """The page and its figures."""
     found = result.identification
     estimate = found.estimate
-    data = {f"responses-{place}": responses(fit) for place, fit in enumerate(found.fits, 1)}
-    figures = {name: responses_figure(one) for name, one in data.items()}
-    bands = [one.band for one in data.values()]
-    return page_template("free.html.j2").render(
-        title=result.study.title,
-        version=__version__,
-        status=estimate.status.value,
-        status_words=f"{estimate.status_words} ({estimate.message})",
-        is_good=estimate.status is Status.CONVERGED and estimate.covariance_basis == "noise",
-        warnings=found.warnings,
-        cards=_cards(result),
-        maps=maps,
-        header=_HEADER,
-        rows=[_row(result, i) for i in largest_changes(result, _MOST_ROWS)],
-        std_words=_std_words(result),
-        records=[
-            (name, fit.name if len(data) > 1 else "", [channel.label for channel in one.channels])
-            for fit, (name, one) in zip(found.fits, data.items(), strict=True)
-        ],
-        figures=figures,
-        modes=mode_table(mode_rows(found.fit), (min(b[0] for b in bands), max(b[1] for b in bands))),
-        provenance=provenance_facts(asdict(result.provenance)),
-        plotly=get_plotlyjs(),
-        described=embedded({name: figure.described() for name, figure in figures.items()}),
-    )
-
-
-def _caption(shown: FieldMap) -> str:
-    """The lowest element and what the colours are."""
-    known = np.isfinite(shown.change)
-    if not known.any():
-        return ""
-    lowest = int(np.nanargmin(shown.change))
-    std = float(shown.std[lowest])
-    doubt = "" if not np.isfinite(std) else f" with a standard deviation of {percent(std, 2, signed=False)}"
-    grey = "" if known.all() else " Grey: no parameter of this map."
-    return (
-        f"Lowest at element {lowest + 1} of {shown.elements}: {percent(float(shown.change[lowest]))}{doubt}. A change is"
-        f" to be believed where it is several times its standard deviation.{grey}"
-    )
+    maps = field_figures(found)
+    responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(found.fits, 1)}
+    rows = tuple(_row(result, i) for i in largest_changes(result, _MOST_ROWS))
+    words = {
+        "title": result.study.title,
+        "status": estimate.status.value,
+        "status_words": f"{estimate.status_words} ({estimate.message})",
+        "is_good": estimate.status is Status.CONVERGED and estimate.covariance_basis == "noise",
+        "warnings": found.warnings,
+        "summary": _cards(result),
+        "maps": [(f"map_{k}", name) for k, name in enumerate(maps, 1)],
+        "changes": Table(_HEADER, rows, (1, 2, 3, 4)),
+        "std_words": _std_words(result),
+        "records": [(name, fit.name if len(responses) > 1 else "") for name, fit in responses.items()],
+        "modes": mode_table(mode_rows(found.fit), band_used(found.fits)),
+        "provenance": provenance_facts(asdict(result.provenance)),
+    }
+    figures = {
+        **{f"map_{k}": figure for k, figure in enumerate(maps.values(), 1)},
+        **{name: responses_figure(fit) for name, fit in responses.items()},
+    }
+    return Page("report.html", "free.html.j2", figures, words)
 
 
 def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:

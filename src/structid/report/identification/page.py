@@ -1,27 +1,24 @@
-"""The report: one page that needs no network, and its figures as PNG files."""
+"""The report of an identification: one page that needs no network."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from plotly.offline import get_plotlyjs
-
-from structid._version import __version__
 from structid.estimation import Status
-from structid.files import atomic_write, made_folder
 from structid.identification.identify import Identification
-from structid.report.drawing.drawing import picture
-from structid.report.drawing.picture import Picture
-from structid.report.figures.data import Responses, band_used, mode_rows, responses
-from structid.report.figures.interactive import page_figures
-from structid.report.figures.modal_data import modal_cards, modal_facts, modal_table, ratio_table
-from structid.report.figures.png import write_figures
+from structid.report.drawing.changes import shadings
+from structid.report.drawing.drawing import structure_picture
+from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
+from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
+from structid.report.figures.responses import residual_channels_figure, residual_map_figure, responses_figure
+from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
-from structid.report.page_template import page_template
+from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
+from structid.report.page import Page
+from structid.report.rendering import plot
+from structid.report.tables import provenance_facts
 
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
@@ -29,9 +26,13 @@ _MOST_REPEATED, _MOST_GROUPS = 4, 8
 
 
 def write_report(
-    identification: Identification, folder: Path, title: str = "", provenance: Mapping[str, Any] | None = None
+    identification: Identification,
+    folder: Path,
+    title: str = "",
+    provenance: Mapping[str, object] | None = None,
+    png: bool = False,
 ) -> Path:
-    """Path of ``report.html`` in `folder`, written with the PNG figures in ``figures``.
+    """Path of ``report.html`` in `folder`.
 
     Parameters
     ----------
@@ -43,6 +44,8 @@ def write_report(
         Heading of the page.
     provenance : mapping, optional
         Versions, digests of input files, settings: shown as they are at the end.
+    png : bool
+        Whether the figures are written as PNG files too, in ``figures``.
 
     Returns
     -------
@@ -54,69 +57,72 @@ def write_report(
     FileError
         If a file cannot be written.
     """
-    folder = Path(folder)
-    figures = made_folder(folder / "figures")
-    drawn = picture(identification)
-    data = responses(identification.fits[0]) if identification.fits else None
-    write_figures(identification, data, drawn, figures)
-    path = folder / "report.html"
-    text = page(identification, data, drawn, title, provenance)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
+    return report_page(identification, title, provenance).write(folder, png)
 
 
-def page(
-    identification: Identification,
-    data: Responses | None,
-    drawn: Picture,
-    title: str = "",
-    provenance: Mapping[str, Any] | None = None,
-) -> str:
-    """The page as text."""
+def report_page(
+    identification: Identification, title: str = "", provenance: Mapping[str, object] | None = None
+) -> Page:
+    """The page and its figures."""
     found, structure = identification.estimate, identification.structure
+    drawn = structure_picture(structure, identification.sensors, identification.loads)
+    band = band_used(identification.fits[:1], identification.modal_fits)
     rows = mode_rows(identification)
     n_records = len(identification.fits) + len(identification.modal_fits)
-    figures = page_figures(identification, data, drawn)
     warnings, repeated = sorted_warnings(identification)
-    return page_template("report.html.j2").render(
-        title=title or "Structural identification",
-        version=__version__,
-        status=found.status.value,
-        status_words=_status_warning(identification),
-        is_good=found.status is Status.CONVERGED and not identification.warnings,
-        warnings=warnings,
-        repeated=repeated,
-        directions=tables.direction_table(found),
-        groups=[group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
-        summary=(*tables.summary_facts(identification), *modal_cards(identification)),
-        record=tables.record_facts(identification) if data else (),
-        modal=[_modal(identification, number) for number in range(len(identification.modal_fits))],
-        ratios=ratio_table(identification),
-        structure=tables.structure_facts(structure),
-        elements=tables.element_table(structure),
-        parameters=tables.parameter_table(identification),
-        intervals=tables.interval_words(identification),
-        interval_notes=() if identification.intervals is None else identification.intervals.notes,
-        residual_tests=tables.residual_table(found),
-        residual_words=() if found.residual_tests is None else found.residual_tests.words,
-        modes=tables.mode_table(rows, band_used(identification, data)),
-        resonances=tables.resonance_table(identification.resonances) if identification.resonances else None,
-        provenance=tables.provenance_facts(provenance),
-        channels=[channel.label for channel in data.channels] if data else [],
-        first=identification.fits[0].name if data and n_records > 1 else "",
-        others=[_other(identification, number) for number in range(1, len(identification.fits))],
-        notes=drawn.notes,
-        figures=figures,
-        structure_figures=[name for name in figures if name.startswith("structure")],
-        is_wide=drawn.is_wide,
-        is_long=tables.is_long,
-        plotly=get_plotlyjs(),
-        described=embedded({name: figure.described() for name, figure in figures.items()}),
-    )
+    figures = {
+        "parameters": parameters_figure(identification),
+        "structure": structure_figure(drawn, shadings(identification)),
+        **_record_figures(identification),
+        **{f"modal_fit_{k}": modal_fit_figure(fit) for k, fit in enumerate(identification.modal_fits, 1)},
+        "correlation": correlation_figure(identification),
+        "modes": modes_figure(rows, band),
+        "convergence": convergence_figure(identification),
+    }
+    words = {
+        "title": title or "Structural identification",
+        "status": found.status.value,
+        "status_words": _status_warning(identification),
+        "is_good": found.status is Status.CONVERGED and not identification.warnings,
+        "warnings": warnings,
+        "repeated": repeated,
+        "directions": tables.direction_table(found),
+        "groups": [group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
+        "summary": (*tables.summary_facts(identification), *modal_cards(identification)),
+        "record": tables.record_facts(identification) if identification.fits else (),
+        "modal": [_modal(identification, number) for number in range(len(identification.modal_fits))],
+        "ratios": ratio_table(identification),
+        "structure": tables.structure_facts(structure),
+        "elements": tables.element_table(structure),
+        "parameters": tables.parameter_table(identification),
+        "intervals": tables.interval_words(identification),
+        "interval_notes": () if identification.intervals is None else identification.intervals.notes,
+        "residual_tests": tables.residual_table(found),
+        "residual_words": () if found.residual_tests is None else found.residual_tests.words,
+        "modes": tables.mode_table(rows, band),
+        "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
+        "provenance": provenance_facts(provenance),
+        "has_responses": bool(identification.fits),
+        "first": identification.fits[0].name if identification.fits and n_records > 1 else "",
+        "others": [_other(identification, number) for number in range(1, len(identification.fits))],
+        "notes": drawn.notes,
+    }
+    return Page("report.html", "report.html.j2", figures, words)
 
 
-def _modal(identification: Identification, number: int) -> dict[str, Any]:
+def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
+    """Responses and residuals of every record, the map of the first."""
+    figures = {}
+    for number, fit in enumerate(identification.fits, 1):
+        prefix = f"record_{number}_" if number > 1 else ""
+        figures[f"{prefix}frf"] = responses_figure(fit)
+        figures[f"{prefix}residual_by_channel"] = residual_channels_figure(fit)
+        if number == 1:
+            figures["residual_map"] = residual_map_figure(fit)
+    return figures
+
+
+def _modal(identification: Identification, number: int) -> dict[str, object]:
     """What the page shows of a record of modes."""
     fit = identification.modal_fits[number]
     is_unknown = any(kind == "mass" for kind in fit.problem.kinds)
@@ -129,14 +135,13 @@ def _modal(identification: Identification, number: int) -> dict[str, Any]:
     }
 
 
-def _other(identification: Identification, number: int) -> dict[str, Any]:
+def _other(identification: Identification, number: int) -> dict[str, object]:
     """What the page shows of a further record."""
     part = identification.seen_from(number)
     return {
         "number": number + 1,
         "title": part.fits[0].name,
         "facts": tables.record_facts(part),
-        "channels": [channel.label for channel in responses(part.fits[0]).channels],
         "resonances": tables.resonance_table(part.resonances) if part.resonances else None,
     }
 
@@ -159,9 +164,3 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 def _status_warning(identification: Identification) -> str:
     found = identification.estimate
     return f"{found.status.words} ({found.message})"
-
-
-def embedded(value: Any) -> str:
-    """`value` as JSON that cannot end a script element."""
-    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -15,7 +12,8 @@ from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
 from structid.identification.identify import Identification
 from structid.identification.resonances import Resonance
-from structid.report.figures.data import ModeRows
+from structid.report.figures.modes import ModeRows
+from structid.report.tables import Table
 from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
@@ -39,25 +37,6 @@ _INTERVALS = {
     "bootstrap": "from refits to data drawn again (bootstrap), 400 of them",
     "sampling": "from samples of the posterior by the no-U-turn sampler",
 }
-_MANY = 24
-
-
-@dataclass(frozen=True)
-class Table:
-    """Header and rows of text; `numeric` columns are set flush right, `marks` are CSS classes of rows."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    numeric: tuple[int, ...] = ()
-    marks: tuple[str, ...] = ()
-
-    def first(self, count: int) -> Table:
-        """The same table with its first `count` rows."""
-        return replace(self, rows=self.rows[:count], marks=self.marks[:count])
-
-    def after(self, count: int) -> Table:
-        """The same table without its first `count` rows."""
-        return replace(self, rows=self.rows[count:], marks=self.marks[count:])
 
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
@@ -250,12 +229,6 @@ def element_table(structure: Structure) -> Table:
     return Table(("Element set", "Type", "Elements", "Nominal properties"), tuple(rows), (2,))
 
 
-def provenance_facts(provenance: Mapping[str, Any] | None) -> tuple[tuple[str, str], ...]:
-    """The provenance as pairs of a label and a text; nested values are written as JSON."""
-    given = provenance or {}
-    return tuple((str(key), value if isinstance(value, str) else _json(value)) for key, value in given.items())
-
-
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     """The answer in a line: label, value and a remark."""
     found = identification.estimate
@@ -319,12 +292,3 @@ def _range(values: FloatArray) -> str:
 def _type_words(element: ElementSet) -> str:
     name = type(element).__name__
     return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)
-
-
-def is_long(items: Sequence[Any]) -> bool:
-    """Whether a table is long enough to be folded away."""
-    return len(items) > _MANY

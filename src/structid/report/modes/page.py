@@ -1,68 +1,46 @@
-"""The page of a modal identification, with figures that answer to the mouse and shapes that move."""
+"""The page of a modal identification, with shapes that move."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import asdict
 
-from plotly.offline import get_plotlyjs
-
-from structid._version import __version__
-from structid.files import atomic_write, made_folder
 from structid.modal.survey.survey import MODES_PAGE, ModesResult
-from structid.report.identification.page import embedded
-from structid.report.modes.figures import mode_pictures
-from structid.report.modes.interactive import mode_figures
-from structid.report.modes.text import (
-    HEADER,
-    method_words,
-    mode_rows,
-    provenance_rows,
-    record_words,
-    remarks,
-    scale_sentence,
-    std_sentence,
+from structid.report.figures.shapes import shapes_figure
+from structid.report.figures.survey import (
+    complexity_figure,
+    damping_figure,
+    mac_figure,
+    spectra_figure,
+    stabilization_figure,
 )
-from structid.report.page_template import page_template
+from structid.report.modes.text import method_words, mode_table, record_words, remarks, scale_sentence, std_sentence
+from structid.report.page import Page
+from structid.report.tables import provenance_facts
 from structid.report.text import counted
 
 
-def write_modes_page(result: ModesResult, folder: Path) -> Path:
-    """Path of ``report.html`` in `folder`, written with its PNG files in ``figures``.
-
-    The same result gives the same bytes.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be written.
-    """
-    figures = made_folder(Path(folder) / "figures")
-    for name, content in mode_pictures(result).items():
-        (figures / f"{name}.png").write_bytes(content)
-    path = Path(folder) / MODES_PAGE
-    with atomic_write(path) as temporary:
-        temporary.write_text(modes_page(result), encoding="utf-8")
-    return path
-
-
-def modes_page(result: ModesResult) -> str:
-    """The page as text."""
-    figures = mode_figures(result)
-    return page_template("modes.html.j2").render(
-        title=result.title,
-        version=__version__,
-        found=counted(result.modes.n_modes, "mode"),
-        doubtful=bool(result.warnings) or any(remarks(result)),
-        warnings=result.warnings,
-        scale=scale_sentence(result),
-        std=std_sentence(result),
-        facts=(record_words(result), method_words(result)),
-        steps=result.steps,
-        header=HEADER,
-        rows=mode_rows(result),
-        figures=figures,
-        titles=figures["shapes"].described()["motion"]["titles"],
-        provenance=provenance_rows(result),
-        plotly=get_plotlyjs(),
-        described=embedded({name: figure.described() for name, figure in figures.items()}),
+def modes_page(result: ModesResult) -> Page:
+    """The page and its figures; those that the method cannot give are left out."""
+    drawn = {
+        "stabilization": stabilization_figure(result),
+        "mode_shapes": shapes_figure(result),
+        "singular_values": spectra_figure(result),
+        "damping": damping_figure(result),
+        "automac": mac_figure(result),
+        "complexity": complexity_figure(result),
+    }
+    words = {
+        "title": result.title,
+        "found": counted(result.modes.n_modes, "mode"),
+        "doubtful": bool(result.warnings) or any(remarks(result)),
+        "warnings": result.warnings,
+        "scale": scale_sentence(result),
+        "std": std_sentence(result),
+        "facts": (record_words(result), method_words(result)),
+        "steps": result.steps,
+        "modes": mode_table(result),
+        "provenance": provenance_facts(asdict(result.provenance)),
+    }
+    return Page(
+        MODES_PAGE, "modes.html.j2", {name: figure for name, figure in drawn.items() if figure is not None}, words
     )

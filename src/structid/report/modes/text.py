@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from structid.modal.survey.survey import HARDLY_DAMPED, ModesResult
 from structid.records import FrfRecord
-from structid.report.identification.tables import provenance_facts
-from structid.report.text import counted, exact, number, percent, with_std
+from structid.report.figures.survey import mpc
+from structid.report.tables import Table, printed
+from structid.report.text import counted, exact, percent, value_words, with_std
 from structid.similarity import mac
 
-HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
+_HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
 _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
@@ -24,16 +21,11 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(f"{result.title}: {counted(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for column in HEADER:
-        table.add_column(column, overflow="fold")
-    for row in mode_rows(result):
-        table.add_row(*row)
-    return [*parts, table, Text(scale_sentence(result))]
+    return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
 
 
-def mode_rows(result: ModesResult) -> list[tuple[str, ...]]:
-    """One row a mode: values with one standard deviation, how real the shape is, and the poles behind it."""
+def mode_table(result: ModesResult) -> Table:
+    """Values with one standard deviation, how real the shape is, and the poles behind it; doubtful rows are marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
     collinearity, notes = mpc(result), remarks(result)
@@ -54,19 +46,9 @@ def mode_rows(result: ModesResult) -> list[tuple[str, ...]]:
                 "; ".join(notes[k]),
             )
         )
-    return rows
-
-
-def value_words(value: float, std: float) -> str:
-    """`value` ± `std`, or the value alone where there is no standard deviation."""
-    return with_std(float(value), float(std)) if math.isfinite(std) else number(float(value), 5)
-
-
-def mpc(result: ModesResult) -> np.ndarray:
-    """Modal phase collinearity of every mode."""
-    from structid.modal.poles import modal_phase_collinearity
-
-    return modal_phase_collinearity(np.asarray(result.modes.mode_shapes, dtype=np.complex128))
+    return Table(
+        _HEADER, tuple(rows), tuple(range(len(_HEADER) - 1)), tuple("doubtful" if row[-1] else "" for row in rows)
+    )
 
 
 def remarks(result: ModesResult) -> list[list[str]]:
@@ -146,10 +128,3 @@ def std_sentence(result: ModesResult) -> str:
         "± is one standard deviation from the scatter of the data (first order, no bias). The spread of the cluster is"
         " another thing: how far the poles of the different model orders lie apart."
     )
-
-
-def provenance_rows(result: ModesResult) -> tuple[tuple[str, str], ...]:
-    """Versions, digests and settings."""
-    from dataclasses import asdict
-
-    return provenance_facts(asdict(result.provenance))

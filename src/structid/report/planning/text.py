@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from structid.dof import Dof
 from structid.estimation.diagnostics.collinearity import percent_text
-from structid.planning.planned import Plan, PlannedTest
+from structid.planning.planned import Plan
+from structid.report.figures.plan import compared
+from structid.report.tables import Table, printed
 from structid.report.text import counted
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
@@ -20,9 +21,9 @@ def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[Renderabl
     """Heading, options, the tests side by side, the next sensor, what is enough, and what moves together."""
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(found)))
-    parts.append(_tests(found))
+    parts.append(printed(test_table(found)))
     parts += [Text(line) for line in (*choice_lines(found), *enough_lines(found), *next_lines(found))]
-    parts.append(_parameters(found))
+    parts.append(printed(parameter_table(found)))
     parts += [Text(f"the chosen test determines {d.words}") for d in found.identifiability.directions]
     groups = found.identifiability.groups
     parts += [Text(f"in the chosen test {group.words}") for group in groups[:_MOST_GROUPS]]
@@ -48,13 +49,13 @@ def options_text(found: Plan) -> str:
 
 
 _UNITS = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
-TEST_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
+_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 
-def test_rows(found: Plan) -> list[tuple[str, ...]]:
-    """The tests side by side, as text."""
+def test_table(found: Plan) -> Table:
+    """The tests side by side."""
     total = len(found.parameters.names)
-    return [
+    rows = tuple(
         (
             test.label,
             str(len(test.sensors)),
@@ -66,28 +67,20 @@ def test_rows(found: Plan) -> list[tuple[str, ...]]:
             percent_text(test.rms_std),
         )
         for test in found.tests
-    ]
+    )
+    return Table(_HEADER, rows, (1, 2, 3, 4, 5, 7))
 
 
-PARAMETER_HEADER = ("parameter", "unit", "initial")
-
-
-def parameter_rows(found: Plan) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and rows: the predicted relative standard deviation of each parameter, before and after."""
+def parameter_table(found: Plan) -> Table:
+    """The predicted relative standard deviation of each parameter, before and after."""
     tests = compared(found)
-    header = (*PARAMETER_HEADER, *(f"std, {test.label}" for test in tests))
+    header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
     for i, name in enumerate(found.parameters.names):
         mark = "" if found.chosen.of_interest[i] else " (nuisance)"
         shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
         rows.append((name + mark, found.parameters.units[i], f"{found.parameters.start[i]:.5g}", *shown))
-    return header, rows
-
-
-def compared(found: Plan) -> tuple[PlannedTest, ...]:
-    """The tests whose parameters are shown one by one: before, after, and what is possible at most."""
-    tests = (found.installed, found.chosen, found.frequencies, found.everything)
-    return tuple(test for test in tests if test is not None)
+    return Table(header, tuple(rows), tuple(range(2, len(header))))
 
 
 def choice_lines(found: Plan) -> list[str]:
@@ -143,25 +136,3 @@ def places(dofs: tuple[Dof, ...]) -> str:
     """Places with commas, the first dozen of them."""
     shown = ", ".join(str(dof) for dof in dofs[:_MOST_PLACES])
     return shown + (f" and {len(dofs) - _MOST_PLACES} more" if len(dofs) > _MOST_PLACES else "")
-
-
-def _tests(found: Plan) -> Table:
-    table = _table(TEST_HEADER)
-    for row in test_rows(found):
-        table.add_row(*row)
-    return table
-
-
-def _parameters(found: Plan) -> Table:
-    header, rows = parameter_rows(found)
-    table = _table(header)
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def _table(columns: tuple[str, ...]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    return table

@@ -1,59 +1,18 @@
-"""What the report tells of records of modes, as rows of text and plain arrays."""
+"""What the report tells of records of modes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from structid.arrays import FloatArray
 from structid.identification.identify import Identification
 from structid.identification.modal_setup import ModalFit
-from structid.report.figures.data import NORMAL_95
-from structid.report.identification.tables import Table
+from structid.report.tables import Table
 from structid.report.text import NOTHING, counted, number, percent, with_std
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",
     "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class ModalRows:
-    """Measured modes beside those of the model.
-
-    Attributes
-    ----------
-    number : (n_modes,) int array
-        As measured, from 1.
-    initial, fitted : (n_modes,) float arrays
-        Model frequency over measured frequency, less 1.
-    half : (n_modes,) float array
-        Half the 95 % interval of the measured frequency, in parts of it.
-    initial_mac, fitted_mac : (n_modes,) float arrays
-    """
-
-    number: np.ndarray
-    initial: FloatArray
-    fitted: FloatArray
-    half: FloatArray
-    initial_mac: FloatArray
-    fitted_mac: FloatArray
-
-
-def modal_rows(fit: ModalFit) -> ModalRows:
-    """What the figure of one record of modes shows."""
-    problem = fit.problem
-    measured = problem.record.frequency[problem.measured]
-    return ModalRows(
-        problem.measured + 1,
-        fit.initial.frequency / measured - 1,
-        fit.fitted.frequency / measured - 1,
-        NORMAL_95 * problem.frequency_std / measured,
-        fit.initial.mac,
-        fit.fitted.mac,
-    )
 
 
 def modal_table(fit: ModalFit) -> Table:
@@ -113,22 +72,20 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     """Largest difference in frequency and least MAC over all records of modes: label, value and a remark."""
-    rows = [modal_rows(fit) for fit in identification.modal_fits]
-    if not rows:
+    fits = identification.modal_fits
+    if not fits:
         return ()
-    after, before = (
-        max(float(np.abs(r).max()) for r in part) for part in zip(*((r.fitted, r.initial) for r in rows), strict=True)
+    measured = [fit.problem.record.frequency[fit.problem.measured] for fit in fits]
+    after, before = ([fit.fitted for fit in fits], [fit.initial for fit in fits])
+    worst, worst_before = (
+        max(float(np.abs(model.frequency / f - 1).max()) for model, f in zip(models, measured, strict=True))
+        for models in (after, before)
     )
-    best, worst = (
-        min(float(m.min()) for m in part) for part in zip(*((r.fitted_mac, r.initial_mac) for r in rows), strict=True)
-    )
+    least, least_before = (min(float(model.mac.min()) for model in models) for models in (after, before))
+    difference, initial = (percent(value, 3, signed=False) for value in (worst, worst_before))
     return (
-        (
-            "Largest frequency difference",
-            percent(after, 3, signed=False),
-            f"initial {percent(before, 3, signed=False)}",
-        ),
-        ("Least MAC of a pair", f"{best:.3f}", f"initial {worst:.3f}"),
+        ("Largest frequency difference", difference, f"initial {initial}"),
+        ("Least MAC of a pair", f"{least:.3f}", f"initial {least_before:.3f}"),
     )
 
 

@@ -1,0 +1,144 @@
+"""Parameters beside their initial values and priors, how they got there, and how their errors go together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.identification.identify import Identification
+from structid.report.drawing import palette
+from structid.report.rendering import plot
+from structid.report.text import with_std
+
+#: Half width of a 95 % interval in standard deviations.
+NORMAL_95 = 1.959964
+_BOTH = np.array([-1.0, 1.0])
+#: Parameters whose course has a colour of its own.
+_N_HIGHLIGHTED = 7
+
+
+def parameters_figure(identification: Identification) -> plot.Figure:
+    """A dot with its intervals for every parameter, over the initial value.
+
+    The axis holds what is identified; what lies beyond stands at its end.
+    """
+    found = identification.estimate
+    scale = np.where(found.initial != 0, found.initial, np.nan)
+    ratio, std, sure = found.values / scale, found.std / np.abs(scale), found.identified
+    one_std, interval = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
+    if identification.intervals is not None:
+        ends = np.sort(identification.intervals.ends / scale[:, None], axis=1)
+        interval = np.where(np.isfinite(ends), ends, interval)
+    prior = (identification.prior_mean / scale)[:, None] + (identification.prior_std / np.abs(scale))[:, None] * _BOTH
+    low, high, log = _ratio_limits(ratio, interval, prior, sure)
+    shown, below, above = np.clip(ratio, low, high), ratio < low, ratio > high
+    floor = low / 10 if log else None
+    one_std, interval, prior = (np.clip(ends, floor, None) for ends in (one_std, interval, prior))
+    wild = ~np.isfinite(std) | (std > 3 * (high - low))  # unknown, or much wider than the axis
+    notes = ("" if initial else " (initial value 0)" for initial in found.initial)
+    names = [name + note for name, note in zip(found.names, notes, strict=True)]
+    texts = [f"{name}: {with_std(r, s)}" for name, r, s in zip(names, ratio, std, strict=True)]
+    place, given = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
+    rows, known = (place, place), ~wild
+    traces: list[plot.Trace] = [
+        plot.boxes(prior[given].T, (place[given] - 0.36, place[given] + 0.36), palette.SKY, "prior ± 1 std", 0.35),
+        plot.segments((1.0, 1.0), (-0.6, len(names) - 0.4), plot.Pen(palette.INITIAL, 1.6), "initial value"),
+        plot.segments((low, high), (place[wild], place[wild]), plot.Pen(palette.MUTED, 1.4, "dash"), "not determined"),
+    ]
+    for ends, width, label in ((interval, 1.4, "95 % interval"), (one_std, 4.2, "± 1 std")):
+        lines = plot.segments(ends[known].T, [row[known] for row in rows], plot.Pen(palette.INK, width), label)
+        traces.append(lines)
+    hollow = plot.Pen(palette.FITTED, 2.0)
+    for marker, which, label in (
+        (plot.Marker("circle", 9.0, palette.FITTED, plot.Pen("white", 1.0)), sure & ~below & ~above, "identified"),
+        (plot.Marker("circle", 8.0, "white", hollow), ~sure & ~below & ~above, "not identified"),
+        (plot.Marker("triangle-left", 8.0, "white", hollow), below, ""),
+        (plot.Marker("triangle-right", 8.0, "white", hollow), above, ""),
+    ):
+        words = tuple(text for text, chosen in zip(texts, which, strict=True) if chosen)
+        traces.append(plot.Curve(shown[which], place[which], None, marker, label, words))
+    caption = (
+        "Identified parameters over their initial values. Thick bars: one standard deviation, thin bars: 95 % interval; the"
+        " interval of parameters that are not determined runs across the whole axis, dashed; a triangle at the edge stands"
+        " for a value beyond it."
+    )
+    x = _ratio_axis("identified value / initial value", (low, high), log, 0.015)
+    return plot.Figure((plot.panel(x, plot.rows_axis(names), *traces),), plot.rows_size(len(names)), caption=caption)
+
+
+def _ratio_limits(
+    ratio: FloatArray, interval: FloatArray, prior: FloatArray, sure: np.ndarray
+) -> tuple[float, float, bool]:
+    """Axis limits that hold what is identified, with its interval, and the priors; others where they are near."""
+    ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
+    ends = ends[np.isfinite(ends)]
+    centre = np.append(ratio[sure & np.isfinite(ratio)], 1.0)
+    others = ratio[~sure & np.isfinite(ratio)]
+    if (centre > 0).all() and centre.max() / centre.min() > 4:
+        low, high = max(float(ends[ends > 0].min()), float(centre.min()) / 2), float(ends.max())
+        near = np.concatenate([[low, high], others[(others > low / 3) & (others < 3 * high)]])
+        return float(near.min()) / 1.15, float(near.max()) * 1.15, True
+    low, high = float(ends.min()), float(ends.max())
+    reach = max(high - low, 0.2)
+    near = np.concatenate([[low, high], others[(others > low - reach) & (others < high + reach)]])
+    low, high = float(near.min()), float(near.max())
+    margin = max(0.06 * (high - low), 0.005)
+    return low - margin, high + margin, False
+
+
+def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -> plot.Axis:
+    """With `room` at both ends, as a part of the length; plain numbers where it is logarithmic."""
+    low, high = limits
+    if not log:
+        return plot.Axis(label, limits=(low - room * (high - low), high + room * (high - low)))
+    steps = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if high / low < 15 else (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
+    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    values = [step * 10.0**decade for decade in decades for step in steps]
+    ticks = tuple((value, f"{value:g}") for value in values if low <= value <= high)
+    return plot.Axis(label, limits=(low * (low / high) ** room, high * (high / low) ** room), log=True, ticks=ticks)
+
+
+def correlation_figure(identification: Identification) -> plot.Figure:
+    """Heat map of the correlation matrix; grey where a standard deviation is not determined."""
+    names = identification.estimate.names
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.array(identification.estimate.correlation)
+    matrix = np.where(np.isfinite(found), np.clip(found, -1.0, 1.0), np.nan)
+    scale = plot.ColourScale(palette.DIVERGING, -1.0, 1.0, "correlation (grey: not determined)")
+    panel = plot.matrix_panel(matrix, names, "", scale, written=len(names) <= 16)
+    size = float(np.clip(200 + 26 * len(names) + 7 * max(len(name) for name in names), 550, 1100))
+    caption = "Correlation between the errors of two parameters, from the adopted covariance. Grey: not determined."
+    return plot.Figure((replace(panel, background="#D9D9D9"),), (size + 80, size), caption=caption)
+
+
+def convergence_figure(identification: Identification) -> plot.Figure:
+    """Parameters over their initial values along the last stage; the largest changes in colour."""
+    found = identification.estimate
+    ratio = found.history / np.where(found.initial != 0, found.initial, np.nan)
+    change = np.nan_to_num(np.abs(np.log(np.where(ratio[-1] > 0, ratio[-1], np.nan))))
+    highlighted = np.argsort(-change, kind="stable")[:_N_HIGHLIGHTED].tolist()
+    others = [i for i in range(len(found.names)) if i not in highlighted]
+    colours = dict(zip(highlighted, palette.CYCLE, strict=False))
+    iteration, last = np.arange(len(ratio), dtype=float), len(ratio) - 1
+    traces = []
+    for i in (*others, *highlighted):
+        colour, named = colours.get(i, palette.FAINT), i in colours
+        marker = plot.Marker(size=4.0, colour=colour) if named else None
+        label = found.names[i] if named else f"{len(others)} others"
+        traces.append(
+            plot.Curve(iteration, ratio[:, i], plot.Pen(colour, 2.0 if named else 1.2), marker, label, plot.NUMBERS)
+        )
+    known = ratio[np.isfinite(ratio)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
+    log = low > 0 and high / low > 8
+    margin = max(0.06 * (high - low), 0.01)
+    limits = (max(low, 1e-3) / 1.3, min(high, 1e3) * 1.3) if log else (low - margin, high + margin)
+    x = plot.Axis(
+        "iteration of the last stage", limits=(-0.02 * last - 0.1, 1.02 * last + 0.1), ticks=plot.whole_ticks(0, last)
+    )
+    caption = "Parameters along the last stage of the search; those that changed most are named."
+    caption += f" Grey: the {len(others)} other parameters." if others else ""
+    panel = plot.panel(x, _ratio_axis("value / initial value", limits, log), *traces)
+    return plot.Figure((panel,), (950.0, 340.0), caption=caption)

@@ -1,0 +1,209 @@
+"""Measured and fitted frequency response functions, and what is left between them, by channel and frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.dof import Dof
+from structid.identification.identified import RecordFit
+from structid.report.drawing import palette
+from structid.report.rendering import plot
+from structid.report.text import percent
+
+#: Most channels in a picture.
+MAX_CHANNELS = 16
+#: Beyond this many values of a figure the lines are thinned, to keep the page small.
+MOST_VALUES = 250_000
+_MOTION = {"receptance": ("m", "rad"), "mobility": ("m/s", "rad/s"), "accelerance": ("m/s^2", "rad/s^2")}
+_TURNS = tuple((float(angle), str(angle).replace("-", "\u2212")) for angle in (-180, -90, 0, 90, 180))
+_FITTED, _INITIAL = plot.Pen(palette.FITTED, 1.8), plot.Pen(palette.INITIAL, 1.2, "dash")
+#: Fewer lines than this stand apart.
+_FEW = 12
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One sensor and load: name, unit, and relative errors of the fitted and of the initial model."""
+
+    label: str
+    unit: str
+    median_error: float
+    high_error: float
+    median_error_initial: float
+
+
+def channels(fit: RecordFit) -> tuple[Channel, ...]:
+    """Every sensor with every load, in the order of the record; errors are medians and 90 % quantiles over its lines."""
+    record, errors = fit.evaluation, fit.relative_error
+    parts = (np.median(errors, axis=0), np.quantile(errors, 0.9, axis=0), np.median(fit.initial_relative_error, axis=0))
+    return tuple(
+        Channel(f"{sensor}/{load}", channel_unit(record.kind, sensor, load), *row)
+        for (sensor, load), row in zip(
+            product(record.outputs, record.inputs), np.stack(parts, axis=-1).reshape(-1, 3).tolist(), strict=True
+        )
+    )
+
+
+def channel_unit(kind: str, sensor: Dof, load: Dof) -> str:
+    """SI unit of an FRF between a sensor and a load, rotations and moments included."""
+    motion = _MOTION[kind][sensor.is_rotation]
+    top = f"({motion})" if "/" in motion else motion
+    return f"{top}/{'(N m)' if load.is_rotation else 'N'}"
+
+
+def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
+    """Indices of the `count` channels with the largest median relative error, in the order of the record."""
+    errors = np.array([channel.median_error for channel in channels(fit)])
+    return sorted(np.argsort(-errors, kind="stable")[:count].tolist())
+
+
+def responses_figure(fit: RecordFit) -> plot.Figure:
+    """Magnitude, phase and coherence of every channel to choose from; a picture shows those that are fitted worst.
+
+    The models are shown on the lines that were used or judged.
+    """
+    whole, found, shown = fit.measured, channels(fit), worst_channels(fit)
+    stride = max(1, -(-whole.values.size // MOST_VALUES))
+    rows = np.searchsorted(whole.frequency, fit.problem.record.frequency)
+    judged = np.searchsorted(whole.frequency, fit.evaluation.frequency)
+    used = np.isin(np.arange(len(whole.frequency)), rows)
+    fitted, initial = (np.full(whole.values.shape, np.nan, dtype=np.complex128) for _ in range(2))
+    fitted[judged], initial[judged] = fit.evaluation_predicted, fit.evaluation_initial
+    fitted[rows], initial[rows] = fit.predicted, fit.predicted_initial
+    tables = np.array([table.reshape(len(used), -1)[::stride] for table in (whole.values, initial, fitted)])
+    coherence = None if whole.coherence is None else whole.coherence.reshape(len(used), -1)[::stride]
+    low, high = float(whole.frequency[0]), float(whole.frequency[-1])
+    x = plot.Axis("frequency", "Hz", (low, high) if high > low else (low - 0.5, high + 0.5))
+    panels = []
+    for c, channel in enumerate(found):
+        strips = _strips(
+            whole.frequency[::stride], used[::stride], tables[:, :, c], plot.Axis(whole.kind, channel.unit)
+        )
+        if coherence is not None:
+            strips.append(_coherence(whole.frequency[::stride], used[::stride], coherence[:, c]))
+        error, before = (percent(e, 3, signed=False) for e in (channel.median_error, channel.median_error_initial))
+        title = f"{channel.label}: median relative error {error}, initial model {before}"
+        panels.append(plot.Panel(x, tuple(strips), title, channel.label))
+    columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
+    note = (
+        f"{len(shown)} of {len(found)} channels: those with the largest median relative error; all are in report.html"
+    )
+    small = (1150 / columns, 190.0 if len(shown) > columns else 300.0)
+    choice = plot.Choice("Channel (sensor/load)", tuple(shown), small, note if len(shown) < len(found) else "")
+    caption = "Lines outside the band, or left out, are grey."
+    caption += f" Every {stride}th line of the record is shown here." if stride > 1 else ""
+    height = 620.0 if coherence is None else 720.0
+    return plot.Figure(tuple(panels), (1150.0, height), columns, caption, choice)
+
+
+def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:
+    """Magnitude and phase of one channel: `values` are what was measured, the initial and the fitted model."""
+    sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
+    turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
+    angles[1:][turns] = np.nan  # a gap where the phase would jump by a turn
+    phase = plot.Axis("phase", "degrees", (-190.0, 190.0), ticks=_TURNS)
+    magnitude = plot.Axis(y.label, y.unit, plot.decade_limits(sizes), log=True)
+    faint = (plot.Pen(palette.OUTSIDE, 1.2), None), (None, plot.Marker(size=2.0, colour=palette.OUTSIDE))
+    return [
+        plot.Strip(magnitude, _curves(frequency, used, sizes, *faint[0]), 0.55, name="magnitude"),
+        plot.Strip(phase, _curves(frequency, used, angles, *faint[1]), 0.27, name="phase"),
+    ]
+
+
+def _curves(
+    frequency: FloatArray, used: np.ndarray, values: FloatArray, pen: plot.Pen | None, dot: plot.Marker | None
+) -> tuple[plot.Trace, ...]:
+    """What was measured, used and not used, and both models; `pen` or `dot` show what was not used."""
+    measured, initial, fitted = values
+    count = int(used.sum())
+    inside = plot.Marker(size=float(np.clip(4.2 * np.sqrt(300 / max(count, 1)), 2.2, 4.2)), colour=palette.MEASURED)
+    marks = [plot.Marker(size=5.0, colour=own.colour) if count < _FEW else None for own in (_INITIAL, _FITTED)]
+    traces = (
+        (np.where(used, np.nan, measured), pen, dot, "measured, not used"),
+        (np.where(used, measured, np.nan), None, inside, "measured"),
+        (initial, _INITIAL, marks[0], "initial model"),
+        (fitted, _FITTED, marks[1], "fitted model"),
+    )
+    shown = traces[1:] if used.all() else traces
+    return tuple(plot.Curve(frequency, y, own, mark, label, plot.NUMBERS) for y, own, mark, label in shown)
+
+
+def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> plot.Strip:
+    curves = tuple(
+        plot.Curve(frequency, np.where(which, values, np.nan), plot.Pen(colour, 1.1), hover=plot.NUMBERS)
+        for which, colour in ((~used, palette.OUTSIDE), (used, palette.MEASURED))
+    )
+    return plot.Strip(plot.Axis("coherence", "1", (0.0, 1.05)), curves, 0.18, name="coherence")
+
+
+def residual_channels_figure(fit: RecordFit) -> plot.Figure:
+    """Median relative error of every channel, with the 90 % quantile and the initial model."""
+    found = channels(fit)
+    labels, place = [c.label for c in found], np.arange(len(found), dtype=float)
+    rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
+    median, high, before = 100 * rows.T
+    smallest = min((e for e in (*median, *before) if e > 0), default=1.0)
+    floor = float(10.0 ** np.floor(np.log10(max(smallest, 1e-13))))
+    top = max(1.4 * float(max(high.max(), before.max())), 2.8 * floor)
+    words = ("median relative error", "90 % quantile", "initial model")
+    texts = tuple(
+        f"{label}: " + ", ".join(f"{word} {percent(e, 3, signed=False)}" for word, e in zip(words, row, strict=True))
+        for label, row in zip(labels, rows.tolist(), strict=True)
+    )
+    square = plot.Marker("square", 8.0, "white", plot.Pen(palette.INITIAL, 2.0))
+    bars = (place - 0.33, place + 0.33), (floor, np.maximum(median, floor))
+    panel = plot.panel(
+        plot.Axis("channel (sensor/load)", limits=(-0.7, len(found) - 0.3), ticks=plot.named_ticks(labels), grid=False),
+        plot.Axis("relative FRF error", "%", (floor, top), log=True, ticks=plot.decade_ticks(floor, top)),
+        plot.boxes(*bars, palette.SKY, "fitted, median"),
+        plot.segments((place, place), (median, high), plot.Pen(palette.INK, 1.6), "fitted, up to the 90 % quantile"),
+        plot.Curve(place, before, None, square, "initial, median", texts),
+        plot.Curve(place, median, None, plot.UNSEEN, hover=texts),
+    )
+    caption = (
+        "Relative error of the FRFs by channel: medians over the lines, and the 90 % quantile of the fitted model."
+    )
+    return plot.Figure((panel,), (max(700.0, min(1400.0, 250.0 + 32 * len(found))), 380.0), caption=caption)
+
+
+def residual_map_figure(fit: RecordFit) -> plot.Figure:
+    """Size of the whitened residual over frequency and channel."""
+    labels = tuple(channel.label for channel in channels(fit))
+    frequency, values = whitened(fit)
+    stride = max(1, -(-values.size // MOST_VALUES))
+    low, high = 0.1, max(10.0, float(np.nanquantile(values, 0.999)))  # farther where the fit is worse
+    edges, n = line_edges(frequency[::stride]), len(labels)
+    cells = plot.HeatMap(edges, np.arange(n + 1) - 0.5, np.clip(values[::stride].T, low, None), labels)
+    used = fit.problem.record.frequency
+    x = plot.Axis("frequency", "Hz", (float(used[0]), float(used[-1])) if len(used) > 1 else None, grid=False)
+    y = plot.Axis("channel (sensor/load)", limits=(n - 0.5, -0.5), ticks=plot.named_ticks(labels), grid=False)
+    label = "residual / its expected size (1)"
+    scale = plot.ColourScale(palette.SEQUENTIAL, low, high, label, plot.decade_ticks(low, high), log=True)
+    caption = (
+        "Magnitude of the whitened residual. About 1 where the model fits to within the stated errors; bright where it"
+        " does not; white where no line was used."
+    )
+    return plot.Figure(
+        (plot.panel(x, y, cells, scale=scale),), (1100.0, float(np.clip(150 + 20 * n, 320, 900))), caption=caption
+    )
+
+
+def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
+    """Lines of the record, and by line and channel the residual over its expected size; NaN where a line was not used."""
+    frequency, used = fit.measured.frequency, fit.problem.record.frequency
+    residual = fit.problem.residual(fit.theta)[: fit.problem.n_data].reshape(2, len(used), -1)
+    found = np.full((len(frequency), residual.shape[2]), np.nan)
+    found[np.searchsorted(frequency, used)] = np.sqrt((residual**2).mean(axis=0))
+    return frequency, found
+
+
+def line_edges(frequency: FloatArray) -> FloatArray:
+    """Edges of cells centred on lines, (n_lines + 1,), for maps over frequency."""
+    if len(frequency) == 1:
+        return np.array([frequency[0] - 0.5, frequency[0] + 0.5])
+    middle = 0.5 * (frequency[1:] + frequency[:-1])
+    return np.concatenate([[2 * frequency[0] - middle[0]], middle, [2 * frequency[-1] - middle[-1]]])

@@ -1,0 +1,172 @@
+"""Mode shapes that move: sensors on their geometry, or in a row where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.dof import DIRECTIONS, Dof
+from structid.modal import ModalRecord
+from structid.modal.survey.survey import ModesResult
+from structid.records import Geometry
+from structid.report.drawing import palette
+from structid.report.figures.survey import MOST_SHAPES
+from structid.report.rendering import plot
+from structid.report.text import value_words
+
+#: Largest displacement drawn, as a part of the diagonal of the geometry.
+_AMPLITUDE = 0.12
+_SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
+_DASHES: tuple[Literal["solid", "dash", "dot"], ...] = ("solid", "dash", "dot")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Points at rest and how each mode moves them, in drawing units.
+
+    Attributes
+    ----------
+    rest : (n_points, n_axes) float array
+        Two or three axes.
+    motion : (n_modes, n_points, n_axes) complex array
+        Displacement at phase 0 is the real part; largest size chosen for the drawing.
+    labels : tuple of str
+        One a point.
+    axes : tuple of plot.Axis
+    measured, still : mapping of name to points
+        Chains of points that are drawn as one, -1 for a gap; no sensor says how those that stand still move.
+    notes : tuple of str
+        What the reader should know about the drawing.
+    """
+
+    rest: FloatArray
+    motion: ComplexArray
+    labels: tuple[str, ...]
+    axes: tuple[plot.Axis, ...]
+    measured: dict[str, list[int]]
+    still: dict[str, list[int]]
+    notes: tuple[str, ...]
+
+
+def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
+    """The scene of `modes`, each turned to the phase in which most of it is real."""
+    shapes = modes.mode_shapes * np.exp(-0.5j * np.angle(np.sum(modes.mode_shapes**2, axis=0)))
+    signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
+    return _row(modes.channels, signed) if geometry is None else _placed(modes.channels, signed, geometry)
+
+
+def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
+    nodes = list(dict.fromkeys(dof.node for dof in channels))
+    rest = np.array([[nodes.index(dof.node), 0.0] for dof in channels])
+    motion = np.zeros((shapes.shape[1], len(channels), 2), dtype=complex)
+    motion[:, :, 1] = (shapes / np.maximum(np.abs(shapes).max(axis=0), 1e-300)).T
+    paths = {
+        f"direction {direction}": [i for i, dof in enumerate(channels) if dof.direction == direction]
+        for direction in DIRECTIONS
+    }
+    note = (
+        "No geometry was given: sensors stand in a row in the order of the channels, one line a direction, and their"
+        " distances mean nothing. Give the positions of the nodes with --geometry to see the shapes in space."
+    )
+    ticks = plot.named_ticks([str(node) for node in nodes], 40)
+    axes = (
+        plot.Axis("node", limits=(-0.4, len(nodes) - 0.6), ticks=ticks),
+        plot.Axis("shape, positive along the axis", limits=(-1.15, 1.15)),
+    )
+    measured = {name: path for name, path in paths.items() if path}
+    return Scene(rest, motion, tuple(map(str, channels)), axes, measured, {}, (note,))
+
+
+def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
+    nodes = list(geometry.nodes)
+    rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
+    motion = np.zeros((shapes.shape[1], len(nodes), 3), dtype=complex)
+    for dof, row in zip(channels, shapes, strict=True):
+        if not dof.is_rotation:
+            motion[:, nodes.index(dof.node), dof.axis] += row
+    seen = {nodes.index(dof.node) for dof in channels if not dof.is_rotation}
+    turning = [str(dof) for dof in channels if dof.is_rotation]
+    largest = np.sqrt((np.abs(motion) ** 2).sum(axis=2)).max(axis=1, initial=0.0)
+    diagonal = float(np.linalg.norm(np.ptp(rest, axis=0))) or 1.0
+    motion *= (_AMPLITUDE * diagonal / np.where(largest > 0, largest, 1.0))[:, None, None]
+    notes = []
+    if len(seen) < len(nodes):
+        notes.append("Grey points have no sensor: they stand still in the drawing, whatever the structure does there.")
+    if turning:
+        notes.append(f"Rotations are not drawn: {', '.join(turning)}.")
+    used = [j for j in range(3) if np.ptp(rest[:, j]) > 0 or np.abs(motion[:, :, j]).max() > 0]
+    used = sorted({*used, *[j for j in range(3) if j not in used][: max(0, 2 - len(used))]})
+    rest, motion = rest[:, used], motion[:, :, used]
+    measured, still = _paths(geometry, nodes, seen)
+    labels = tuple(f"node {node}" for node in nodes)
+    return Scene(rest, motion, labels, _equal_axes(rest, motion, used), measured, still, tuple(notes))
+
+
+def _equal_axes(rest: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
+    """Those that hold every mode at every phase."""
+    reach = np.abs(motion).max(axis=0)
+    low, high = (rest - reach).min(axis=0), (rest + reach).max(axis=0)
+    pad = 0.04 * float(np.max(high - low))
+    ends = zip((low - pad).tolist(), (high + pad).tolist(), strict=True)
+    return tuple(plot.Axis(DIRECTIONS[j], "m", limits) for j, limits in zip(used, ends, strict=True))
+
+
+def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Lines between two sensors, and all others; points that no line touches by themselves."""
+    chains: dict[bool, list[int]] = {True: [], False: []}
+    touched = set()
+    for line in geometry.lines:
+        for first, second in pairwise(line):
+            if first and second:
+                ends = [nodes.index(first), nodes.index(second)]
+                touched.update(ends)
+                chains[seen.issuperset(ends)] += [*ends, -1]
+    for i in range(len(nodes)):
+        if i not in touched:
+            chains[i in seen] += [i, -1]
+    names = {True: "between sensors", False: "not between two sensors"}
+    measured, still = ({names[kind]: chain[:-1]} if chain else {} for kind, chain in chains.items())
+    return measured, still
+
+
+def shapes_figure(result: ModesResult) -> plot.Figure:
+    """Every mode to choose from, at rest and in motion; a picture shows the first ones at both ends of it."""
+    scene, is_row = mode_scene(result.modes, result.geometry), result.geometry is None
+    x, y, *deep = scene.axes
+    panels = []
+    for k, f in enumerate(result.modes.frequency):
+        strip = plot.Strip(y, tuple(_curves(scene, k, is_row)))
+        name = f"mode {k + 1}: {value_words(f, result.std[k])} Hz"
+        panels.append(plot.Panel(x, (strip,), name=name, z=deep[0] if deep else None, equal=not is_row))
+    small, height, columns = ((330.0, 230.0), 520.0, 3) if is_row else ((270.0, 290.0), 640.0, 4)
+    choice = plot.Choice("Mode", tuple(range(min(len(panels), MOST_SHAPES))), small, moves=True)
+    return plot.Figure(tuple(panels), (1150.0, height), columns, " ".join(scene.notes), choice)
+
+
+def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
+    """Every path at rest, then those that are measured with the motion of `mode`."""
+    found = []
+    for place, (name, path) in enumerate(scene.measured.items()):
+        symbol = _SYMBOLS[place % len(_SYMBOLS)] if is_row else "circle"
+        dash = _DASHES[place % len(_DASHES)] if is_row else "solid"
+        label = "at rest" if is_row else f"at rest, {name}"
+        found.append(_curve(scene, path, plot.Pen(palette.RIGID, 1.6), plot.Marker(symbol, 4.0, palette.RIGID), label))
+        pen, marker = plot.Pen(palette.VERMILLION, 2.5, dash), plot.Marker(symbol, 6.0, palette.VERMILLION)
+        found.append(_curve(scene, path, pen, marker, name if is_row else "deflected", mode))
+    grey = plot.Pen(palette.FAINT, 1.6), plot.Marker(size=4.0, colour=palette.FAINT)
+    found += [_curve(scene, path, *grey, f"at rest, {name}") for name, path in scene.still.items()]
+    return sorted(found, key=lambda curve: curve.sway is not None)
+
+
+def _curve(
+    scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
+) -> plot.Curve:
+    lifted = (np.array(path) < 0)[:, None]
+    x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T
+    words = tuple("" if i < 0 else scene.labels[i] for i in path)
+    sway = None if mode is None else np.where(lifted, 0.0, scene.motion[mode, path])
+    return plot.Curve(x, y, pen, marker, label, words, deep[0] if deep else None, sway)

@@ -1,0 +1,104 @@
+"""The structure: elements in the colours of what became of them, sensors, loads, supports and names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.report.drawing import palette, symbols
+from structid.report.drawing.changes import Look, Shading, look
+from structid.report.drawing.drawing import PANEL_INCHES, WIDE_INCHES
+from structid.report.drawing.picture import Mark, Picture, curve, points
+from structid.report.rendering import plot
+
+_EDGE = "#333333"
+#: Changes of colour from the far faces of a mesh to the near ones, up to which their order is kept whole.
+_MOST_RUNS = 300
+#: Slices of a mesh, from far to near, that keep their order where there are more.
+_SLICES = 12
+#: Marks that answer to the mouse at most; faces that have an edge, and a strong one.
+_MOST_HOVER, _MOST_EDGED, _MOST_STRONG = 3000, 6000, 1500
+_CAPTION = (
+    "Coloured: change of the parameter. Dashed or hatched: not identified. Grey: not a parameter of this kind. Arrows point in"
+    " the positive sense."
+)
+
+
+def structure_figure(
+    drawn: Picture, shadings: Sequence[Shading] = (), title: str = "", caption: str = ""
+) -> plot.Figure:
+    """A panel for each shading; one without colours, under `title`, where there is none."""
+    left, right, bottom, top = drawn.bounds
+    x, y = plot.Axis(limits=(left, right)), plot.Axis(limits=(bottom, top))
+    panels = tuple(
+        replace(plot.panel(x, y, *_traces(drawn, shade), title=name, scale=scale), equal=True, bare=True)
+        for shade, name, scale in _headed(shadings, title)
+    )
+    inches, beside = (WIDE_INCHES, 1.4) if drawn.is_wide else (PANEL_INCHES, 0.9)
+    size = (100 * (inches + (beside if shadings else 0.0)), float(np.clip(100 * inches / drawn.aspect + 60, 240, 660)))
+    columns = 1 if drawn.is_wide else len(panels)
+    return plot.Figure(
+        panels, size, columns, caption or (_CAPTION if shadings else "Arrows point in the positive sense.")
+    )
+
+
+def _headed(shadings: Sequence[Shading], title: str) -> list[tuple[Shading | None, str, plot.ColourScale | None]]:
+    return [(shade, shade.title, shade.scale) for shade in shadings] or [(None, title, None)]
+
+
+def _traces(drawn: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
+    """From what lies below to what stands before it."""
+    yield from drawn.behind
+    yield from _marks(drawn.marks, shade)
+    yield from drawn.before
+    if shade:
+        yield curve(_region(drawn.marks, shade), plot.Pen(palette.INK, 2.2), "round changes beyond chance")
+    answering = drawn.marks if len(drawn.marks) <= _MOST_HOVER else ()
+    yield points(np.array([mark.centre for mark in answering]).reshape(-1, 2), _words(answering, shade))
+
+
+def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
+    """All elements of one look as one trace: faces of a mesh below, far ones first, then lines, then other areas."""
+    looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
+    changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
+    groups: dict[tuple[int, int, Look], list[FloatArray]] = {}
+    run, last = 0, None
+    for k, (mark, shown) in enumerate(looks):
+        run, last = run + int(bool(mark.nodes) and shown != last), shown
+        depth = run if changes <= _MOST_RUNS else k * _SLICES // len(looks)
+        layer = 0 if mark.nodes else 2 if mark.filled else 1
+        groups.setdefault((layer, depth if mark.nodes else 0, shown), []).append(mark.path)
+    strong = len(marks) <= _MOST_STRONG
+    for (layer, _, shown), paths in sorted(groups.items(), key=lambda item: item[0][:2]):
+        path, doubtful = symbols.joined(paths), shown.is_doubtful
+        label = "not a parameter of this kind" if shade and not shown.is_unknown else "not identified" * doubtful
+        if layer != 1:
+            edge = plot.Pen(_EDGE, 1.1 if strong else 0.4) if len(marks) <= _MOST_EDGED else plot.Pen(shown.colour, 0.4)
+            yield plot.Area(path[:, 0], path[:, 1], shown.colour, label=label, edge=edge, hatched=doubtful)
+            continue
+        dash: Literal["solid", "dash"] = "dash" if doubtful else "solid"
+        if shown.is_unknown:
+            yield curve(path, plot.Pen(_EDGE, 6.0, dash), label)
+        yield curve(path, plot.Pen(shown.colour, 4.2 if shown.is_unknown else 2.0, dash), label)
+
+
+def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
+    """Sides that only one face of those outlined has."""
+    found: dict[tuple[int, int], list[FloatArray]] = {}
+    for mark in marks:
+        if (mark.element, mark.index) in shade.outlined:
+            for k, node in enumerate(mark.nodes):
+                other = mark.nodes[k - 1]
+                found.setdefault((min(node, other), max(node, other)), []).append(mark.outline[[k - 1, k]])
+    return symbols.joined(sides[0] for sides in found.values() if len(sides) == 1)
+
+
+def _words(marks: Sequence[Mark], shade: Shading | None) -> tuple[str, ...]:
+    """What became of each element."""
+    changes = ((mark, shade.changes.get((mark.element, mark.index)) if shade else None) for mark in marks)
+    return tuple(f"{mark.label}: {change.text}" if change else mark.label for mark, change in changes)

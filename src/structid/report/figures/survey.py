@@ -1,0 +1,245 @@
+"""What `structid modes` found: poles over the order, singular values, damping, and how alike and how real shapes are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.modal.poles import modal_phase_collinearity
+from structid.modal.survey.survey import ModesResult
+from structid.records import FrfRecord
+from structid.report.drawing import palette, symbols
+from structid.report.rendering import plot
+from structid.report.text import DASH, number, value_words
+from structid.similarity import mac
+
+#: What a pole of the sweep is: shut out by the criteria, alone, in the cluster of a mode, or the mode itself.
+OUTSIDE, ALONE, CLUSTERED, CHOSEN = 0, 1, 2, 3
+#: Told apart by shape as well as by colour.
+_KINDS = (
+    ("outside the criteria", plot.Marker(size=3.0, colour=palette.FAINT)),
+    ("not in a cluster", plot.Marker("x-thin", 6.0, "", plot.Pen(palette.MUTED, 1.2))),
+    ("in the cluster of a mode", plot.Marker("circle", 6.5, "white", plot.Pen(palette.BLUE, 1.6))),
+    ("the mode itself", plot.Marker("diamond", 10.0, palette.VERMILLION, plot.Pen("white", 1.0))),
+)
+_SINGULAR = (
+    ("first singular value", plot.Pen(palette.INK, 1.4)),
+    ("second singular value", plot.Pen(palette.BLUE, 1.4, "dash")),
+    ("third singular value", plot.Pen(palette.PURPLE, 1.4, "dot")),
+)
+#: Modes that have a picture of their own.
+MOST_SHAPES = 24
+_MOST_LINES = 2400
+
+
+def pole_kinds(result: ModesResult) -> list[np.ndarray]:
+    """What each pole of each order is."""
+    found, modes = result.identification, result.modes
+    kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
+    for kind, poles in zip(kinds, found.sweep, strict=True):
+        kind[found.options.criteria.indices(poles)] = ALONE
+    for cluster in found.clusters:
+        for order, index in zip(cluster.number, cluster.index, strict=True):
+            kinds[order][index] = CLUSTERED
+        kinds[cluster.number[cluster.chosen]][cluster.index[cluster.chosen]] = CHOSEN
+    if not found.clusters:  # one order: the poles nearest to the modes
+        for f, ratio in zip(modes.frequency, modes.damping_ratio, strict=True):
+            gaps = [np.abs(p.frequency / f - 1) + np.abs(p.damping_ratio - ratio) for p in found.sweep]
+            which = int(np.argmin([gap.min(initial=np.inf) for gap in gaps]))
+            kinds[which][int(gaps[which].argmin())] = CHOSEN
+    return kinds
+
+
+def stabilization_figure(result: ModesResult) -> plot.Figure | None:
+    """Poles of every order, over the first singular value; None where the method has no orders."""
+    sweep = result.identification.sweep
+    if not sweep:
+        return None
+    frequency = np.concatenate([poles.frequency for poles in sweep])
+    ratio = 100 * np.concatenate([poles.damping_ratio for poles in sweep])
+    order = np.repeat([float(poles.order) for poles in sweep], [len(poles.poles) for poles in sweep])
+    kinds, top = np.concatenate(pole_kinds(result)), float(order.max()) * 1.04 + 1
+    x, values = _thinned_lines(result, 1)
+    traces: list[plot.Trace] = [
+        plot.Curve(x, values[:, 0], plot.Pen(palette.SKY, 1.4), label="first singular value", right=True),
+        *_mode_marks(result, (0.0, top)),
+    ]
+    for kind, (label, marker) in enumerate(_KINDS):
+        f, n, r = (values[kinds == kind] for values in (frequency, order, ratio))
+        rows = zip(n.tolist(), f.tolist(), r.tolist(), strict=True)
+        texts = tuple(f"order {n:g}: {f:.6g} Hz, damping {r:.4g} %" for n, f, r in rows)
+        traces.append(plot.Curve(f, n, None, marker, label, texts))
+    right = plot.Axis("first of the singular values", result.spectra.unit, _spectrum_limits(result), log=True)
+    y = plot.Axis("order of the model (states)", limits=(0.0, top))
+    strip = plot.Strip(y, tuple(trace for trace in traces if len(trace.x)), right=right)
+    caption = (
+        "Poles of the models of all orders. A mode keeps its place from order to order; a pole of noise does not."
+        f" Behind them: {result.spectra.name}. Double-click for the whole range."
+    )
+    panel = plot.Panel(plot.Axis("frequency", "Hz", _view(result)), (strip,))
+    return plot.Figure((panel,), (900.0, 520.0), caption=caption)
+
+
+def _view(result: ModesResult) -> plot.Limits:
+    """The part of the frequency axis that is shown first, Hz."""
+    lines, modes = result.spectra.frequency, result.modes.frequency
+    high = min(float(lines[-1]), 1.5 * float(modes.max(initial=0.0)) or float(lines[-1]))
+    low = 0.0
+    if isinstance(result.record, FrfRecord) and len(modes) and lines[0] > 0.3 * modes.min():
+        low = float(lines[0])
+    if result.options.band is not None:
+        low, wanted = result.options.band
+        high = min(float(lines[-1]), wanted * 1.05)
+        low = max(0.0, low - 0.05 * (high - low))
+    return low, high
+
+
+def mode_labels(result: ModesResult) -> list[tuple[float, str]]:
+    """Where the numbers of modes stand in what is shown first; neighbours that would touch share a place."""
+    low, high = _view(result)
+    labels: list[tuple[float, list[int]]] = []
+    for k, f in enumerate(result.modes.frequency.tolist()):
+        if not low <= f <= high:
+            continue
+        if labels and f - labels[-1][0] < 0.022 * (high - low):
+            labels[-1][1].append(k + 1)
+        else:
+            labels.append((f, [k + 1]))
+    return [(f, ",".join(map(str, group)) if len(group) < 4 else f"{group[0]}{DASH}{group[-1]}") for f, group in labels]
+
+
+def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, ...]:
+    """A line at every mode and its number above it."""
+    f, labels = result.modes.frequency, mode_labels(result)
+    at, words = np.array([x for x, _ in labels]), tuple(text for _, text in labels)
+    height = np.full(len(at), 0.9999 * limits[1])
+    return (
+        plot.segments((f, f), limits, plot.Pen(palette.VERMILLION, 1.0)),
+        plot.Texts(at, height, words, palette.VERMILLION, 11.0, "top center"),
+    )
+
+
+def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
+    """Frequencies and the first singular values: all lines, or the largest of neighbours where there are too many."""
+    frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
+    step = -(-len(frequency) // _MOST_LINES)
+    if step == 1:
+        return frequency, values
+    whole = len(frequency) // step * step
+    grouped = values[:whole].reshape(-1, step, values.shape[1])
+    return frequency[:whole].reshape(-1, step).mean(axis=1), grouped.max(axis=1)
+
+
+def _spectrum_limits(result: ModesResult) -> plot.Limits:
+    """Least and greatest value on the logarithmic axis, in what is shown first."""
+    low, high = _view(result)
+    if low == 0 and result.modes.n_modes:  # drift stands above every mode, and would set the scale
+        low = 0.25 * float(result.modes.frequency[0])
+    inside = (result.spectra.frequency >= low) & (result.spectra.frequency <= high)
+    values = result.spectra.values[inside, :3] if inside.any() else result.spectra.values[:, :3]
+    positive = values[values > 0]
+    if not positive.size:
+        return 0.1, 10.0
+    top = float(positive.max())
+    return max(float(positive.min()), 1e-9 * top) / 2, 3 * top
+
+
+def spectra_figure(result: ModesResult) -> plot.Figure:
+    """The first three singular values, the modes marked."""
+    frequency, values = _thinned_lines(result, len(_SINGULAR))
+    limits = _spectrum_limits(result)
+    curves = [
+        plot.Curve(frequency, column, pen, label=label, hover=plot.NUMBERS)
+        for column, (label, pen) in zip(values.T, _SINGULAR, strict=False)
+    ]
+    y = plot.Axis("singular values", result.spectra.unit, limits, log=True)
+    panel = plot.panel(plot.Axis("frequency", "Hz", _view(result)), y, *_mode_marks(result, limits), *curves)
+    caption = (
+        f"The {result.spectra.name}; one line that stands out is one mode there, two are two. Numbers: modes."
+        " Double-click for the whole range."
+    )
+    return plot.Figure((panel,), (900.0, 400.0), caption=caption)
+
+
+def damping_figure(result: ModesResult) -> plot.Figure | None:
+    """Damping ratio over frequency with one standard deviation; None where the method gives no damping."""
+    modes, n = result.modes, result.modes.n_modes
+    known = np.flatnonzero(np.isfinite(modes.damping_ratio))
+    if not len(known):
+        return None
+    f, ratio, f_std, ratio_std = modes.frequency, 100 * modes.damping_ratio, result.std[:n], 100 * result.std[n:]
+    texts = tuple(
+        f"mode {k + 1}: {value_words(f[k], f_std[k])} Hz, {value_words(ratio[k], ratio_std[k])} %" for k in known
+    )
+    f, ratio, f_std, ratio_std = (np.nan_to_num(values[known]) for values in (f, ratio, f_std, ratio_std))
+    low, high = ratio - ratio_std, ratio + ratio_std
+    panel = plot.panel(
+        plot.Axis("frequency", "Hz", _view(result)),
+        plot.Axis("damping ratio", "%", (min(0.0, 1.1 * float(low.min())), max(1.12 * float(high.max()), 0.1))),
+        plot.segments((f, f), (low, high), plot.Pen(palette.INK)),
+        plot.segments((f - f_std, f + f_std), (ratio, ratio), plot.Pen(palette.INK)),
+        plot.Curve(f, ratio, None, plot.Marker("diamond", 9.0, palette.VERMILLION), hover=texts),
+        plot.Texts(f, ratio, tuple(f"{k + 1}" for k in known), palette.VERMILLION, 11.0, "top right"),
+    )
+    caption = "Damping ratios; bars: one standard deviation. Without bars: the method gives none."
+    return plot.Figure((panel,), (900.0, 340.0), caption=caption)
+
+
+def mac_figure(result: ModesResult) -> plot.Figure:
+    """MAC of the modes with each other."""
+    n = result.modes.n_modes
+    scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
+    names = tuple(f"{k + 1}" for k in range(n))
+    panel = plot.matrix_panel(mac(result.modes.mode_shapes), names, "mode", scale, written=n <= 14)
+    caption = (
+        "Modal assurance criterion between the shapes at the sensors: 1 where two shapes agree, 0 where they are"
+        " orthogonal. Modes alike at few sensors may still differ elsewhere."
+    )
+    size = min(260.0 + 34 * n, 620.0)
+    return plot.Figure((panel,), (size + 90, size), caption=caption)
+
+
+def mpc(result: ModesResult) -> FloatArray:
+    """Modal phase collinearity of every mode."""
+    return modal_phase_collinearity(np.asarray(result.modes.mode_shapes, dtype=np.complex128))
+
+
+def complexity_figure(result: ModesResult) -> plot.Figure:
+    """Entries of every shape in the complex plane, one circle a mode.
+
+    The largest entry has size 1, and each shape is turned so that most of it is real.
+    """
+    shapes, collinearity = np.asarray(result.modes.mode_shapes, dtype=np.complex128), mpc(result)
+    shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=0)))
+    shapes = shapes / np.abs(shapes).max(axis=0)
+    names = [str(dof) for dof in result.modes.channels]
+    panels = tuple(
+        _circle(f"mode {k + 1}: {number(f)} Hz, MPC {collinearity[k]:.3f}", shapes[:, k], names)
+        for k, f in enumerate(result.modes.frequency[:MOST_SHAPES])
+    )
+    caption = (
+        "Entries of each shape in the complex plane, one line a channel. All on one diameter: every sensor moves in phase"
+        " or in opposition, as in a structure with light or proportional damping (MPC 1). A fan: damping in one place, noise,"
+        " or two modes in one."
+    )
+    if result.modes.n_modes > len(panels):
+        caption += f" The first {len(panels)} of {result.modes.n_modes} modes."
+    return plot.Figure(panels, (290.0, 290.0), 4, caption)
+
+
+def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
+    x, y = shape.real, shape.imag
+    rings = symbols.joined(symbols.disc(np.zeros(2), radius) for radius in (0.5, 1.0))
+    angles = np.degrees(np.angle(shape))
+    texts = tuple(f"{name}: {abs(e):.3g} at {a:.3g}°" for name, e, a in zip(names, shape, angles, strict=True))
+    round_ = np.array([1.16, 0.0, -1.16, 0.0])
+    grid = plot.Pen(palette.FAINT, 1.0)
+    reach = plot.Axis(limits=(-1.35, 1.35))
+    traces = (
+        plot.Curve(rings[:, 0], rings[:, 1], grid),
+        plot.segments(([-1.0, 0.0], [1.0, 0.0]), ([0.0, -1.0], [0.0, 1.0]), plot.Pen(palette.GRID, 1.0)),
+        plot.segments((0.0, x), (0.0, y), plot.Pen(palette.BLUE, 1.6)),
+        plot.Curve(x, y, None, plot.Marker("circle", 7.0, palette.VERMILLION, plot.Pen("white", 0.8)), hover=texts),
+        plot.Texts(round_, np.roll(round_, 1), ("0°", "90°", "180°", "270°"), palette.MUTED, 10.0),
+    )
+    return plot.Panel(reach, (plot.Strip(reach, traces),), title, title, equal=True, bare=True)

@@ -1,0 +1,86 @@
+"""A page: one HTML file that needs no network, from a template, words and figures."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from plotly.offline import get_plotlyjs
+
+from structid._version import __version__
+from structid.files import atomic_write, made_folder
+from structid.report.rendering.browser import clean, embedded, legend
+from structid.report.rendering.plot import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """What a page shows.
+
+    Attributes
+    ----------
+    file : str
+        Its name in the folder of results.
+    template : str
+        File among the templates.
+    figures : mapping of str to Figure
+        By the names under which the template places them.
+    words : mapping of str to object
+        All else that the template needs; a value that it needs and is not given is an error.
+    """
+
+    file: str
+    template: str
+    figures: Mapping[str, Figure]
+    words: Mapping[str, object]
+
+    @property
+    def text(self) -> str:
+        """The page; the same words and figures give the same bytes."""
+        drawn = {"library": _library(), "described": packed(embedded(self.figures))} if self.figures else {}
+        return _environment().get_template(self.template).render(
+            **self.words, figures=self.figures, drawn=drawn, version=__version__
+        )  # fmt: skip
+
+    def write(self, folder: Path, png: bool = False) -> Path:
+        """Path of the page in `folder`, written whole or not at all; with `png` the figures too, as files in ``figures``.
+
+        Raises
+        ------
+        FileError
+            If a file cannot be written.
+        """
+        path = made_folder(Path(folder)) / self.file
+        if png:
+            from structid.report.rendering.png import write_pngs  # imported here, so that pages do not wait for it
+
+            write_pngs(self.figures, path.parent / "figures")
+        text = self.text
+        with atomic_write(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return path
+
+
+def packed(text: str) -> str:
+    """`text` compressed (zlib) and in letters (base64), as `figures.js` unpacks it."""
+    return base64.b64encode(zlib.compress(text.encode("utf-8"), 9)).decode("ascii")
+
+
+@cache
+def _library() -> str:
+    return packed(get_plotlyjs())
+
+
+@cache
+def _environment() -> Environment:
+    found = Environment(
+        loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    found.globals |= {"legend": legend, "clean": clean}
+    return found

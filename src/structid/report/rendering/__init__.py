@@ -1,0 +1,1 @@
+"""Figures as data, and the two ways to draw them."""

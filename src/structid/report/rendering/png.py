@@ -1,0 +1,272 @@
+"""Figures as PNG files, drawn by Matplotlib with no global state left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure as Picture
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import NullLocator
+
+from structid.files import atomic_write, made_folder
+from structid.report.drawing import palette
+from structid.report.rendering.plot import (
+    VIEW,
+    Area,
+    Axis,
+    ColourScale,
+    Curve,
+    Figure,
+    HeatMap,
+    Marker,
+    Panel,
+    Pen,
+    Texts,
+)
+
+DPI = 150
+#: A pixel of the page in points.
+_PIXEL = 0.72
+#: Settings that hold while a figure is drawn, so that a user's own do not change it.
+STYLE: dict[Any, object] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": palette.MUTED,
+    "axes.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "grid.color": palette.GRID,
+    "grid.linewidth": 0.7,
+    "hatch.linewidth": 0.8,
+    "text.usetex": False,
+    "path.simplify": True,
+}
+_SYMBOLS = {
+    "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v", "triangle-left": "<",
+    "triangle-right": ">", "x-thin": "x", "x": "X", "cross": "P", "star": "*", "none": "",
+}  # fmt: skip
+_DASHES = {"solid": "-", "dash": (0, (4, 2.5)), "dot": ":"}
+_HALO = [Stroke(linewidth=2.0, foreground="white"), Normal()]
+#: Height of a row of the legend and of a note.
+_LEGEND_ROW, _NOTE = 20, 30
+_NONE = Pen("none", 0.0)
+
+
+def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
+    """Write a PNG file into `folder`, which is made where it does not exist, for each of `pictures`."""
+    made_folder(folder)
+    for name, figure in pictures(figures).items():
+        with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
+            drawn(figure).savefig(temporary, dpi=DPI, format="png", metadata={"Software": None})
+
+
+def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """A picture for each figure, and for each strip of figures whose panels have several."""
+    found = {}
+    for name, figure in figures.items():
+        strips = figure.panels[0].strips
+        for number, strip in enumerate(strips):
+            alone = len(strips) == 1
+            found[name if alone else f"{name}_{strip.name}"] = figure if alone else figure.strip(number)
+    return found
+
+
+def drawn(figure: Figure) -> Picture:
+    """The figure of Matplotlib; its panels have one strip each."""
+    choice = figure.choice
+    shown = figure.panels if choice is None else tuple(figure.panels[i] for i in choice.shown)
+    width, height = figure.size if choice is None else choice.size
+    columns = min(figure.columns, len(shown))
+    rows = -(-len(shown) // columns)
+    longest = max((len(trace.label) for trace in figure.legend), default=0)
+    across = max(1, min(len(figure.legend), int(columns * width / (62 + 6.2 * longest))))
+    below = _NOTE if choice and choice.note else 0
+    high = rows * height + _LEGEND_ROW * -(-len(figure.legend) // across) + below
+    picture = Picture(figsize=(columns * width / 100, high / 100), layout="constrained")
+    handles: dict[str, Artist] = {}
+    same_x, same_y = (
+        len({axis.title for axis in axes}) == 1 for axes in zip(*((p.x, p.strips[0].y) for p in shown), strict=True)
+    )
+    for k, panel in enumerate(shown):
+        axes = picture.add_subplot(rows, columns, k + 1, projection=None if panel.z is None else "3d")
+        _panel(axes, panel, handles)
+        axes.set_title(plain(panel.title if choice is None else panel.name), loc="left")
+        _scale(axes, "x", panel.x, width, not same_x or k + columns >= len(shown))
+        _scale(axes, "y", panel.strips[0].y, width, not same_y or k % columns == 0)
+        if panel.scale is not None:
+            _bar(picture, axes, panel.scale)
+    if handles:
+        picture.legend([*handles.values()], [*handles], loc="outside upper center", ncols=across)
+    if choice and choice.note:
+        picture.supxlabel(plain(choice.note), fontsize=9.0)
+    return picture
+
+
+def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
+    """What stands on `axes`; what is in the legend is added to `handles`."""
+    (strip,) = panel.strips
+    axes.set_facecolor(panel.background)
+    beside = axes.twinx() if strip.right is not None else axes
+    canvas = _Canvas(axes, beside, panel, handles)
+    for trace in strip.traces:
+        trace.draw(canvas)
+    if strip.right is not None:
+        _scale(beside, "y", replace(strip.right, grid=False), 0.0, True)
+        beside.spines["right"].set_visible(True)
+        axes.set_zorder(beside.get_zorder() + 1)
+        axes.patch.set_visible(False)
+    if panel.z is not None:
+        spans = [ends[1] - ends[0] for ends in (panel.x.limits, strip.y.limits, panel.z.limits) if ends]
+        axes.set(zlim=panel.z.limits, proj_type="ortho", box_aspect=spans)
+        axes.view_init(azim=VIEW[0], elev=VIEW[1])  # type: ignore[attr-defined]
+    elif panel.equal:
+        axes.set_aspect("equal")
+    if panel.bare or panel.z is not None:
+        axes.set_axis_off()
+
+
+def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_named: bool) -> None:
+    """Scale, limits, ticks and name of an axis of `axes`, which are `width` pixels wide."""
+    own = axes.xaxis if which == "x" else axes.yaxis
+    if axis.log:
+        axes.set(**{f"{which}scale": "log"})
+    if axis.ticks:
+        values, texts = [value for value, _ in axis.ticks], [plain(text) for _, text in axis.ticks]
+        turned = which == "x" and 8 * sum(len(text) + 1 for text in texts) > width
+        own.set_ticks(values, labels=texts, rotation=90 if turned else 0, fontsize=8.5 if len(texts) <= 40 else 7.0)
+        own.set_minor_locator(NullLocator())
+    if axis.limits is not None:
+        axes.set(**{f"{which}lim": axis.limits})
+    axes.grid(axis.grid, axis=which)
+    own.label.set_text(plain(axis.title) if is_named else "")
+
+
+def _bar(picture: Picture, axes: Axes, scale: ColourScale) -> None:
+    extend = "both" if scale.is_exceeded else "neither"
+    colours = ScalarMappable(_norm(scale), _colours(scale.colours))
+    bar = picture.colorbar(colours, ax=axes, aspect=25, shrink=0.9, extend=extend)
+    if scale.ticks:
+        bar.set_ticks([value for value, _ in scale.ticks], labels=[text for _, text in scale.ticks])
+        bar.ax.yaxis.set_minor_locator(NullLocator())
+    bar.set_label(plain(scale.label))
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    """The canvas of one strip: artists on `axes`, or on those `beside` them whose scale is at the right."""
+
+    axes: Axes
+    beside: Axes
+    panel: Panel
+    handles: dict[str, Artist]
+
+    def curve(self, trace: Curve) -> None:
+        """A line; where it sways, one at each end of the motion."""
+        self._line(trace, trace.at(0.0))
+        if trace.sway is not None:
+            marker = trace.marker and replace(trace.marker, colour=palette.BLUE)
+            later = replace(trace, pen=Pen(palette.BLUE, 1.6, "dash"), marker=marker, label="half a period later")
+            self._line(later, trace.at(np.pi))
+
+    def _line(self, trace: Curve, places: tuple[np.ndarray, ...]) -> None:
+        pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
+        edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
+        (line,) = axes.plot(
+            *places, color=pen.colour, linewidth=pen.width * _PIXEL, linestyle=_DASHES[pen.dash], zorder=self._order(),
+            marker=_SYMBOLS[marker.symbol], markersize=marker.size * _PIXEL, markerfacecolor=marker.colour or "none",
+            markeredgecolor=edge.colour, markeredgewidth=edge.width * _PIXEL,
+        )  # fmt: skip
+        if trace.label:
+            self.handles.setdefault(plain(trace.label), line)
+
+    def area(self, trace: Area) -> None:
+        """Polygons."""
+        edge = trace.edge or _NONE
+        shape = PolyCollection(
+            _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
+            alpha=trace.opacity, hatch="////" if trace.hatched else None, zorder=self._order(),
+        )  # fmt: skip
+        self.axes.add_collection(shape)
+        self.axes.autoscale_view()
+        if trace.label:
+            self.handles.setdefault(plain(trace.label), shape)
+
+    def heat_map(self, trace: HeatMap) -> None:
+        """Cells, and their values where they are written."""
+        scale = self.panel.scale or ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "")
+        colours, norm = _colours(scale.colours), _norm(scale)
+        self.axes.pcolormesh(
+            trace.x, trace.y, np.ma.masked_invalid(trace.values), cmap=colours, norm=norm, rasterized=True,
+            edgecolors="white" if trace.columns else "none", linewidth=0.5 if trace.columns else 0.0,
+        )  # fmt: skip
+        for (row, column), value in np.ndenumerate(trace.values) if trace.written else ():
+            at = trace.x[column : column + 2].mean(), trace.y[row : row + 2].mean()
+            light = np.dot(colours(norm(value))[:3], (0.299, 0.587, 0.114)) if np.isfinite(value) else 1.0
+            text = f"{value:.2f}".replace("-", "\u2212") if np.isfinite(value) else ""
+            self.axes.text(*at, text, ha="center", va="center", size=7.0, color="white" if light < 0.5 else palette.INK)
+
+    def texts(self, trace: Texts) -> None:
+        """Words with a white halo, so that they can be read over lines."""
+        up, along = trace.side.split()
+        aside = {"left": "right", "right": "left", "center": "center"}[along]
+        below = {"top": "bottom", "bottom": "top", "middle": "center"}[up]
+        shift = ({"left": -3, "right": 3, "center": 0}[along], {"top": 2, "bottom": -2, "middle": 0}[up])
+        for x, y, word in zip(trace.x, trace.y, trace.words, strict=True):
+            self.axes.annotate(
+                plain(word), (x, y), shift, textcoords="offset points", ha=aside, va=below, color=trace.colour,
+                size=trace.size * _PIXEL, path_effects=_HALO, zorder=self._order(), annotation_clip=True,
+            )  # fmt: skip
+
+    def _order(self) -> float:
+        """Above all that is there."""
+        return 2.0 + 0.001 * len(self.axes.get_children())
+
+
+def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """The outlines between NaN."""
+    points = np.column_stack([x, y])
+    gaps = np.flatnonzero(np.isnan(x))
+    pieces = (piece[~np.isnan(piece[:, 0])] for piece in np.split(points, gaps))
+    return [piece for piece in pieces if len(piece)]
+
+
+def _norm(scale: ColourScale) -> Normalize:
+    return LogNorm(scale.low, scale.high, clip=True) if scale.log else Normalize(scale.low, scale.high)
+
+
+@cache
+def _colours(name: str) -> Colormap:
+    return LinearSegmentedColormap.from_list(name, palette.SCALES[name])
+
+
+@cache
+def _glyphs() -> frozenset[int]:
+    return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())
+
+
+def plain(text: str) -> str:
+    """`text` with no mathematics in it and a box for every character that the font lacks."""
+    known = "".join(c if c == "\n" or ord(c) in _glyphs() else "□" for c in text)
+    return known.replace("$", r"\$")

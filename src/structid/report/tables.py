@@ -1,0 +1,54 @@
+"""Tables of text, on pages and on a terminal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import rich.table
+
+_MANY = 24
+
+
+@dataclass(frozen=True)
+class Table:
+    """Header and rows of text; `numeric` columns are set flush right, `marks` are CSS classes of rows."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numeric: tuple[int, ...] = ()
+    marks: tuple[str, ...] = ()
+
+    @property
+    def is_long(self) -> bool:
+        """Whether it is long enough to be folded away."""
+        return len(self.rows) > _MANY
+
+    def first(self, count: int) -> Table:
+        """The same table with its first `count` rows."""
+        return replace(self, rows=self.rows[:count], marks=self.marks[:count])
+
+    def after(self, count: int) -> Table:
+        """The same table without its first `count` rows."""
+        return replace(self, rows=self.rows[count:], marks=self.marks[count:])
+
+
+def printed(table: Table) -> rich.table.Table:
+    """`table` as a terminal shows it."""
+    found = rich.table.Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for column in table.header:
+        found.add_column(column, overflow="fold")
+    for row in table.rows:
+        found.add_row(*row)
+    return found
+
+
+def provenance_facts(provenance: Mapping[str, object] | None) -> tuple[tuple[str, str], ...]:
+    """The provenance as pairs of a label and a text; nested values are written as JSON."""
+    given = provenance or {}
+    texts = (
+        value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)
+        for value in given.values()
+    )  # fmt: skip
+    return tuple(zip(map(str, given), texts, strict=True))
