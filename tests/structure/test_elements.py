@@ -137,7 +137,7 @@ def test_rotary_inertia_sits_on_its_axis():
         (lambda: Structure({1: (0, 0, 0), 2: (0, 0, 1)}, [Beam("e", [[1, 2]], 1.0, 1.0)]), "space_beam"),
         (lambda: Spring("e", ["1X"], ["2RX"], stiffness=1.0), "translation with a rotation"),
         (lambda: Spring("e", ["1X"], ["1X-"], stiffness=1.0), "with itself"),
-        (lambda: RotaryInertia("e", [1], 1.0, "X"), "RX, RY or RZ"),
+        (lambda: RotaryInertia("e", [1], 1.0, "X"), "RX, RY, RZ"),
         (lambda: SpaceBeam("e", [1, 2], 1.0, 1.0, 1.0, orientation=(0.0, 0.0, 0.0)), "must be a direction"),
     ],
 )

@@ -196,7 +196,7 @@ def test_bad_cells_are_named(change, words):
     [
         ({"poisson": 0.5}, "`poisson` of 'cells' must lie between -1 and 0.5, got 0.5"),
         ({"formulation": "reduced"}, "`formulation` of 'cells' must be one of incompatible, full, mean_dilatation"),
-        ({"state": "axial"}, '`state` of \'cells\' must be "stress" or "strain"'),
+        ({"state": "axial"}, "`state` of 'cells' must be one of stress, strain"),
         ({"thickness": 0.0}, "`thickness` of 'cells' must be greater than 0"),
         ({"density": -1.0}, "`density` of 'cells' must be finite and at least 0"),
     ],

@@ -299,7 +299,7 @@ def test_every_element_type_and_tie_can_be_written(tmp_path):
         ("dependents = [5]", "dependents = [4]", ["rigid link 'link' needs dependent nodes"]),
         ('["3Z", 2.0]', '["8Z", 2.0]', ['"gear" depends_on', "node 8"]),
         ('["3Z", 2.0]', '["3Z"]', ["degrees of freedom with coefficients"]),
-        ('direction = "RX"', 'direction = "X"', ['[[structure.rotary_inertia]] "inertia"', "RX, RY or RZ"]),
+        ('direction = "RX"', 'direction = "X"', ['[[structure.rotary_inertia]] "inertia"', "RX, RY, RZ"]),
         ("orientation = [0, 1, 0]", "orientation = [1, 0, 0]", ['"beams"', "must not run along the beam"]),
         ("orientation = [0, 1, 0]", "orientation = [0, 1]", ["three numbers"]),
         ('dependent = "2Z"', 'dependent = "1Z"', ["is fixed and also depends on others"]),

@@ -128,7 +128,7 @@ def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str],
     with entry.located():
         group = MatrixGroup(given["name"], rows, loss_factor=given.get("loss_factor", 0.0), **made)
     if not given.get("indefinite", False):
-        for key, matrix in group.matrices.items():
+        for key, matrix in group.given.items():
             with entry.located(key):
                 require_semidefinite(key, matrix, group.dofs)
     return group

@@ -13,6 +13,8 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.structure.elements.cells.isoparametric import cell_shape, gradients
 
+#: Cell types by number of nodes.
+PLATE_CELLS = {3: "triangle", 4: "quad"}
 #: Cell that interpolates the rotations of a cell.
 _ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
 
