@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 from types import MappingProxyType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -101,17 +102,19 @@ def problem_of(annotation: Any, value: Any) -> str:
     if value is None:
         return ""
     choices: list[Any] = []
-    limits: Limits | None = None
-    parts = alternatives(annotation)
-    for part in parts:
+    others: list[type] = []
+    for part in alternatives(annotation):
         inner, *marks = get_args(part) if get_origin(part) is Annotated else (part,)
-        choices += get_args(inner) if get_origin(inner) is Literal else ()
-        limits = next((mark for mark in marks if isinstance(mark, Limits)), limits)
-    chosen = isinstance(value, str) or len(parts) == 1
-    if choices and chosen and value not in choices:
-        return f"must be one of {', '.join(map(str, choices))}, got {value!r}"
-    if limits is not None and not isinstance(value, str) and not limits.hold(value):
-        return f"must {'lie' if limits.is_open else 'be'} {limits.words}, got {value!r}"
+        limits = next((mark for mark in marks if isinstance(mark, Limits)), None)
+        if limits is not None and isinstance(value, Real) and not limits.hold(float(value)):
+            return f"must {'lie' if limits.is_open else 'be'} {limits.words}, got {value!r}"
+        if get_origin(inner) is Literal:
+            choices += get_args(inner)
+        elif isinstance(inner, type):
+            others.append(Real if inner in (int, float) else inner)
+    if choices and value not in choices and not isinstance(value, tuple(others)):
+        named = [*map(str, choices), *("a number" if one is Real else one.__name__ for one in others)]
+        return f"must be one of {', '.join(named)}, got {value!r}"
     return ""
 
 

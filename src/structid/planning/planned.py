@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Count, Positive
 from structid.dof import Dof
 from structid.estimation import Identifiability
 from structid.estimation.diagnostics.design import Criterion
@@ -53,12 +54,12 @@ class PlanOptions:
     kind: FrfKind = "accelerance"
     relative_noise: float = 0.01
     absolute_noise: float = 0.0
-    n_sensors: int | None = None
-    n_loads: int | None = None
-    n_frequencies: int | None = None
+    n_sensors: Count | None = None
+    n_loads: Count | None = None
+    n_frequencies: Count | None = None
     criterion: Criterion = "d"
     of_interest: Sequence[str] = ()
-    target: float | None = None
+    target: Positive | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Count, Positive
 from structid.estimation.problem import Problem
 from structid.estimation.search.minimum import Keeper, Minimum, Progress, State, cost_at
 
@@ -26,9 +27,9 @@ class GaussNewton:
         Converged when no free variable moves by more.
     """
 
-    max_iterations: int = 50
+    max_iterations: Count = 50
     step_control: bool = True
-    step_tolerance: float = 1e-11
+    step_tolerance: Positive = 1e-11
 
 
 def gauss_newton(
