@@ -32,6 +32,7 @@ class PlanOptions:
     installed_sensors, installed_loads : sequence of Dof
         What is there already. It is a candidate too.
     kind : {"receptance", "mobility", "accelerance"}
+        Of the frequency response functions.
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`.
     n_sensors, n_loads : int, optional

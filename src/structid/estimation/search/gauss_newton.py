@@ -21,6 +21,7 @@ class GaussNewton:
     Parameters
     ----------
     max_iterations : int
+        After which a search that has not converged ends.
     step_control : bool
         Off: the classical iteration, which takes every step as it comes (Norris 1986, Eq. 4.17).
     step_tolerance : float

@@ -35,6 +35,7 @@ class LevenbergMarquardt:
     Parameters
     ----------
     max_iterations : int
+        After which a search that has not converged ends.
     step_tolerance : float
         Converged when no parameter changes by more than this part of itself.
     gain_tolerance : float

@@ -227,7 +227,7 @@ def kind_of(annotation: Any) -> Kind:
 
 def _is_list(annotation: Any) -> bool:
     origin = get_origin(annotation)
-    return isinstance(origin, type) and issubclass(origin, Iterable)
+    return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
 
 
 def as_list(value: Any) -> list[Any]:

@@ -74,12 +74,12 @@ class ExportsEntry:
 
 _EXPORTS = table_of(ExportsEntry)
 _WAYS = {"anyOf": [TEXT.schema, _SOURCE.schema, _EXPORTS.schema]}
-_FILES = Kind(
+MATRICES = Kind(
     f"{_FILE.words}, or a list of these",
     {"anyOf": [*_WAYS["anyOf"], list_of(_WAYS)]},
     lambda value: all(map(_FILE.accepts, as_list(value))),
 )
-_MATRICES = Table(
+_NUMBERING = Table(
     {
         "dofs": Key(TEXTS, "What the rows stand for: a text file, or a list of degrees of freedom"),
         "length_unit": Key(choice(*LENGTHS), "Of the files", default="m"),
@@ -89,13 +89,13 @@ _MATRICES = Table(
 _GROUP = Table(
     {
         "name": Key(TEXT, "Name of the group", required=True),
-        **{key: Key(_FILES, f"A file, a table or a list of these, which are summed: the {key}") for key in _KEYS},
+        **{key: Key(MATRICES, f"A file, a table or a list of these, which are summed: the {key}") for key in _KEYS},
         "loss_factor": Key(held_by(NotNegative), "Structural damping of `stiffness`", default=0.0),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
     }
 )
 MATRIX_TABLES = {
-    "matrices": Key(_MATRICES, "What the rows of matrix files stand for, and their units"),
+    "matrices": Key(_NUMBERING, "What the rows of matrix files stand for, and their units"),
     "matrix_group": Key(_GROUP, "A group of matrices of another code", listed=True),
 }
 
@@ -128,7 +128,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     matrices = section.section("matrices")
     if matrices is None:
         return _groups(entries, None, ("m", "N"), _Reader(files))
-    given = matrices.values(_MATRICES)
+    given = matrices.values(_NUMBERING)
     if not entries:
         raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
     dofs = None

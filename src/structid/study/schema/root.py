@@ -37,6 +37,7 @@ def read_root(path: str | Path) -> tuple[Section, InputFiles]:
     source = read_study_text(path)
     root = Section(source, (), source.table)
     root.values(SECTIONS)
+    root.section("structure")
     files = InputFiles(source.path.parent)
     files.path(source.path.name)
     return root, files
