@@ -65,18 +65,18 @@ def _types(owner: Callable[..., Any]) -> Mapping[str, Any]:
 declared_types: Callable[[Callable[..., Any]], Mapping[str, Any]] = cache(_types)
 
 
-def declared_words(owner: Callable[..., Any]) -> Mapping[str, str]:
-    """What the docstring (in the form of numpydoc) of a class or function says of each parameter or attribute."""
-    found: dict[str, list[str]] = {}
-    names: list[str] = []
-    for line in (inspect.getdoc(owner) or "").splitlines():
-        head = re.match(r"^(\w+(?:, \w+)*)(?: : .*)?$", line)
-        if head:
-            names = head[1].split(", ")
-            found.update({name: [] for name in names})
-        for name in names if line.startswith("    ") else ():
-            found[name].append(line.strip())
-    return MappingProxyType({name: " ".join(lines) for name, lines in found.items()})
+def declared_words(owner: Callable[..., Any]) -> dict[str, str]:
+    """What docstrings in the form of numpydoc, of a function or of a class and its bases, say of each parameter."""
+    found: dict[str, str] = {}
+    for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
+        names: list[str] = []
+        for line in inspect.cleandoc(part.__doc__ or "").splitlines():
+            if line.startswith("    "):
+                found.update({name: f"{found[name]} {line.strip()}".strip() for name in names})
+            elif line:
+                names = line.partition(" : ")[0].split(", ") if re.match(r"\w+(, \w+)* : |\w+(, \w+)*$", line) else []
+                found.update(dict.fromkeys(names, ""))
+    return found
 
 
 def alternatives(annotation: Any) -> tuple[Any, ...]:

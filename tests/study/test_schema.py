@@ -188,19 +188,29 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options with a group and a choice of searches.
+class Width:
+    """Options that others are made of.
 
     Parameters
     ----------
     width : float
         How wide it is.
+    """
+
+    width: NotNegative = 1.0
+
+
+@dataclass(frozen=True)
+class Options(Width):
+    """Options with a base, a group and a choice of searches.
+
+    Parameters
+    ----------
     group : Group
     method : Method
         Which search.
     """
 
-    width: NotNegative = 1.0
     group: Group = Group()
     method: Method = field(default_factory=LevenbergMarquardt)
     matrix_free: bool | None = None
@@ -211,7 +221,7 @@ def test_a_field_of_a_group_of_options_is_a_key_by_itself():
     assert {"width", "depth", "search", "max_iterations", "gain_tolerance", "step_control"} == set(keys) & {
         "width", "depth", "search", "max_iterations", "gain_tolerance", "step_control", "group", "method", "matrix_free"
     }  # fmt: skip
-    assert keys["depth"].words == "How deep it goes."
+    assert (keys["depth"].words, keys["width"].words) == ("How deep it goes.", "How wide it is.")
     assert keys["depth"].default == 3
     assert keys["max_iterations"].default is None  # not the same in all searches
     given = {"depth": 5, "step_control": False}

@@ -17,7 +17,7 @@ from structid.study.schema.tables import Table
 from structid.study.schema.unknowns import PRIOR, REGULARIZATION, UNKNOWN
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_NAMED = {
+_NAMED: dict[str, kinds.Kind | Table] = {
     "text": kinds.TEXT,
     "texts": kinds.TEXTS,
     "numbers": kinds.NUMBERS,

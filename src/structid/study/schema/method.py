@@ -6,7 +6,8 @@ import re
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from structid.declared import alternatives, declared_types, declared_words
+from structid.declared import declared_types, declared_words
+from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.identification.identify import IdentifyOptions
 from structid.study.schema.kinds import choice
 from structid.study.schema.section import Section
@@ -14,10 +15,11 @@ from structid.study.schema.tables import Key, Table, table_of
 
 #: Fields that the file knows by another name.
 _NAMES = {"direction": "total_mass_direction"}
-#: Fields that tables of their own give.
-_ELSEWHERE = ("regularization",)
-#: Which of several groups is meant; without a Jacobian there is none, but a field says so.
-_SEARCH, _MATRIX_FREE = "search", "matrix_free"
+#: Fields that other tables give.
+_ELSEWHERE = ("regularization", "matrix_free")
+#: Groups of which `search` says which; of a search without a Jacobian it is the first, and a field says so.
+_SEARCHES = {"method": (LevenbergMarquardt, GaussNewton)}
+_MATRIX_FREE = "matrix_free"
 
 
 def read_method(section: Section | None) -> IdentifyOptions:
@@ -25,48 +27,44 @@ def read_method(section: Section | None) -> IdentifyOptions:
     if section is None:
         return IdentifyOptions()
     given = section.values(method_table())
-    search = given.pop(_SEARCH, None)
-    made: IdentifyOptions = _made(IdentifyOptions, given, search)
+    made: IdentifyOptions = _made(IdentifyOptions, given, given.pop("search", None))
     for name in given:
-        raise section.error(f"is none of this `{_SEARCH}`; leave it out, or choose another search", name)
+        raise section.error("is none of this `search`; leave it out, or choose another search", name)
     return made
 
 
 def method_table(options: type = IdentifyOptions) -> Table:
     """All keys of ``[method]``, or those that one group of its options makes."""
-    types, words = declared_types(options), declared_words(options)
-    groups = {item.name: _groups(types[item.name]) for item in fields(options)}
-    plain = [name for name, kinds in groups.items() if not kinds and name not in (*_ELSEWHERE, _MATRIX_FREE)]
-    own = table_of(options, [name for name in groups if name not in plain])
-    made = Table({_NAMES.get(name, name): own.keys[name] for name in plain})
+    groups = {item.name: _groups(options, item.name) for item in fields(options)}
+    own = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
+    made = Table({_NAMES.get(name, name): key for name, key in own.keys.items()})
     for name, kinds in groups.items():
-        for kind in kinds:
-            keys = method_table(kind).keys
+        for keys in (method_table(kind).keys for kind in kinds):
             made |= {key: Key(one.holds, one.words) if key in made.keys else one for key, one in keys.items()}
-        if len(kinds) > 1:
-            made |= {_SEARCH: Key(choice(*map(_name, kinds), _MATRIX_FREE), words[name])}
+        if name in _SEARCHES:
+            made |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), declared_words(options)[name])}
     return made
 
 
 def _made(options: type, given: dict[str, Any], search: str | None) -> Any:
     """An object of this class from keys, which are taken out of `given`, and the `search` that is asked for."""
-    types, usual, arguments = declared_types(options), options(), {}
+    made = {}
     for item in fields(options):
-        kinds = _groups(types[item.name])
+        kinds, name = _groups(options, item.name), _NAMES.get(item.name, item.name)
         if kinds:
-            chosen = [kind for kind in kinds if _name(kind) == search] or [type(getattr(usual, item.name))]
-            arguments[item.name] = _made(chosen[0], given, search)
+            chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
+            made[item.name] = _made(chosen, given, search)
         elif item.name == _MATRIX_FREE and search is not None:
-            arguments[item.name] = search == _MATRIX_FREE
-        elif _NAMES.get(item.name, item.name) in given:
-            arguments[item.name] = given.pop(_NAMES.get(item.name, item.name))
-    return options(**arguments)
+            made[item.name] = search == _MATRIX_FREE
+        elif name in given:
+            made[item.name] = given.pop(name)
+    return options(**made)
 
 
-def _groups(annotation: Any) -> tuple[type, ...]:
-    """Classes whose fields are keys, in place of a field of this annotation."""
-    parts = alternatives(annotation)
-    return parts if all(map(is_dataclass, parts)) else ()
+def _groups(options: type, name: str) -> tuple[type, ...]:
+    """Classes whose fields are keys in place of a field."""
+    kind = declared_types(options)[name]
+    return _SEARCHES.get(name, (kind,) if isinstance(kind, type) and is_dataclass(kind) else ())
 
 
 def _name(kind: type) -> str:
