@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from structid.arrays import IntArray
@@ -15,6 +13,7 @@ from structid.structure.elements.element import (
     TRANSLATIONS,
     ElementSet,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -38,7 +37,7 @@ class Bar(ElementSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N s", "axial_stiffness", default=0.0)
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]

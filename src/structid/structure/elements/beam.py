@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
@@ -14,6 +12,7 @@ from structid.structure.elements.element import (
     PER_VELOCITY,
     ElementSet,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -82,7 +81,7 @@ class Beam(ElementSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N m^2 s", "bending_stiffness", default=0.0)
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         mass, bending = hermite_mass(length), hermite_stiffness(length)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -16,6 +16,7 @@ from structid.structure.elements.element import (
     ElementSet,
     Given,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -53,7 +54,7 @@ class Connector(ElementSet):
         object.__setattr__(self, "nodes", locked(np.array([[d.node for d in self.first], ends]).T, np.int64))
         super().__post_init__()
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Matrices d d' with d = +1 at the first end and -1 at the second, each times the sense of its `Dof`."""
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T

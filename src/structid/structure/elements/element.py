@@ -170,6 +170,10 @@ class Term:
     layers: Sequence[Layer] = ()
 
 
+#: The matrices that the properties of a set weigh, by the name of the property.
+Matrices: TypeAlias = Mapping[str, Sequence[Layer]]
+
+
 @element
 class ElementSet:
     """A named set of elements of one type.
@@ -198,7 +202,7 @@ class ElementSet:
                 value = what.stored(self.name, value)
             object.__setattr__(self, name, value)
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """The matrices that properties weigh, by the name of the property; see `terms`."""
         raise NotImplementedError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
@@ -14,6 +14,7 @@ from structid.structure.elements.element import (
     ElementSet,
     Given,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -50,7 +51,7 @@ class PointMass(ElementSet):
         default=None,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, TRANSLATIONS)
         moves = np.isin(codes, present)
@@ -71,7 +72,7 @@ class RotaryInertia(ElementSet):
     rotary_inertia: Values = declared("Mass moment of inertia", "rotary_inertia", "kg m^2")
     direction: Literal["RX", "RY", "RZ"] = declared("Axis of rotation")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, (self.direction,))
         return {"rotary_inertia": (Layer(codes, np.ones((len(self.nodes), 1, 1))),)}

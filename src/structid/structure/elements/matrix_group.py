@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
@@ -16,6 +16,7 @@ from structid.structure.elements.element import (
     Given,
     Kind,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Term,
@@ -68,7 +69,7 @@ class MatrixGroup(ElementSet):
         loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in made else []
         return (*terms, *loss)
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
 from structid.structure.elements.cells.cells import CellSet, cell_positions, cell_table
-from structid.structure.elements.cells.isoparametric import cell_shape, gradients
+from structid.structure.elements.cells.isoparametric import CELLS, gradients
 from structid.structure.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -86,12 +85,10 @@ class Membrane(CellSet):
         default=False,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
-        gradients(
-            self.name, self.nodes, corners, cell_shape("triangle"), np.zeros((1, 2))
-        )  # so that a flat one is told
+        gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         area = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
         codes = node_codes(self.nodes, self.moves)

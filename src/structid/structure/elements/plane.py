@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Literal
 
@@ -23,7 +22,7 @@ from structid.structure.elements.element import (
     LOSS_FACTOR,
     PER_STRAIN_RATE,
     PER_VELOCITY,
-    Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -61,7 +60,7 @@ class Plane(CellSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         law = plane_law(self.poisson, self.state == "strain")

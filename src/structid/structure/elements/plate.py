@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 
 from structid.arrays import IntArray
@@ -21,7 +20,7 @@ from structid.structure.elements.element import (
     LOSS_FACTOR,
     PER_STRAIN_RATE,
     PER_VELOCITY,
-    Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -72,7 +71,7 @@ class Plate(ThinSet):
 
     moves = ("Z", "RX", "RY")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, law=plane_law(self.poisson, strain=False))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Annotated
 
@@ -16,7 +15,7 @@ from structid.structure.elements.cells.drilling_membrane import drilling_stiffne
 from structid.structure.elements.cells.elastic import plane_law, unit_mass
 from structid.structure.elements.cells.facets import facets
 from structid.structure.elements.cells.kirchhoff import bending_stiffness, plate_mass
-from structid.structure.elements.element import Layer, Positions, declared, element
+from structid.structure.elements.element import Matrices, Positions, declared, element
 from structid.structure.elements.plate import ThinSet
 
 
@@ -46,7 +45,7 @@ class Shell(ThinSet):
         default=0.1,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         law = plane_law(self.poisson, strain=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 
 from structid.arrays import IntArray
@@ -23,7 +22,7 @@ from structid.structure.elements.element import (
     PER_STRAIN_RATE,
     PER_VELOCITY,
     TRANSLATIONS,
-    Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -57,7 +56,7 @@ class Solid(CellSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
     formulation: Formulation = declared("Of eight-node hexahedra; see `elastic_stiffness`", default="incompatible")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, law=solid_law(self.poisson), formulation=self.formulation)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,6 +14,7 @@ from structid.structure.elements.element import (
     PER_VELOCITY,
     ElementSet,
     Layer,
+    Matrices,
     Nodes,
     Positions,
     Values,
@@ -59,7 +58,7 @@ class SpaceBeam(ElementSet):
         "In the local x-y plane; by default global Y, or global X for beams along Y", stored=_direction, default=None
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:

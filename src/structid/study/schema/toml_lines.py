@@ -57,7 +57,8 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
 
 def _key(words: Words, end: str) -> tuple[list[str], int]:
     """The parts of a dotted key up to `end`, and its line."""
-    parts, line = [], words[-1][1]
+    parts: list[str] = []
+    line = words[-1][1]
     while (word := words.pop()[0]) != end:
         if word[0] in "\"'":
             parts += tomllib.loads(f"{word} = 0")
