@@ -266,7 +266,7 @@ def test_friction_takes_one_load_at_a_time():
         ({"relative_noise": 0.0, "absolute_noise": 0.0}, "without noise every test is perfect"),
         ({"of_interest": ["masses"]}, "'masses', which is no parameter; the nearest is 'mass'"),
         ({"target": -1.0}, "`target` must be greater than 0"),
-        ({"criterion": "e"}, "`criterion` must be 'd' or 'a', got 'e'"),
+        ({"criterion": "e"}, "`criterion` must be one of d, a, got 'e'"),
         ({"kind": "compliance"}, "`kind` must be one of"),
     ],
 )

@@ -169,17 +169,9 @@ def _made() -> dict[str, CellShape]:
 #: Every cell type by its name.
 CELLS = _made()
 #: Cell types by number of nodes, of plane and of solid elements.
-PLANE_CELLS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
-SOLID_CELLS = {
-    4: "tetra",
-    5: "pyramid",
-    6: "wedge",
-    8: "hexahedron",
-    10: "tetra10",
-    15: "wedge15",
-    20: "hexahedron20",
-    27: "hexahedron27",
-}
+PLANE_CELLS, SOLID_CELLS = (
+    {shape.n_nodes: name for name, shape in CELLS.items() if shape.corners.shape[1] == d} for d in (2, 3)
+)
 
 
 def gradients(
