@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from structid.errors import InputError
 from structid.study.schema.kinds import Kind
-from structid.study.schema.tables import Key, Table, table_of
+from structid.study.schema.tables import Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, toml_lines
 
 T = TypeVar("T")
@@ -131,7 +131,7 @@ class Section:
 
     def read(self, made: Callable[..., T]) -> T:
         """What `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
-        given = self.values(table_of(made))
+        given = self.values(own_table(made))
         with self.located():
             return made(**given)
 

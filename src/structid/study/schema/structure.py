@@ -29,7 +29,7 @@ from structid.study.schema.mesh import (
     require_all_assigned,
 )
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, held_by, table_of
+from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
@@ -76,7 +76,7 @@ def _element_tables() -> dict[str, Key]:
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
     """All keys of an element type; `on_mesh` says whether nodes may come from a mesh."""
-    table = table_of(kind)
+    table = own_table(kind)
     if "nodes" not in table.keys:
         return table
     nodes = table.keys["nodes"]
