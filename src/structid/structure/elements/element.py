@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar, dataclass_transform
@@ -118,8 +119,8 @@ def element(cls: type[E]) -> type[E]:
             rows += [f"{item.name} : {type_words(types[item.name])}{default}"]
             rows += [f"    {what.words}{', ' * bool(unit)}{unit}."]
     text = inspect.cleandoc(cls.__doc__ or "")
-    at = min(text.find(f"\n\n{title}\n---") % (len(text) + 1) for title in ("Notes", "References"))
-    made.__doc__ = "\n".join([text[:at], "", "Parameters", "----------", *rows]) + text[at:]
+    summary, *others = re.split(r"\n\n(?=(?:Notes|References)\n---)", text)
+    made.__doc__ = "\n\n".join([summary, "\n".join(["Parameters", "----------", *rows]), *others])
     return made
 
 
