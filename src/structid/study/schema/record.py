@@ -108,7 +108,8 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
     """The source that ``[record]`` describes, its files found but not read."""
     table = record_table(Table())
     if "modes" in section.table:
-        modes = read_modes_source(section, table.only(*_ALWAYS, "structure", "modes"), files)
+        table = table.only(*_ALWAYS, "structure", "modes") | {"path": replace(_ALWAYS["path"], required=True)}
+        modes = read_modes_source(section, table, files)
         return RecordSource(
             section, (modes.path,), ReadOptions(), modes.channels_used, NoiseSource(), None, modes=modes
         )
