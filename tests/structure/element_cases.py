@@ -31,7 +31,7 @@ from structid import (
 from structid.structure import ELEMENT_TYPES
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
-from structid.study.schema.input_files import InputFiles
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section, StudyText
 from structid.study.schema.structure import element_table, read_structure
 

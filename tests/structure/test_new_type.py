@@ -10,7 +10,7 @@ from element_cases import LAWS, Case
 import structid as sid
 from structid.records import write_record
 from structid.structure import ELEMENT_TYPES
-from structid.study.schema.json_schema import study_schema
+from structid.study.json_schema import study_schema
 
 MODULE = '''
 """Rubber bands: springs whose stiffness is a modulus times a section over the length between their nodes."""

@@ -20,7 +20,7 @@ from structid.declared import Count, Limits, NotNegative, problem_of
 from structid.estimation.search.least_squares import Method
 from structid.structure import ELEMENT_TYPES
 from structid.structure.elements.element import declarations
-from structid.study.schema.json_schema import study_schema, study_table
+from structid.study.json_schema import study_schema, study_table
 from structid.study.schema.kinds import kind_of
 from structid.study.schema.method import _made, method_table
 from structid.study.schema.structure import element_table

@@ -16,7 +16,7 @@ from scipy import sparse
 from structid.errors import InputError
 from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.structure import ELEMENT_TYPES, Beam, Structure
-from structid.study.schema.json_schema import study_schema
+from structid.study.json_schema import study_schema
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, line_of, replaced, write_chain
 

@@ -10,7 +10,7 @@ import typer
 
 from structid.cli.base import reported
 from structid.files import atomic_write
-from structid.study.schema.json_schema import study_schema
+from structid.study.json_schema import study_schema
 
 Target = Annotated[
     Path | None,

@@ -30,8 +30,8 @@ from structid.structure.importers import (
 from structid.structure.importers.definite import require_semidefinite
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.importers.imported import codes_of, completed, tables_of
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import BOOLEAN, INTEGER, TEXT, TEXTS, Kind, as_list, choice, either, list_of, several
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 

@@ -10,8 +10,8 @@ from structid.dof import DIRECTIONS, Dof
 from structid.structure.elements import ElementSet
 from structid.structure.mesh_point import MeshPoint, mesh_points
 from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, table_of
 

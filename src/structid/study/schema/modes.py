@@ -10,8 +10,8 @@ from structid.identification.modal_setup import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
 from structid.observation import ModalProblem
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, table_of
 

@@ -16,11 +16,10 @@ from structid.planning.options import resolved
 from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.record import NoiseSource, load_record, read_source
-from structid.study.schema.root import read_root, title_of
+from structid.study.schema.root import InputFiles, read_root, title_of
 from structid.study.schema.section import Section
 from structid.study.schema.structure import read_structure
 from structid.study.schema.tables import Key, table_of

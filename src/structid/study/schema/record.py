@@ -13,9 +13,9 @@ from structid.identification.time_fit import TimeFit
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import ReadOptions, read_record
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.time import TIME, TimeSource, read_time

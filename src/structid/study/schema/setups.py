@@ -9,8 +9,8 @@ from structid.observation import ChannelUnknown
 from structid.observation.channel_errors import channel_errors
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.record import RecordSource, read_source
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.structure import read_structure
 from structid.study.schema.unknowns import CHANNEL_ERROR, read_parameters, read_prior

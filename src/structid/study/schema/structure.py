@@ -17,7 +17,6 @@ from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
 from structid.structure.supports import Tie
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, as_list
 from structid.study.schema.matrices import MATRIX_TABLES, read_groups
 from structid.study.schema.mesh import (
@@ -28,6 +27,7 @@ from structid.study.schema.mesh import (
     read_supports,
     require_all_assigned,
 )
+from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
