@@ -69,13 +69,15 @@ def declared_words(owner: Callable[..., Any]) -> dict[str, str]:
     """What docstrings in the form of numpydoc, of a function or of a class and its bases, say of each parameter."""
     found: dict[str, str] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
-        names: list[str] = []
-        for line in inspect.cleandoc(part.__doc__ or "").splitlines():
-            if line.startswith("    "):
-                found.update({name: f"{found[name]} {line.strip()}".strip() for name in names})
-            elif line:
-                names = line.partition(" : ")[0].split(", ") if re.match(r"\w+(, \w+)* : |\w+(, \w+)*$", line) else []
-                found.update(dict.fromkeys(names, ""))
+        text = inspect.cleandoc(part.__doc__ or "")
+        for section in re.findall(r"^(?:Parameters|Attributes)\n-+\n((?:.+\n?)*)", text, re.MULTILINE):
+            names: list[str] = []
+            for line in section.splitlines():
+                if line.startswith(" "):
+                    found.update({name: f"{found[name]} {line.strip()}".strip() for name in names})
+                else:
+                    names = line.partition(" : ")[0].split(", ")
+                    found.update(dict.fromkeys(names, ""))
     return found
 
 
@@ -107,7 +109,7 @@ def problem_of(annotation: Any, value: Any) -> str:
         inner, *marks = get_args(part) if get_origin(part) is Annotated else (part,)
         limits = next((mark for mark in marks if isinstance(mark, Limits)), None)
         if limits is not None and isinstance(value, Real) and not limits.hold(float(value)):
-            return f"must {'lie' if limits.is_open else 'be'} {limits.words}, got {value!r}"
+            return f"must {'lie' if limits.is_open else 'be'} {limits.words}, got {float(value):g}"
         if get_origin(inner) is Literal:
             choices += get_args(inner)
         elif isinstance(inner, type):

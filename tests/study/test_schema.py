@@ -274,8 +274,8 @@ def test_an_annotation_that_no_file_can_give_is_told():
     "annotation, value, words",
     [
         (Count, 0, "must be at least 1, got 0"),
-        (Annotated[float, Limits(above=0, most=1)], 2.0, "must be above 0 and at most 1, got 2.0"),
-        (Annotated[float, Limits(above=-1, below=1)], 1.0, "must lie between -1 and 1, got 1.0"),
+        (Annotated[float, Limits(above=0, most=1)], 2.0, "must be above 0 and at most 1, got 2"),
+        (Annotated[float, Limits(above=-1, below=1)], 1.0, "must lie between -1 and 1, got 1"),
         (Literal["a", "b"], "c", "must be one of a, b, got 'c'"),
         (float | Literal["auto"], "none", "must be one of auto, a number, got 'none'"),
         (Count | None, None, ""),
