@@ -1,37 +1,37 @@
 """Solid meshes from scikit-fem as element sets: a plate in plane strain, and a block."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import skfem
 from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import structid as sid
-from structid.structure.elements.element import Term
+from structid.structure.elements.element import (
+    LOSS_FACTOR,
+    ElementSet,
+    Layer,
+    Nodes,
+    Values,
+    declared,
+    element,
+)
 
 YOUNG, POISSON, DENSITY, LOSS = 70e9, 0.3, 2700.0, 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Solid:
+@element
+class Solid(ElementSet):
     """Elements with a factor on stiffness and on mass each, and one loss factor each."""
 
-    name: str
-    nodes: np.ndarray
-    codes: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
-    loss: float = LOSS
-    factors: dict = field(default_factory=dict)
+    nodes: Nodes = declared("Node labels")
+    local: tuple = declared("Codes, stiffness and mass of each")
+    density: Values = declared("Factor on the mass", "mass", "1", default=1.0)
+    young: Values = declared("Factor on the stiffness", "stiffness", "1", default=1.0)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=LOSS)
 
-    def terms(self, positions, present):
-        one = np.ones(len(self.nodes))
-        return (
-            Term("density", "mass", "1", one, self.codes, self.mass),
-            Term("young", "stiffness", "1", one, self.codes, self.stiffness),
-            Term("loss_factor", "loss_factor", "1", self.loss * one),
-        )
+    def matrices(self, positions, present):
+        codes, stiffness, mass = self.local
+        return {"density": (Layer(codes, mass),), "young": (Layer(codes, stiffness),)}
 
 
 def solid(shape, size, groups=1, loss=LOSS):
@@ -59,7 +59,12 @@ def solid(shape, size, groups=1, loss=LOSS):
     middle = mesh.p[0][mesh.t].mean(axis=0)
     group = np.minimum((middle / size[0] * groups).astype(int), groups - 1)
     sets = [
-        Solid(f"part{g + 1}", mesh.t.T[group == g], local[group == g], stiffness[group == g], mass[group == g], loss)
+        Solid(
+            f"part{g + 1}",
+            mesh.t.T[group == g],
+            (local[group == g], stiffness[group == g], mass[group == g]),
+            loss_factor=loss,
+        )
         for g in range(groups)
     ]
     directions = ("X", "Y", "Z")[: len(shape)]

@@ -128,7 +128,7 @@ def test_study_file_states_terms_and_results_tell_them(tmp_path, monkeypatch):
     ("old", "new", "words"),
     [
         ('kind = "smoothness"', 'kind = "smooth"', ["[[regularization]]", "kind", '"sparsity"']),
-        ("strength = 4.0", "strength = 0.0", ["strength", "a positive number or one of"]),
+        ("strength = 4.0", "strength = 0.0", ["strength", "a number greater than 0 or one of"]),
         ("strength = 4.0", 'strength = "l_curves"', ["strength", '"l_curve"']),
         ("strength = 4.0", "strenght = 4.0", ["unknown key", "`strength`"]),
         ('property = "mass"\n', "", ["`property` is missing"]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from structid.structure.elements.cells.isoparametric import cell_shape
+from structid.structure.elements.cells.isoparametric import CELLS
 
 _SPLITS = {"triangle": [[0, 1, 2], [0, 2, 3]], "quad": [[0, 1, 2, 3]]}
 #: Six tetrahedra around the diagonal 0-6 of a cube, and two wedges.
@@ -42,7 +42,7 @@ def box(kind, shape, size, jitter=0.0, seed=0):
 
 def with_middles(points, table, kind):
     """The same cells with nodes in the middle of their sides, faces and volumes, as `kind` has them."""
-    shape, linear = cell_shape(kind), cell_shape(_LINEAR[kind])
+    shape, linear = CELLS[kind], CELLS[_LINEAR[kind]]
     rows, known, points = [table], {}, list(points)
     for share in linear.values(shape.corners[table.shape[1] :]):
         own = np.flatnonzero(share > 1e-9)

@@ -130,12 +130,12 @@ PLANE = {1: (0.0, 0.0), 2: (1.0, 0.0), 3: (2.0, 0.0), 4: (0.0, 1.0)}
 @pytest.mark.parametrize(
     ("make", "fragment"),
     [
-        (lambda: Membrane("skin", [[1, 2]], 1.0, 1.0), "3 labels"),
+        (lambda: Membrane("skin", [[1, 2]], 1.0, 1.0), "2 nodes; it can have 3"),
         (lambda: Membrane("skin", [[1, 2, 4]], -1.0, 1.0), "`mass` of 'skin'"),
         (lambda: Membrane("skin", [[1, 2, 4]], 1.0, [1.0, 2.0]), "`tension` of 'skin'"),
-        (lambda: Structure(PLANE, [Membrane("skin", [[1, 2, 4], [1, 2, 3]], 1.0, 1.0)]), "element 2 .* on a line"),
+        (lambda: Structure(PLANE, [Membrane("skin", [[1, 2, 4], [1, 2, 3]], 1.0, 1.0)]), "element 2 .* has no area"),
         (lambda: Structure(PLANE, [Membrane("skin", [[1, 2, 2]], 1.0, 1.0)]), "no area"),
-        (lambda: Structure({1: 0.0, 2: 1.0, 3: 2.0}, [Membrane("skin", [[1, 2, 3]], 1.0, 1.0)]), "2-D or 3-D"),
+        (lambda: Structure({1: 0.0, 2: 1.0, 3: 2.0}, [Membrane("skin", [[1, 2, 3]], 1.0, 1.0)]), "needs 2-D nodes"),
         (
             lambda: Structure(
                 {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0), 3: (0.0, 1.0, 0.5)}, [Membrane("skin", [[1, 2, 3]], 1.0, 1.0)]

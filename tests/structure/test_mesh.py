@@ -8,6 +8,7 @@ import pytest
 from structid import Shell, Structure
 from structid.errors import FileError, InputError
 from structid.structure.meshes import (
+    FORMATS,
     CellBlock,
     Mesh,
     duplicate_nodes,
@@ -156,6 +157,39 @@ def test_abaqus_sets_of_sets_join_blocks(tmp_path):
     mesh = read_mesh(written(tmp_path, "d.inp", ABAQUS))
     assert len(mesh.cells("all cells")) == 3
     assert mesh.group_nodes("all").tolist() == [10, 20, 30, 40, 50, 60]
+
+
+def text_of_grid(tmp_path, suffix):
+    meshio = pytest.importorskip("meshio")
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 1, 0], [2, 0, 0]]
+    cells = [("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 5, 2], [5, 4, 2]])]
+    data = {"node_id": np.array([10, 20, 30, 40, 50, 60])}
+    meshio.write(tmp_path / f"grid{suffix}", meshio.Mesh(np.array(points, float), cells, point_data=data))
+    return (tmp_path / f"grid{suffix}").read_bytes()
+
+
+#: The plate in every format, by the first suffix of the format.
+SAMPLES = {
+    ".msh": lambda folder, suffix: GMSH_41.encode(),
+    ".bdf": lambda folder, suffix: NASTRAN.encode(),
+    ".inp": lambda folder, suffix: ABAQUS.encode(),
+    ".vtu": text_of_grid,
+}
+
+
+@pytest.mark.parametrize("module, suffix", [pytest.param(m, s, id=s) for m in FORMATS for s in m.SUFFIXES])
+def test_every_format_gives_the_same_mesh_and_tells_a_file_that_is_cut(tmp_path, module, suffix):
+    content = SAMPLES[module.SUFFIXES[0]](tmp_path, suffix)
+    path = tmp_path / f"plate{suffix.upper()}"
+    path.write_bytes(content)
+    mesh = read_mesh(path, "cm")
+    assert mesh.nodes[60] == pytest.approx([0.02, 0.0, 0.0])
+    assert sorted(map(tuple, mesh.cells().tolist())) == [(10, 20, 30, 40), (20, 60, 30, -1), (60, 50, 30, -1)]
+    assert mesh.source == path.name
+    path.write_bytes(content[: len(content) // 3])
+    with pytest.raises(FileError) as error:
+        require_sound(read_mesh(path))
+    assert str(error.value).startswith(f"{path}")
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk", "msh", "bdf"])

@@ -8,7 +8,7 @@ import pytest
 from structid import InputError
 from structid.errors import FileError
 from structid.structure import Shell, Solid
-from structid.structure.elements.cells.isoparametric import cell_shape
+from structid.structure.elements.cells.isoparametric import CELLS
 from structid.structure.meshes import read_mesh, require_sound
 
 
@@ -66,7 +66,7 @@ def test_binary_gmsh_files_keep_node_numbers_and_groups(tmp_path, version, order
 @pytest.mark.parametrize("binary", [False, True])
 def test_nodes_of_every_gmsh_cell_stand_where_the_element_has_them(tmp_path, kind, binary):
     meshio = pytest.importorskip("meshio")
-    corners = cell_shape(kind).corners
+    corners = CELLS[kind].corners
     points = np.pad(corners, ((0, 0), (0, 3 - corners.shape[1])))
     path = tmp_path / "a.msh"
     cells = [(kind, [list(range(len(points)))])]
@@ -124,8 +124,8 @@ def test_patran_files_with_includes_blank_continuations_and_all_field_forms(tmp_
         assert mesh.cells("cap").tolist() == [[5, 6, 7, 8, 13]]
         assert mesh.nodes[1] == pytest.approx([1.0, 1.0, 0.0])
     solid = Solid("s", mesh.cells(), 1.0, 1.0, 0.3)
-    density = next(term for term in solid.terms(mesh.nodes, frozenset()) if term.property == "density")
-    assert density.local[0].sum() / 3 == pytest.approx(1.0)
+    density = next(term for term in solid.terms(mesh.nodes, np.zeros(0, int)) if term.property == "density")
+    assert density.layers[0].local[0].sum() / 3 == pytest.approx(1.0)
 
 
 CORNERS = "         1       1      10      20      30"
@@ -190,7 +190,7 @@ def test_what_bulk_data_lack_is_named(tmp_path, old, new, words):
 
 @pytest.mark.parametrize("card, kind", [("CHEXA", "hexahedron20"), ("CPENTA", "wedge15"), ("CTETRA", "tetra10")])
 def test_quadratic_solids_of_nastran_have_their_middles_where_vtk_has_them(tmp_path, card, kind):
-    corners = cell_shape(kind).corners
+    corners = CELLS[kind].corners
     count = {"CHEXA": 8, "CPENTA": 6, "CTETRA": 4}[card]
     middles = range(count, len(corners))
     by_height = middles if card == "CTETRA" else sorted(middles, key=lambda k: (round(corners[k, 2], 6), k))
@@ -299,7 +299,7 @@ def test_set_names_are_found_in_any_case_and_keyword_lines_go_on(tmp_path):
 
 
 def test_brick_nodes_of_abaqus_stand_where_vtk_has_them(tmp_path):
-    corners = cell_shape("hexahedron27").corners
+    corners = CELLS["hexahedron27"].corners
     abaqus = [*range(20), 26, 24, 25, 22, 21, 23, 20]  # middle, bottom, top, front, right, back, left
     lines = [f"{k + 1}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(corners[abaqus])]
     cell = "1," + ",".join(map(str, range(1, 16))) + ",\n" + ",".join(map(str, range(16, 28)))

@@ -208,10 +208,11 @@ def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('form = "output"', "use = [1, 5]", r"line 34: \[record.modes\] use: must be different numbers from 1 to 4"),
+        ('form = "output"', "use = [1, 5]", r"line 35: \[record.modes\] use: must be different numbers from 1 to 4"),
         ('form = "output"', "forms = 1", r"\[record.modes\] forms: unknown key; the nearest is `form`"),
         ('path = "modes.json"', 'path = "modes.json"\n[record.noise]\nrelative = 0.1', r"noise: unknown key"),
         ('path = "modes.json"', 'path = "gone.json"', r"gone.json"),
+        ('path = "modes.json"\n', "", r"\[record\]: `path` is missing"),
         ('path = "modes.json"', 'path = "modes.json"\nchannels_used = "3X"', r"no sensor 3X\+; they have 1X\+, 2X\+"),
         ('"3X", "4X"]\nstiffness', '"3X", "4X"]\nstiffness', None),
     ],

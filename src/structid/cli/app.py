@@ -20,6 +20,7 @@ from structid.cli.identify import StudyPath, identify
 from structid.cli.modes import modes
 from structid.cli.motion import motion
 from structid.cli.progress import item_progress, run_progress
+from structid.cli.schema import schema
 from structid.comparison.comparing import COMPARE_PAGE, CompareOptions, ComparisonResult, comparison_summary
 from structid.comparison.comparing import compare as compared
 from structid.errors import FileError
@@ -67,6 +68,7 @@ def structid(
       structid compare before.toml after.toml --unchanged mass
       structid modes ambient.uff
       structid motion bridge.toml --threads 2
+      structid schema study.schema.json
       structid convert measured.uff measured.npz
       structid reproduce --chapter 4
 
@@ -252,6 +254,7 @@ def convert(
 app.command()(modes)
 app.command()(doctor)
 app.command()(motion)
+app.command()(schema)
 
 
 @app.command()

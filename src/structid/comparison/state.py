@@ -16,10 +16,9 @@ from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
 from structid.structure import Structure
 from structid.study.results.result import StudyResult
-from structid.study.schema.input_files import InputFiles
+from structid.study.schema.root import InputFiles, read_study_text
 from structid.study.schema.section import Section
 from structid.study.schema.structure import read_structure
-from structid.study.schema.study import read_study_text
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Count, Limits, NotNegative, Positive
 from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.estimate import StageProgress
@@ -25,7 +26,7 @@ from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.resonances import resonances
 from structid.identification.search import RecordProblem, alike, by_name, shared_parts, together
 from structid.identification.warning_words import estimate_warnings, record_fit_warnings
-from structid.observation import ChannelUnknown, Form, FrfProblem, ModalProblem, measures_everything, one_step_values
+from structid.observation import ChannelUnknown, FrfProblem, ModalProblem, measures_everything, one_step_values
 from structid.observation.channel_errors import channel_errors
 from structid.observation.frf.continuation import START_ERROR
 from structid.records import FrfRecord
@@ -88,22 +89,22 @@ class IdentifyOptions:
 
     band: tuple[float, float] | None = None
     exclude: Sequence[tuple[float, float]] = ()
-    residual: Form = "output"
-    model_error: float = 0.0
+    residual: Literal["output", "log", "pole_free"] = "output"
+    model_error: NotNegative = 0.0
     pole_free_start: bool = True
     start: Literal["near", "continuation"] = "near"
-    start_error: float = START_ERROR
+    start_error: Positive = START_ERROR
     restarts: int = 2
     uniqueness_starts: int = 0
     seed: int = 0
     method: Method = field(default_factory=LevenbergMarquardt)
     matrix_free: bool | None = None
-    direction: str | None = None
-    n_modes: int = 12
+    direction: Literal["X", "Y", "Z"] | None = None
+    n_modes: Count = 12
     evaluation_band: tuple[float, float] | None = None
     regularization: Sequence[Regularization] = ()
     intervals: IntervalKind = "laplace"
-    reduced: float | None = None
+    reduced: Annotated[float, Limits(above=0, most=0.01)] | None = None
 
 
 def prepared_problem(

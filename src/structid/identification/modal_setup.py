@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
+from structid.declared import NotNegative, Positive
 from structid.dynamics import Modes
 from structid.errors import InputError
 from structid.identification.model_modes import structure_modes
@@ -23,12 +24,12 @@ class ModalSettings:
     """How measured modes are fitted; the fields are those of `ModalProblem`."""
 
     form: ModalForm = "output"
-    frequency_error: float = 0.0
-    damping_error: float = 0.0
-    shape_error: float = 0.0
+    frequency_error: NotNegative = 0.0
+    damping_error: NotNegative = 0.0
+    shape_error: NotNegative = 0.0
     use_damping: bool = False
-    closeness: float = 0.02
-    frequency_guard: float = 0.3
+    closeness: NotNegative = 0.02
+    frequency_guard: Positive = 0.3
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,11 @@ from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.identification.search import RecordProblem, together
 from structid.observation import FrfProblem, ModalProblem, SpectraProblem, TimeOptions, damped_stages
 from structid.observation.time.identify_time import identify_time
+from structid.observation.time.options import Hold, Initial, TimeMethod
 from structid.records import TimeRecord
 from structid.records.transforms.finite_spectra import finite_spectra
 
-TimeWay = Literal["spectra", "output_error", "instrumental", "weak"]
+TimeWay = Literal["spectra", TimeMethod]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +43,8 @@ class TimeFit:
     record: TimeRecord | None
     fit: TimeWay = "spectra"
     transient: bool = True
-    initial: Literal["rest", "unknown"] = "rest"
-    hold: Literal["first", "zero"] = "first"
+    initial: Initial = "rest"
+    hold: Hold = "first"
 
     @property
     def measured(self) -> TimeRecord:

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from structid.arrays import require_finite
+from structid.declared import require_declared
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.planning.planned import PlanOptions
-from structid.records.record import DERIVATIVES
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
@@ -38,14 +38,6 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
         )
     if unknown.n_params == 0:
         raise InputError("`unknown` must hold at least one parameter, got none; declare what is to be identified")
-    if options.target is not None and not options.target > 0:
-        raise InputError(f"`target` must be greater than 0, got {options.target:g}; 0.02 is 2 % of each parameter")
-    if options.criterion not in ("d", "a"):
-        raise InputError(
-            f"`criterion` must be 'd' or 'a', got {options.criterion!r}; d is the determinant, a the trace"
-        )
-    if options.kind not in DERIVATIVES:
-        raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}")
     installed_sensors, installed_loads = parse_dofs(options.installed_sensors), parse_dofs(options.installed_loads)
     every = tuple(dof.unsigned for dof in structure.dofs if not dof.is_rotation)
     sensors = _joined(installed_sensors, parse_dofs(options.sensors) or every)
@@ -61,6 +53,7 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     if options.n_frequencies is not None:
         _count("frequencies", options.n_frequencies, 0, len(frequency))
     wanted_parameters(unknown, options.of_interest)
+    require_declared(options)
     return replace(
         options,
         frequency=tuple(float(f) for f in frequency),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Count, Positive
 from structid.dof import Dof
 from structid.estimation import Identifiability
 from structid.estimation.diagnostics.design import Criterion
@@ -31,6 +32,7 @@ class PlanOptions:
     installed_sensors, installed_loads : sequence of Dof
         What is there already. It is a candidate too.
     kind : {"receptance", "mobility", "accelerance"}
+        Of the frequency response functions.
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`.
     n_sensors, n_loads : int, optional
@@ -53,12 +55,12 @@ class PlanOptions:
     kind: FrfKind = "accelerance"
     relative_noise: float = 0.01
     absolute_noise: float = 0.0
-    n_sensors: int | None = None
-    n_loads: int | None = None
-    n_frequencies: int | None = None
+    n_sensors: Count | None = None
+    n_loads: Count | None = None
+    n_frequencies: Count | None = None
     criterion: Criterion = "d"
     of_interest: Sequence[str] = ()
-    target: float | None = None
+    target: Positive | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-
-FrfKind = Literal["receptance", "mobility", "accelerance"]
-Quantity = Literal["displacement", "velocity", "acceleration", "force"]
+from structid.units import FrfKind, Quantity
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
 DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.dof import DIRECTIONS
 from structid.structure.blocks import ElementMatrices
-from structid.structure.elements import Term
+from structid.structure.elements.element import TRANSLATIONS, Layer, Term
+
+_LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,3 +104,58 @@ class Contribution:
         if self.thickness is not None:
             found.append((self.thickness.value, own * factor * self.thickness.slope(values)))
         return found
+
+
+def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], ElementMatrices]) -> tuple[Contribution, ...]:
+    """What every property contributes; `blocks_of` gives the matrices of a layer on free degrees of freedom."""
+    found: list[Contribution] = []
+    elastic: dict[str, list[Contribution]] = {}
+    blocks: dict[int, ElementMatrices] = {}  # properties with the same matrices share them
+    for item in properties:
+        if item.term.kind == "loss_factor":
+            found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
+        for layer in item.term.layers:
+            law = f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
+            if id(layer) not in blocks:
+                blocks[id(layer)] = blocks_of(layer)
+            thickness = _thickness(properties, item.element, layer.power)
+            found.append(Contribution(law, blocks[id(layer)], item.values, thickness=thickness))
+            if law == "elastic":
+                elastic.setdefault(item.element, []).append(found[-1])
+    return tuple(found)
+
+
+def rigid_mass(
+    properties: Sequence[Property], values: FloatArray, direction: str | None = None
+) -> tuple[float, FloatArray]:
+    """Mass that takes part in rigid motion, and its derivative with respect to every value; see `Structure.mass_of`."""
+    total, gradient = 0.0, np.zeros(len(values))
+    masses = [(item, layer) for item in properties if item.term.kind == "mass" for layer in item.term.layers]
+    for candidate in (direction,) if direction else TRANSLATIONS:
+        for item, layer in masses:
+            unit = _rigid(layer, DIRECTIONS.index(candidate))
+            thickness = _thickness(properties, item.element, layer.power)
+            factor = 1.0 if thickness is None else thickness.of(values)
+            gradient[item.values] += unit * factor
+            total += float(unit * factor @ values[item.values])
+            if thickness is not None:
+                gradient[thickness.value] += unit * values[item.values] * thickness.slope(values)
+        if gradient.any():
+            break
+    return total, gradient
+
+
+def _thickness(properties: Sequence[Property], element: str, power: int) -> ThicknessFactor | None:
+    """How the thickness of `element` enters matrices that go with its `power`."""
+    if power == 0:
+        return None
+    found = next(p for p in properties if p.element == element and p.term.kind == "thickness")
+    return ThicknessFactor(found.values, found.term.values, power)
+
+
+def _rigid(layer: Layer, axis: int) -> FloatArray:
+    """r' B_e r for rigid motion along `axis`, (n_elements,)."""
+    motion = ((layer.codes >= 0) & (layer.codes % 6 == axis)).astype(np.float64)
+    if layer.whole is not None:
+        return np.array([motion[0] @ (layer.whole @ motion[0])])
+    return np.einsum("ei,eij,ej->e", motion, layer.local, motion)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.structure.elements import ElementSet
-from structid.structure.elements.element import dof_code, dof_of_code
+from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
 from structid.structure.meshes import Mesh
 from structid.structure.supports import Equations
 
@@ -70,14 +70,6 @@ def mesh_points(
 
 def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
     """In which directions elements let a node move."""
-    found: dict[str, None] = {}
-    for element in elements:
-        if (element.nodes == node).any():
-            own = getattr(element, "directions", None) or getattr(element, "transverse", None)
-            if own is None:
-                codes = {
-                    int(c) for t in element.terms(mesh.nodes, frozenset()) if t.codes is not None for c in t.codes.flat
-                }
-                own = tuple(dof_of_code(c).direction for c in sorted(codes) if c // 6 == node)
-            found.update(dict.fromkeys(own))
-    return tuple(found)
+    used = [element.codes(mesh.nodes) for element in elements if (element.nodes == node).any()]
+    codes = joined_codes(used)
+    return tuple(dof_of_code(code).direction for code in codes[codes // 6 == node].tolist())

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy import sparse
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure.elements.element import dof_code, dof_of_code
@@ -126,55 +125,7 @@ def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], acti
     return together
 
 
-def transformation(
-    codes: Sequence[int], held: frozenset[int], equations: Equations
-) -> tuple[sparse.csr_array, list[int]]:
-    """The map u = T q from free degrees of freedom to all of them.
-
-    Parameters
-    ----------
-    codes : sequence of int
-        All codes in order, n_all of them.
-    held : frozenset of int
-        Codes at zero.
-    equations : mapping
-        Dependent codes with what they depend on; a dependent may depend on another dependent.
-
-    Returns
-    -------
-    (n_all, n_free) sparse array, and the codes of the free degrees of freedom.
-    """
-    for code in held & equations.keys():
-        raise InputError(
-            f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows"
-        )
-    free = [code for code in codes if code not in held and code not in equations]
-    column = {code: i for i, code in enumerate(free)}
-    resolved: dict[int, dict[int, float]] = {code: {code: 1.0} for code in free}
-    resolved.update({code: {} for code in held})
-    for code in codes:
-        _resolve(code, equations, resolved, ())
-    rows, columns, values = [], [], []
-    for i, code in enumerate(codes):
-        for other, coefficient in resolved[code].items():
-            rows.append(i)
-            columns.append(column[other])
-            values.append(coefficient)
-    return sparse.csr_array((values, (rows, columns)), shape=(len(codes), len(free))), free
-
-
-def _resolve(
-    code: int, equations: Equations, resolved: dict[int, dict[int, float]], path: tuple[int, ...]
-) -> dict[int, float]:
-    """`code` in terms of free codes only, kept in `resolved`."""
-    if code in resolved:
-        return resolved[code]
-    if code in path:
-        loop = " -> ".join(str(dof_of_code(c)) for c in (*path, code))
-        raise InputError(f"constraints run in a circle: {loop}; remove one of them")
-    total: dict[int, float] = {}
-    for other, coefficient in equations[code].items():
-        for free, inner in _resolve(other, equations, resolved, (*path, code)).items():
-            total[free] = total.get(free, 0.0) + coefficient * inner
-    resolved[code] = total
-    return total
+def tied_codes(equations: Equations) -> IntArray:
+    """All codes that take part."""
+    codes = {code for dependent, others in equations.items() for code in (dependent, *others)}
+    return np.array(sorted(codes), dtype=np.int64)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray
+from structid.declared import Count
 from structid.errors import InputError
 
 _LARGEST_DEGREE = 5
@@ -35,11 +36,11 @@ class Field:
     de Boor (1978), A Practical Guide to Splines, chapter IX.
     """
 
-    intervals: tuple[int, ...]
+    intervals: tuple[Count, ...]
     degree: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "intervals", tuple(int(n) for n in self.intervals))
+        object.__setattr__(self, "intervals", tuple(int(n) for n in np.atleast_1d(self.intervals)))
         if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
             raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
         if not 0 <= self.degree <= _LARGEST_DEGREE:

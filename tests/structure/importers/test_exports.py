@@ -1,5 +1,6 @@
 """Numbering files, the two-exports way, units, total mass, semidefiniteness, and the formats of SciPy and Ansys."""
 
+import importlib
 import sys
 import types
 
@@ -11,7 +12,7 @@ from scipy import sparse
 
 from structid.dof import Dof
 from structid.errors import FileError, InputError
-from structid.structure import Beam, Structure
+from structid.structure import Beam, Structure, importers
 from structid.structure.importers import (
     FORMATS,
     ImportedMatrix,
@@ -25,6 +26,7 @@ from structid.structure.importers import (
     read_numbering,
     require_total_mass,
     total_mass,
+    write_abaqus,
     write_matrix,
 )
 from structid.structure.importers.definite import require_semidefinite
@@ -37,6 +39,63 @@ def test_one_matrix_is_written_by_its_suffix_and_read_back_exactly(tmp_path, suf
     back = read_matrix(tmp_path / f"kaa{suffix}")
     assert back.name == "KAA"
     np.testing.assert_array_equal(back.matrix.toarray(), item.matrix.toarray())
+
+
+def harwell_boeing(path, item):
+    scipy.io.hb_write(str(path), sparse.csc_matrix(item.matrix))
+
+
+#: How a file of each format comes to be, by its first suffix; Ansys files need its library, see below.
+SAMPLES = {
+    ".op4": write_matrix,
+    ".pch": write_matrix,
+    ".mtx": write_abaqus,
+    ".npz": write_matrix,
+    ".hb": harwell_boeing,
+}
+
+
+@pytest.mark.parametrize("suffix", [m.SUFFIXES[0] for m in FORMATS if m.SUFFIXES[0] != ".full"])
+def test_every_format_gives_its_matrix_and_tells_a_file_that_is_cut(tmp_path, suffix):
+    full = sparse.csc_array(np.add.outer(np.arange(6.0), np.arange(6.0)) + np.eye(6))
+    item, path = ImportedMatrix("KAA", full, numbered(6)), tmp_path / f"kaa{suffix}"
+    SAMPLES[suffix](path, item)
+    np.testing.assert_allclose(read_matrix(path).matrix.toarray(), full.toarray(), rtol=1e-12)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    if suffix != ".mtx":  # lines of entries, of which nothing tells how many there should be
+        with pytest.raises(FileError, match=f"kaa{suffix}"):
+            read_matrices(path)
+
+
+NEW_FORMAT = '''
+"""Matrices as lists of rows."""
+
+import json
+
+import numpy as np
+from scipy import sparse
+
+from structid.structure.importers import ImportedMatrix
+
+SUFFIXES = (".rows",)
+
+
+def read(path):
+    return [ImportedMatrix(name, sparse.csc_array(np.array(rows))) for name, rows in json.loads(path.read_text()).items()]
+'''
+
+
+def test_a_new_format_is_a_module_and_a_line_in_the_registry(tmp_path, monkeypatch):
+    (tmp_path / "rows_of_matrices.py").write_text(NEW_FORMAT)
+    (tmp_path / "two.rows").write_text('{"K": [[2.0, -1.0], [-1.0, 2.0]], "M": [[1.0, 0.0], [0.0, 1.0]]}')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(importers, "FORMATS", (*FORMATS, importlib.import_module("rows_of_matrices")))
+    assert list(read_matrices(tmp_path / "two.rows")) == ["K", "M"]
+    np.testing.assert_array_equal(read_matrix(tmp_path / "two.rows", "K").matrix.toarray(), [[2, -1], [-1, 2]])
+    (tmp_path / "a.xyz").write_text("1")
+    with pytest.raises(FileError, match=r"known matrix format; .*\.rows"):
+        read_matrices(tmp_path / "a.xyz")
 
 
 def test_mat_and_harwell_boeing_files_are_read(tmp_path):

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Count, Positive
 from structid.estimation.problem import Problem
 from structid.estimation.search.minimum import Keeper, Minimum, Progress, State, cost_at
 
@@ -20,15 +21,16 @@ class GaussNewton:
     Parameters
     ----------
     max_iterations : int
+        After which a search that has not converged ends.
     step_control : bool
         Off: the classical iteration, which takes every step as it comes (Norris 1986, Eq. 4.17).
     step_tolerance : float
         Converged when no free variable moves by more.
     """
 
-    max_iterations: int = 50
+    max_iterations: Count = 50
     step_control: bool = True
-    step_tolerance: float = 1e-11
+    step_tolerance: Positive = 1e-11
 
 
 def gauss_newton(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import FloatArray
+from structid.declared import Count, NotNegative, Positive
 from structid.estimation.problem import Linearization, Problem, parameter_sizes
 from structid.estimation.search.minimum import Keeper, Minimum, Progress, State, residual_at
 
@@ -34,6 +35,7 @@ class LevenbergMarquardt:
     Parameters
     ----------
     max_iterations : int
+        After which a search that has not converged ends.
     step_tolerance : float
         Converged when no parameter changes by more than this part of itself.
     gain_tolerance : float
@@ -53,12 +55,12 @@ class LevenbergMarquardt:
     minimization, arXiv:1201.5885, section 2.
     """
 
-    max_iterations: int = 100
-    step_tolerance: float = 1e-10
-    gain_tolerance: float = 1e-13
-    initial_damping: float = 1e-2
-    largest_step: float = 0.7
-    acceleration: float = 0.75
+    max_iterations: Count = 100
+    step_tolerance: Positive = 1e-10
+    gain_tolerance: Positive = 1e-13
+    initial_damping: Positive = 1e-2
+    largest_step: Positive = 0.7
+    acceleration: NotNegative = 0.75
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,7 @@ class ModalProblem(NamedUnknowns):
         Relative distance of measured frequencies below which modes form a group; those that their standard deviations
         do not tell apart form one in any case.
     form : ModalForm
+        Of the residual, see above.
     frequency_guard : float
         A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
 

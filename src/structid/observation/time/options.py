@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from structid.declared import Count, Number, Positive, require_declared
 from structid.errors import InputError
 from structid.records.record import Quantity
 
@@ -83,34 +84,18 @@ class TimeOptions:
     initial: Initial = "rest"
     rest_time: float | None = None
     quantities: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
-    first_samples: int | None = None
-    restarts: int = 6
+    first_samples: Count | None = None
+    restarts: Number = 6
     misfit_probability: float = 1e-4
     seed: int = 0
-    max_iterations: int = 50
-    window: float | None = None
-    windows: int | None = None
-    drift: int = 0
+    max_iterations: Count = 50
+    window: Positive | None = None
+    windows: Count | None = None
+    drift: Number = 0
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("method", ("output_error", "instrumental", "weak")),
-            ("initial", ("rest", "unknown")),
-        ):
-            if getattr(self, name) not in allowed:
-                raise InputError(f"`{name}` must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
-        if not isinstance(self.force, Oscillation) and self.force not in ("first", "zero"):
-            raise InputError(f"`force` must be 'first', 'zero' or an Oscillation, got {self.force!r}")
+        require_declared(self)
         if not self.quantities or not set(self.quantities) <= {"displacement", "velocity", "acceleration"}:
             raise InputError(f"`quantities` must list kinds of motion, got {self.quantities!r}")
-        for name, least in (("restarts", 0), ("max_iterations", 1), ("drift", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"`{name}` must be at least {least}, got {getattr(self, name)!r}")
-        for name in ("first_samples", "windows"):
-            given = getattr(self, name)
-            if given is not None and given < 1:
-                raise InputError(f"`{name}` must be at least 1, got {given!r}")
-        if self.window is not None and not self.window > 0:
-            raise InputError(f"`window` must be positive, got {self.window!r} s")
         if self.rest_time is not None and self.initial == "unknown":
             raise InputError("`rest_time` contradicts `initial` 'unknown'; leave one of them out")

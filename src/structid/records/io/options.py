@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
+from structid.declared import Count, Positive
 from structid.errors import InputError
 
 _TEXTS = ("array", "frequency_array", "kind", "unit", "coherence_array")
@@ -57,7 +58,7 @@ class ReadOptions:
         If an entry is of the wrong type.
     """
 
-    sampling_rate: float | None = None
+    sampling_rate: Positive | None = None
     channels: tuple[str, ...] = ()
     quantities: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
@@ -68,10 +69,10 @@ class ReadOptions:
     kind: str = ""
     unit: str = ""
     coherence_array: str = ""
-    averages: int | None = None
+    averages: Count | None = None
     start: float | None = None
     stop: float | None = None
-    longest_gap: int | None = None
+    longest_gap: Count | None = None
 
     def __post_init__(self) -> None:
         for name in _LISTS:

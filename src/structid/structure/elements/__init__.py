@@ -1,4 +1,7 @@
-"""Element types, one a file: each gives its properties and one matrix an element for each property."""
+"""Element types, one a file: each declares its properties, and gives the matrices that they weigh.
+
+A new type is a module here and a line in `ELEMENT_TYPES`.
+"""
 
 from structid.structure.elements.bar import Bar
 from structid.structure.elements.beam import Beam
@@ -15,7 +18,7 @@ from structid.structure.elements.solid import Solid
 from structid.structure.elements.space_beam import SpaceBeam
 
 #: Every element type by the name that a study file uses.
-ELEMENT_TYPES = {
+ELEMENT_TYPES: dict[str, type[ElementSet]] = {
     "bar": Bar,
     "beam": Beam,
     "dashpot": Dashpot,

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.structure.elements.element import (
+    LOSS_FACTOR,
+    PER_STRAIN_RATE,
+    PER_VELOCITY,
+    ElementSet,
+    Layer,
+    Matrices,
+    Nodes,
     Positions,
-    Term,
+    Values,
+    declared,
+    element,
     element_vectors,
     node_codes,
+    node_table,
     rotated,
-    store_element_set,
 )
 
 
@@ -63,92 +69,36 @@ def rod_stiffness(length: FloatArray) -> FloatArray:
     return np.array([[1.0, -1.0], [-1.0, 1.0]]) / length[:, None, None]
 
 
-@dataclass(frozen=True, eq=False)
-class Beam:
-    """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ).
+@element
+class Beam(ElementSet):
+    """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the set.
-    nodes : (n_elements, 2) int array
-        Node labels of the two ends.
-    mass : float or (n_elements,)
-        Mass per length, kg/m.
-    bending_stiffness : float or (n_elements,)
-        EI, N m^2.
-    axial_stiffness : float or (n_elements,)
-        EA, N; in a plane only.
-    loss_factor : float or (n_elements,)
-        Structural damping: stiffness times (1 + i loss_factor).
-    mass_damping : float or (n_elements,)
-        Viscous damping in proportion to velocity, N s/m^2 (mass-like: c times the matrix of unit mass).
-    stiffness_damping : float or (n_elements,)
-        Strain-rate damping, N m^2 s (stiffness-like: c times the matrix of unit EI).
-    """
+    nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
+    mass: Values = declared("Mass per length", "mass", "kg/m")
+    bending_stiffness: Values = declared("EI", "stiffness", "N m^2")
+    axial_stiffness: Values = declared("EA; in a plane only", "stiffness", "N", default=0.0)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N m^2 s", "bending_stiffness", default=0.0)
 
-    name: str
-    nodes: IntArray
-    mass: FloatArray
-    bending_stiffness: FloatArray
-    axial_stiffness: FloatArray
-    loss_factor: FloatArray
-    mass_damping: FloatArray
-    stiffness_damping: FloatArray
-
-    def __init__(
-        self,
-        name: str,
-        nodes: ArrayLike,
-        mass: ArrayLike,
-        bending_stiffness: ArrayLike,
-        axial_stiffness: ArrayLike = 0.0,
-        loss_factor: ArrayLike = 0.0,
-        mass_damping: ArrayLike = 0.0,
-        stiffness_damping: ArrayLike = 0.0,
-    ) -> None:
-        store_element_set(
-            self,
-            name,
-            nodes,
-            2,
-            mass=mass,
-            bending_stiffness=bending_stiffness,
-            axial_stiffness=axial_stiffness,
-            loss_factor=loss_factor,
-            mass_damping=mass_damping,
-            stiffness_damping=stiffness_damping,
-        )
-
-    def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
-        """Properties with their matrices; see `ElementSet.terms`."""
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
-        dimensions = direction.shape[1]
-        bending_mass, bending = hermite_mass(length), hermite_stiffness(length)
-        if dimensions == 1:
+        mass, bending = hermite_mass(length), hermite_stiffness(length)
+        if direction.shape[1] == 1:
             if (direction < 0).any():
                 raise InputError(f"beams of {self.name!r} must run along +X: give the end with the smaller x first")
             codes = node_codes(self.nodes, ("Y", "RZ"))
-            axial = None
-            mass, stiffness = bending_mass, bending
-        elif dimensions == 2:
-            codes = node_codes(self.nodes, ("X", "Y", "RZ"))
-            along, across = _plane_maps(direction)
-            axial = rotated(rod_stiffness(length), along)
-            stiffness = rotated(bending, across)
-            mass = rotated(bending_mass, across) + rotated(rod_mass(length), along)
-        else:
+            return {"mass": (Layer(codes, mass),), "bending_stiffness": (Layer(codes, bending),)}
+        if direction.shape[1] == 3:
             raise InputError(f"beams of {self.name!r} have 3-D nodes; use the element type `space_beam`")
-        terms = [
-            Term("mass", "mass", "kg/m", self.mass, codes, mass),
-            Term("bending_stiffness", "stiffness", "N m^2", self.bending_stiffness, codes, stiffness),
-            Term("loss_factor", "loss_factor", "1", self.loss_factor),
-            Term("mass_damping", "viscous_damping", "N s/m^2", self.mass_damping, codes, mass),
-            Term("stiffness_damping", "viscous_damping", "N m^2 s", self.stiffness_damping, codes, stiffness),
-        ]
-        if axial is not None:
-            terms.insert(2, Term("axial_stiffness", "stiffness", "N", self.axial_stiffness, codes, axial))
-        return tuple(terms)
+        codes = node_codes(self.nodes, ("X", "Y", "RZ"))
+        along, across = _plane_maps(direction)
+        return {
+            "mass": (Layer(codes, rotated(mass, across) + rotated(rod_mass(length), along)),),
+            "bending_stiffness": (Layer(codes, rotated(bending, across)),),
+            "axial_stiffness": (Layer(codes, rotated(rod_stiffness(length), along)),),
+        }
 
 
 def _plane_maps(direction: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from structid.arrays import FloatArray, IntArray
-from structid.dof import Dof, parse_dof, parse_dofs
-from structid.structure.elements.connector import Ends, connector_ends, connector_matrices, connector_nodes
-from structid.structure.elements.element import Positions, Term, property_values, set_fields
+from structid.arrays import FloatArray
+from structid.declared import Number
+from structid.dof import Dof
+from structid.structure.elements.connector import Connector, Ends, dofs_stored
+from structid.structure.elements.element import Given, Values, declared, element
+
+#: One degree of freedom.
+End: TypeAlias = Annotated[Given[str | Dof, tuple[Dof, ...]], "degree of freedom"]
+OtherEnd: TypeAlias = Annotated[Given[str | Dof | None, tuple[Dof, ...] | None], "degree of freedom, optional"]
 
 
-@dataclass(frozen=True, eq=False)
-class Friction:
+@element
+class Friction(Connector):
     """Dry (Coulomb) friction between one degree of freedom and another or the ground, by harmonic linearization.
 
     A friction force of constant amplitude, in phase with the sliding velocity, has the dynamic stiffness
@@ -22,53 +26,32 @@ class Friction:
     amplitude per unit drive: the model's own, by harmonic balance. It holds while the drive amplitude is the same at
     all frequencies and one load acts at a time. Where r exceeds the force that reaches the contact, it sticks.
 
-    Parameters
-    ----------
-    name : str
-        Name of the set.
-    first, second : degree of freedom
-        Where the friction acts; the ground where `second` is left out.
-    friction_force : float
-        r, N of friction (first harmonic) per N of drive: 4/pi times the sliding force over the drive amplitude.
-    measured_by : sequence of degrees of freedom
-        Sensors whose mean along their axes is the sliding motion. Searches from poor starts take the amplitude from
-        them, which keeps the model linear; the last stage takes the model's own.
-    smoothing : int
-        Number of neighbouring lines over which a measured amplitude is averaged (geometric mean); 1 for none.
-
     References
     ----------
     Den Hartog (1931), Trans. ASME 53, APM-53-9; Magnus, Popp, Sextro (2016), Schwingungen, section 3.2.
     """
 
-    name: str
-    first: tuple[Dof, ...]
-    second: tuple[Dof, ...] | None
-    friction_force: FloatArray
-    measured_by: tuple[Dof, ...]
-    smoothing: int
-    nodes: IntArray
-
-    def __init__(
-        self,
-        name: str,
-        first: str | Dof,
-        second: str | Dof | None = None,
-        *,
-        friction_force: ArrayLike,
-        measured_by: Ends = (),
-        smoothing: int = 1,
-    ) -> None:
-        start, end = connector_ends(name, parse_dof(first), None if second is None else parse_dof(second))
-        sensors = parse_dofs([measured_by] if isinstance(measured_by, str | Dof) else measured_by)
-        values = property_values(name, "friction_force", friction_force, 1)
-        set_fields(self, name=name, first=start, second=end, friction_force=values, measured_by=sensors)
-        set_fields(self, smoothing=max(1, int(smoothing)), nodes=connector_nodes(start, end))
-
-    def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
-        """Properties with their matrices; see `ElementSet.terms`."""
-        codes, local = connector_matrices(self.first, self.second)
-        return (Term("friction_force", "friction", "N/N", self.friction_force, codes, local),)
+    first: End = declared("Where the friction acts")
+    second: OtherEnd = declared("The other end; the ground where left out", default=None)
+    friction_force: Values = declared(
+        "First harmonic of the force per unit of drive: 4/pi times the sliding force over the drive amplitude",
+        "friction",
+        "N/N",
+        kw_only=True,
+    )
+    measured_by: Ends = declared(
+        "Sensors whose mean along their axes is the sliding motion. Searches from poor starts take the amplitude from them,"
+        " which keeps the model linear; the last stage takes the model's own",
+        stored=dofs_stored,
+        default=(),
+        kw_only=True,
+    )
+    smoothing: Number = declared(
+        "Neighbouring lines over which a measured amplitude is averaged (geometric mean); 1 for none",
+        stored=lambda name, given: max(1, int(given)),
+        default=1,
+        kw_only=True,
+    )
 
     def sliding(self, receptance: np.ndarray) -> FloatArray:
         """Smoothed measured sliding amplitude, (n_frequencies,), from the receptance of the `measured_by` sensors.

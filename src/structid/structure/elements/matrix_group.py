@@ -2,79 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray, locked
+from structid.arrays import IntArray, locked
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.structure.elements.element import Kind, Positions, Term, dof_code, property_values, set_fields
+from structid.structure.elements.element import (
+    ElementSet,
+    Given,
+    Kind,
+    Layer,
+    Matrices,
+    Nodes,
+    Positions,
+    Term,
+    Values,
+    declared,
+    dof_code,
+    element,
+)
 
-_KINDS: tuple[tuple[str, Kind], ...] = (("mass", "mass"), ("stiffness", "stiffness"), ("damping", "viscous_damping"))
+Rows: TypeAlias = Annotated[Given[Iterable[str | Dof], tuple[Dof, ...]], "sequence of degrees of freedom"]
+Matrix: TypeAlias = Annotated[Given[Any, sparse.csc_array | None], "(n_dofs, n_dofs) sparse or dense array, optional"]
+_KINDS: dict[str, Kind] = {"mass": "mass", "stiffness": "stiffness", "damping": "viscous_damping"}
 
 
-@dataclass(frozen=True, eq=False)
-class MatrixGroup:
-    """Sparse matrices of one part of a structure; each is multiplied by a factor of nominal value 1.
+def _sparse(name: str, given: Any) -> sparse.csc_array:
+    return sparse.csc_array(given, dtype=np.float64)
 
-    Parameters
-    ----------
-    name : str
-        Name of the group.
-    dofs : sequence of degrees of freedom
-        What the rows of the matrices stand for.
-    mass, stiffness, damping : (n_dofs, n_dofs) sparse or dense array, optional
-        Symmetric; SI units.
-    loss_factor : float
-        Structural damping of `stiffness`.
-    """
 
-    name: str
-    dofs: tuple[Dof, ...]
-    matrices: dict[str, sparse.csc_array]
-    loss_factor: FloatArray
-    nodes: IntArray
+@element
+class MatrixGroup(ElementSet):
+    """Sparse matrices of one part of a structure; each is multiplied by a factor of nominal value 1."""
 
-    def __init__(
-        self,
-        name: str,
-        dofs: Sequence[str | Dof],
-        mass: Any = None,
-        stiffness: Any = None,
-        damping: Any = None,
-        loss_factor: float = 0.0,
-    ) -> None:
-        parsed = parse_dofs(dofs)
-        matrices = {}
-        for key, given in (("mass", mass), ("stiffness", stiffness), ("damping", damping)):
-            if given is not None:
-                matrices[key] = _symmetric(name, key, given, len(parsed))
-        if not matrices:
-            raise InputError(f"group {name!r} has no matrix; give `mass`, `stiffness` or `damping`")
-        loss = property_values(name, "loss_factor", loss_factor, 1)
-        nodes = locked(np.unique([d.node for d in parsed])[None, :], np.int64)
-        set_fields(self, name=name, dofs=parsed, matrices=matrices, loss_factor=loss, nodes=nodes)
+    nodes: Nodes = declared("Nodes of the rows, in order, as one element", init=False)
+    dofs: Rows = declared("What the rows of the matrices stand for")
+    mass: Matrix = declared("Symmetric, SI units", stored=_sparse, default=None)
+    stiffness: Matrix = declared("Likewise", stored=_sparse, default=None)
+    damping: Matrix = declared("Likewise", stored=_sparse, default=None)
+    loss_factor: Values = declared("Structural damping of `stiffness`", "loss_factor", "1", default=0.0)
 
-    def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
-        """Properties with their matrices; see `ElementSet.terms`."""
+    def __post_init__(self) -> None:
+        dofs = parse_dofs(self.dofs)
+        object.__setattr__(self, "dofs", dofs)
+        object.__setattr__(self, "nodes", locked(np.unique([d.node for d in dofs])[None, :], np.int64))
+        super().__post_init__()
+        if not self.given:
+            raise InputError(f"group {self.name!r} has no matrix; give `mass`, `stiffness` or `damping`")
+        for key, matrix in self.given.items():
+            _require_symmetric(self.name, key, matrix, len(dofs))
+
+    @property
+    def given(self) -> dict[str, sparse.csc_array]:
+        """Those of its matrices that there are."""
+        every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
+        return {key: matrix for key, matrix in every.items() if matrix is not None}
+
+    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+        """Factors with their matrices; see `ElementSet.terms`."""
+        made, one = self.matrices(positions, present), np.ones(1)
+        terms = [Term(key, _KINDS[key], "1", one, layers) for key, layers in made.items()]
+        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in made else []
+        return (*terms, *loss)
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
-        terms = []
-        for key, kind in _KINDS:
-            if key in self.matrices:
-                matrix = sparse.csc_array(sign @ self.matrices[key] @ sign)
-                terms.append(Term(key, kind, "1", np.ones(1), codes, matrices=(matrix,)))
-        if "stiffness" in self.matrices:
-            terms.append(Term("loss_factor", "loss_factor", "1", self.loss_factor))
-        return tuple(terms)
+        made = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
+        return {key: (Layer(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in made.items()}
 
 
-def _symmetric(group: str, name: str, given: Any, size: int) -> sparse.csc_array:
-    matrix = sparse.csc_array(given, dtype=np.float64)
+def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
     if matrix.shape != (size, size):
         raise InputError(f"`{name}` of group {group!r} must be ({size}, {size}) like its dofs, got {matrix.shape}")
     if not np.isfinite(matrix.data).all():
@@ -85,4 +88,3 @@ def _symmetric(group: str, name: str, given: Any, size: int) -> sparse.csc_array
             f"`{name}` of group {group!r} must be symmetric, got entries that differ by {asymmetry:.3g};"
             " if only one triangle is stored, add the other"
         )
-    return matrix

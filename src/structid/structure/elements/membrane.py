@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError
+from structid.structure.elements.cells.cells import CellSet, cell_positions, cell_table
+from structid.structure.elements.cells.isoparametric import CELLS, gradients
 from structid.structure.elements.element import (
+    LOSS_FACTOR,
+    PER_VELOCITY,
+    Layer,
+    Matrices,
+    Nodes,
     Positions,
-    Term,
+    Values,
+    declared,
+    element,
     node_codes,
-    set_fields,
-    store_element_set,
 )
 
-_FLAT = 1e-12  # area over the square of the longest side, below which three corners lie on a line
+_CELLS = {3: "triangle"}
 
 
 def triangle_mass(area: FloatArray, lumped: bool = False) -> FloatArray:
@@ -55,28 +57,11 @@ def triangle_stiffness(corners: FloatArray, area: FloatArray) -> FloatArray:
     return sides @ np.swapaxes(sides, 1, 2) / (4 * area)[:, None, None]
 
 
-@dataclass(frozen=True, eq=False)
-class Membrane:
+@element
+class Membrane(CellSet):
     """Membranes under uniform tension: linear triangles in the x-y plane that move along Z.
 
     The matrices are closed forms, computed for all triangles at once; they need no mesh library.
-
-    Parameters
-    ----------
-    name : str
-        Name of the set.
-    nodes : (n_elements, 3) int array
-        Node labels of the corners, in either sense. Positions are 2-D, or 3-D with equal z in a triangle.
-    mass : float or (n_elements,)
-        Mass per area, kg/m^2.
-    tension : float or (n_elements,)
-        Force per length, N/m.
-    loss_factor : float or (n_elements,)
-        Structural damping: tension times (1 + i loss_factor).
-    mass_damping : float or (n_elements,)
-        Viscous damping in proportion to velocity, N s/m^3 (mass-like: c times the matrix of unit mass).
-    lumped : bool
-        A third of each triangle's mass (and mass-like damping) at each corner instead of the consistent matrix.
 
     Notes
     -----
@@ -84,78 +69,28 @@ class Membrane:
     A structure with 2-D nodes moves along Z where it holds a membrane; see `Structure`.
     """
 
-    #: Direction that 2-D structures get besides those of their plane.
-    transverse: ClassVar[tuple[str, ...]] = ("Z",)
+    cells = _CELLS
+    moves = ("Z",)
 
-    name: str
-    nodes: IntArray
-    mass: FloatArray
-    tension: FloatArray
-    loss_factor: FloatArray
-    mass_damping: FloatArray
-    lumped: bool
+    nodes: Nodes = declared(
+        "Node labels of the corners, in either sense. Positions are 2-D, or 3-D with equal z in a triangle",
+        stored=cell_table(_CELLS),
+    )
+    mass: Values = declared("Mass per area", "mass", "kg/m^2")
+    tension: Values = declared("Force per length", "stiffness", "N/m")
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^3", "mass", default=0.0)
+    lumped: bool = declared(
+        "A third of each triangle's mass (and mass-like damping) at each corner instead of the consistent matrix",
+        default=False,
+    )
 
-    def __init__(
-        self,
-        name: str,
-        nodes: ArrayLike,
-        mass: ArrayLike,
-        tension: ArrayLike,
-        loss_factor: ArrayLike = 0.0,
-        mass_damping: ArrayLike = 0.0,
-        lumped: bool = False,
-    ) -> None:
-        store_element_set(
-            self,
-            name,
-            nodes,
-            3,
-            mass=mass,
-            tension=tension,
-            loss_factor=loss_factor,
-            mass_damping=mass_damping,
-        )
-        set_fields(self, lumped=bool(lumped))
-
-    def terms(self, positions: Positions, present: frozenset[int]) -> tuple[Term, ...]:
-        """Properties with their matrices; see `ElementSet.terms`."""
-        corners = self._corners(positions)
-        area = self._area(corners)
-        codes = node_codes(self.nodes, self.transverse)
-        mass = triangle_mass(area, self.lumped)
-        return (
-            Term("mass", "mass", "kg/m^2", self.mass, codes, mass),
-            Term("tension", "stiffness", "N/m", self.tension, codes, triangle_stiffness(corners, area)),
-            Term("loss_factor", "loss_factor", "1", self.loss_factor),
-            Term("mass_damping", "viscous_damping", "N s/m^3", self.mass_damping, codes, mass),
-        )
-
-    def _corners(self, positions: Positions) -> FloatArray:
-        """Positions in the plane, (n_elements, 3, 2)."""
-        corners = np.array([[positions[int(node)] for node in row] for row in self.nodes])
-        dimensions = corners.shape[2]
-        if dimensions == 1:
-            raise InputError(f"triangles of {self.name!r} need 2-D or 3-D nodes, got positions with one coordinate")
-        if dimensions == 3:
-            size = np.ptp(corners[..., :2], axis=1).max(axis=1)
-            tilted = np.ptp(corners[..., 2], axis=1) > 1e-9 * size
-            if tilted.any():
-                e = int(np.argmax(tilted))
-                raise InputError(
-                    f"element {e + 1} of {self.name!r} is not parallel to the x-y plane: nodes "
-                    f"{', '.join(map(str, self.nodes[e]))} have z = {', '.join(f'{z:g}' for z in corners[e, :, 2])}; "
-                    "turn the model so that the membrane lies in x-y"
-                )
-        return corners[..., :2]
-
-    def _area(self, corners: FloatArray) -> FloatArray:
-        """Area of each triangle, (n_elements,), m^2."""
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        corners = cell_positions(self.name, self.nodes, positions, 2)
+        gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         area = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        flat = area <= _FLAT * longest**2
-        if flat.any():
-            e = int(np.argmax(flat))
-            corner_names = ", ".join(map(str, self.nodes[e]))
-            raise InputError(f"element {e + 1} of {self.name!r} has no area: nodes {corner_names} lie on a line")
-        return area
+        codes = node_codes(self.nodes, self.moves)
+        mass = triangle_mass(area, self.lumped)
+        return {"mass": (Layer(codes, mass),), "tension": (Layer(codes, triangle_stiffness(corners, area)),)}

@@ -2,12 +2,12 @@
 
 from structid.structure.meshes.checks import duplicate_nodes, orphan_nodes, require_sound, unassigned
 from structid.structure.meshes.mesh import CELL_DIMENSIONS, CellBlock, Mesh
-from structid.structure.meshes.reading import LENGTH_UNITS, SUFFIXES, read_mesh
+from structid.structure.meshes.reading import FORMATS, LENGTH_UNITS, read_mesh
 
 __all__ = [
     "CELL_DIMENSIONS",
+    "FORMATS",
     "LENGTH_UNITS",
-    "SUFFIXES",
     "CellBlock",
     "Mesh",
     "duplicate_nodes",

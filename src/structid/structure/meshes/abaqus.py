@@ -13,6 +13,8 @@ from structid.errors import FileError
 from structid.structure.meshes.abaqus_keywords import keyword_blocks
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
+SUFFIXES: tuple[str, ...] = (".inp",)
+
 _KINDS = (
     (r"C3D4", "tetra", 4),
     (r"C3D5", "pyramid", 5),

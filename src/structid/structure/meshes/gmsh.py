@@ -15,6 +15,8 @@ from structid.errors import FileError
 from structid.structure.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
+SUFFIXES: tuple[str, ...] = (".msh",)
+
 _REMEDY = "save it as version 4.1 or 2.2 (Mesh.MshFileVersion = 4.1)"
 #: Name, number of nodes and dimension of each element type, and the order of its nodes as in VTK where it differs.
 _TYPES: dict[int, tuple[str, int, int, tuple[int, ...]]] = {

@@ -12,36 +12,12 @@ from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
+from structid.structure.elements.cells.isoparametric import CELLS
 
 #: Dimension of each cell type that elements can be made of.
-CELL_DIMENSIONS = {
-    "vertex": 0,
-    "line": 1,
-    "line3": 1,
-    "triangle": 2,
-    "triangle6": 2,
-    "quad": 2,
-    "quad8": 2,
-    "quad9": 2,
-    "tetra": 3,
-    "tetra10": 3,
-    "pyramid": 3,
-    "wedge": 3,
-    "wedge15": 3,
-    "hexahedron": 3,
-    "hexahedron20": 3,
-    "hexahedron27": 3,
-}
-_CORNERS = {
-    "line3": 2,
-    "triangle6": 3,
-    "quad8": 4,
-    "quad9": 4,
-    "tetra10": 4,
-    "wedge15": 6,
-    "hexahedron20": 8,
-    "hexahedron27": 8,
-}
+CELL_DIMENSIONS = {"vertex": 0, "line": 1, "line3": 1, **{name: made.corners.shape[1] for name, made in CELLS.items()}}
+#: Number of corners of each, where there are nodes besides.
+_CORNERS = {"line3": 2, **{name: CELLS[name.rstrip("0123456789")].n_nodes for name in CELLS}}
 
 
 @dataclass(frozen=True, eq=False)

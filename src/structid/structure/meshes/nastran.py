@@ -13,6 +13,8 @@ from structid.structure.meshes.bulk_cards import Cards, bulk_text, cards_of
 from structid.structure.meshes.bulk_systems import SYSTEM_CARDS, basic_positions
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
+SUFFIXES: tuple[str, ...] = (".bdf", ".nas", ".fem", ".dat")
+
 #: Corners and all nodes of each element card, and the cell types with them.
 _CELLS = {
     "CTRIA3": (3, 3, "triangle", ""),

@@ -1,36 +1,19 @@
-"""Mesh files: Gmsh, Nastran bulk data and Abaqus input files by readers of our own, VTK through meshio."""
+"""Mesh files: one format a module, chosen by the suffix of the file."""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
-import numpy as np
-
-from structid.arrays import IntArray, locked
 from structid.errors import FileError, InputError
 from structid.files import require_readable
-from structid.structure.meshes import abaqus, gmsh, nastran
-from structid.structure.meshes.mesh import CellBlock, Mesh
+from structid.structure.meshes import abaqus, gmsh, nastran, vtk
+from structid.structure.meshes.mesh import Mesh
 
-#: File suffixes, and what reads them.
-SUFFIXES = {
-    ".msh": "gmsh",
-    ".bdf": "nastran",
-    ".nas": "nastran",
-    ".fem": "nastran",
-    ".dat": "nastran",
-    ".inp": "abaqus",
-    ".vtu": "vtu",
-    ".vtk": "vtk",
-}
+#: Each has SUFFIXES and read(path, factor); coordinates of the file times the factor are in m.
+FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-_LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
-_OWN = {"abaqus": abaqus.read, "gmsh": gmsh.read, "nastran": nastran.read}
-_REMEDY = "write it again, as an unstructured grid"
 
 
 def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
@@ -55,83 +38,11 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         If the file is not of these kinds, is damaged, or is VTK and meshio is not installed.
     """
     place = require_readable(path)
-    kind = SUFFIXES.get(place.suffix.lower())
-    if kind is None:
-        raise FileError(f"{place}: the suffix of a mesh must be one of {' '.join(SUFFIXES)}; export it as one of these")
+    reader = next((module for module in FORMATS if place.suffix.lower() in module.SUFFIXES), None)
+    if reader is None:
+        known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
+        raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
-    factor = LENGTH_UNITS[length_unit]
-    if kind in _OWN:
-        return _OWN[kind](place, factor)
-    given = _read(place, kind)
-    points = np.asarray(given.points, dtype=np.float64)
-    if points.ndim != 2 or not len(points):
-        raise FileError(f"{place}: holds no whole table of nodes; {_REMEDY}")
-    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    if not np.isfinite(points).all():
-        raise FileError(f"{place}: coordinates must be finite; {_REMEDY}")
-    labels = _labels(given)
-    blocks = []
-    for block in given.cells:
-        rows = np.asarray(block.data, dtype=np.int64)
-        if rows.size and (rows.min() < 0 or rows.max() >= len(labels)):
-            raise FileError(f"{place}: cells of type {block.type} name nodes that are not there; {_REMEDY}")
-        blocks.append(CellBlock(block.type, locked(labels[rows])))
-    groups = _groups(given)
-    nodes = {str(name): locked(labels[np.asarray(rows, np.int64)]) for name, rows in given.point_sets.items()}
-    return Mesh(locked(labels), locked(factor * points), tuple(blocks), groups, nodes, place.name)
-
-
-def _read(path: Path, kind: str) -> Any:
-    """What meshio's own reader of the format gives."""
-    reader = _meshio(path, kind)
-    problems = (
-        reader.ReadError,
-        RuntimeError,
-        AssertionError,
-        ValueError,
-        LookupError,
-        OSError,
-        AttributeError,
-        TypeError,
-    )
-    try:
-        return importlib.import_module(f"meshio.{kind}").read(path)
-    except problems as error:
-        why = f" ({error})" if str(error) else ""
-        raise FileError(f"{path}: cannot be read as {kind}{why}; {_REMEDY}") from error
-
-
-def _meshio(path: Path, kind: str) -> ModuleType:
-    try:
-        return importlib.import_module("meshio")
-    except ImportError as error:
-        raise FileError(
-            f"{path}: {kind} files need the package meshio; install it by `pip install structid[mesh]`, or export the mesh"
-            " as an Abaqus input file (.inp), which needs nothing"
-        ) from error
-
-
-def _labels(given: Any) -> IntArray:
-    for name in _LABEL_ARRAYS:
-        if name in given.point_data and np.issubdtype(given.point_data[name].dtype, np.integer):
-            return np.asarray(given.point_data[name], dtype=np.int64)
-    return np.arange(1, len(given.points) + 1)
-
-
-def _groups(given: Any) -> dict[str, tuple[IntArray, ...]]:
-    """Rows of each block by the name of the group."""
-    found: dict[str, tuple[IntArray, ...]] = {}
-    for name, rows in given.cell_sets.items():
-        found[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
-    for array, parts in given.cell_data.items():
-        if all(np.issubdtype(p.dtype, np.integer) and p.ndim == 1 for p in parts):
-            _add_numbers(found, given, array)
-    return found
-
-
-def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: Any, array: str) -> None:
-    """Groups from one number a cell; names that are known already stay as they are."""
-    parts = [np.asarray(part) for part in given.cell_data[array]]
-    for tag in np.unique(np.concatenate(parts)).tolist():
-        found.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))
+    mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+    return mesh

@@ -6,29 +6,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from structid.declared import Limits
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.spectra import frf_from_time
-from structid.study.schema.section import COUNT, TEXTS, Kind, Section, as_list, choice
+from structid.study.schema.kinds import COUNT, NUMBER, TEXT, TEXTS, Kind, as_list, choice, limited
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, table_of
 
-_OVERLAP = Kind(
-    "a number from 0 to less than 1",
-    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1,
-)
+_MOTIONS = ("displacement", "velocity", "acceleration")
 _WINDOW = Kind(
     'a window of scipy.signal.get_window, as in "hann" or ["exponential", 0.0, 200.0]',
-    lambda value: isinstance(value, str) or (isinstance(value, list) and value != [] and isinstance(value[0], str)),
+    {"anyOf": [TEXT.schema, {"type": "array", "minItems": 1, "items": {"anyOf": [TEXT.schema, NUMBER.schema]}}]},
+    lambda value: isinstance(value[0], str),
+    lambda value: tuple(value) if isinstance(value, list) else value,
 )
-_KINDS = {
-    "inputs": TEXTS,
-    "outputs": TEXTS,
-    "estimator": choice("H1", "H2", "Hv"),
-    "segment_length": COUNT,
-    "overlap": _OVERLAP,
-    "window": _WINDOW,
-    "detrend": choice("constant", "linear", "none"),
-    "quantity": choice("displacement", "velocity", "acceleration"),
+FRF = table_of(
+    frf_from_time,
+    ("records", "inputs", "outputs"),
+    overlap=limited(NUMBER, Limits(least=0, below=1)),
+    segment_length=COUNT,
+    window=_WINDOW,
+    quantity=choice(*_MOTIONS),
+) | {
+    "inputs": Key(TEXTS, "Force channels; all that the record has by default"),
+    "outputs": Key(TEXTS, "Motion channels, all of one quantity; all by default"),
 }
 
 
@@ -54,9 +57,7 @@ class FrfSettings:
 
 def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:
     """The settings in ``[record.frf]``, with the channels that ``[record]`` names where it names none itself."""
-    given = section.values(_KINDS)
-    if isinstance(given.get("window"), list):
-        given["window"] = tuple(given["window"])
+    given = section.values(FRF)
     channels = {}
     for key, outer in (("inputs", inputs), ("outputs", outputs)):
         with section.located(key):
@@ -79,7 +80,7 @@ def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRec
                 "the record has no force channel; say which channel is the load with `units` or `quantities`"
             )
         wanted = settings.others.get("quantity")
-        motions = (wanted,) if wanted else ("displacement", "velocity", "acceleration")
+        motions = (wanted,) if wanted else _MOTIONS
         outputs = settings.outputs or _channels(records[0], motions)
         return frf_from_time(records, inputs, outputs, **settings.others)
 

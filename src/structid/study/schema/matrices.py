@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import IntArray
+from structid.declared import NotNegative, Positive
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.structure import MatrixGroup
@@ -29,39 +30,74 @@ from structid.structure.importers import (
 from structid.structure.importers.definite import require_semidefinite
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.importers.imported import codes_of, completed, tables_of
-from structid.study.schema.input_files import InputFiles
-from structid.study.schema.section import (
-    BOOLEAN,
-    INTEGER,
-    NOT_NEGATIVE,
-    POSITIVE,
-    TEXT,
-    TEXTS,
-    Kind,
-    Section,
-    as_list,
-    choice,
-)
+from structid.study.schema.kinds import BOOLEAN, INTEGER, TEXT, TEXTS, Kind, as_list, choice, either, list_of, several
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, held_by, table_of
 
 _KEYS = ("mass", "stiffness", "damping")
 #: Names that files give by themselves, so that `matrix` need not say which.
 _OWN_NAMES = {"mass": ("MASS",), "stiffness": ("STIFFNESS",), "damping": ("VISCOUSDAMPING", "DAMPING")}
-_FILE_WORDS = 'a file, or a table such as { path = "model.op4", matrix = "KAA" }'
 _RANGE = re.compile(r"^\s*(\d+)(?:\s*-\s*(\d+))?\s*$")
+_LABEL = either(INTEGER, replace(TEXT, schema={"type": "string", "pattern": _RANGE.pattern}))
+_LABELS = replace(several(_LABEL), words='element labels, as in [1, 2, 3] or "1-320" or ["1-10", "25"]')
 
 
-def _is_file(value: Any) -> bool:
-    return TEXT.accepts(value) or (isinstance(value, dict) and bool(value))
+@dataclass(frozen=True)
+class SourceEntry:
+    """A matrix of a file."""
+
+    path: Annotated[str, "The file"]
+    matrix: Annotated[str | None, "Its name in the file, where there are several"] = None
+    elements: Annotated[Any, _LABELS, "Of a file written element by element: which of them"] = None
+    one_triangle: Annotated[bool, "Only one triangle is stored; the other is to be added"] = False
 
 
-_FILE = Kind(_FILE_WORDS, _is_file)
-_FILES = Kind(f"{_FILE_WORDS}, or a list of these", lambda v: all(map(_is_file, as_list(v))) and v != [])
-_LABELS = Kind(
-    'element labels, as in [1, 2, 3] or "1-320" or ["1-10", "25"]',
-    lambda v: v != [] and all(INTEGER.accepts(e) or (isinstance(e, str) and _RANGE.match(e)) for e in as_list(v)),
+_SOURCE = table_of(SourceEntry)
+_FILE = Kind(
+    'a file, or a table such as { path = "model.op4", matrix = "KAA" }',
+    {"anyOf": [TEXT.schema, {"type": "object", "minProperties": 1}]},
+    lambda value: value != {},
 )
-_SOURCE = {"path": TEXT, "matrix": TEXT, "elements": _LABELS, "one_triangle": BOOLEAN}
-_EXPORTS = {"base": _FILE, "changed": _FILE, "factor": POSITIVE, "third": _FILE, "third_factor": POSITIVE}
+
+
+@dataclass(frozen=True)
+class ExportsEntry:
+    """A group as the difference of two exports."""
+
+    base: Annotated[Any, _FILE, "The first export"]
+    changed: Annotated[Any, _FILE, "The second, with the parameter times `factor`"]
+    factor: Annotated[Positive, "Of the second; the group is their difference over `factor` - 1"]
+    third: Annotated[Any, _FILE, "A third export, which checks the linear dependence"] = None
+    third_factor: Annotated[Positive | None, "Its factor"] = None
+
+
+_EXPORTS = table_of(ExportsEntry)
+_WAYS = {"anyOf": [TEXT.schema, _SOURCE.schema, _EXPORTS.schema]}
+MATRICES = Kind(
+    f"{_FILE.words}, or a list of these",
+    {"anyOf": [*_WAYS["anyOf"], list_of(_WAYS)]},
+    lambda value: all(map(_FILE.accepts, as_list(value))),
+)
+_NUMBERING = Table(
+    {
+        "dofs": Key(TEXTS, "What the rows stand for: a text file, or a list of degrees of freedom"),
+        "length_unit": Key(choice(*LENGTHS), "Of the files", default="m"),
+        "force_unit": Key(choice(*FORCES), "Of the files", default="N"),
+    }
+)
+_GROUP = Table(
+    {
+        "name": Key(TEXT, "Name of the group", required=True),
+        **{key: Key(MATRICES, f"A file, a table or a list of these, which are summed: the {key}") for key in _KEYS},
+        "loss_factor": Key(held_by(NotNegative), "Structural damping of `stiffness`", default=0.0),
+        "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
+    }
+)
+MATRIX_TABLES = {
+    "matrices": Key(_NUMBERING, "What the rows of matrix files stand for, and their units"),
+    "matrix_group": Key(_GROUP, "A group of matrices of another code", listed=True),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +128,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     matrices = section.section("matrices")
     if matrices is None:
         return _groups(entries, None, ("m", "N"), _Reader(files))
-    given = matrices.values({"dofs": TEXTS, "length_unit": choice(*LENGTHS), "force_unit": choice(*FORCES)})
+    given = matrices.values(_NUMBERING)
     if not entries:
         raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
     dofs = None
@@ -116,8 +152,7 @@ def _groups(
 
 
 def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
-    keys = {"name": TEXT, **dict.fromkeys(_KEYS, _FILES), "loss_factor": NOT_NEGATIVE, "indefinite": BOOLEAN}
-    given = entry.values(keys, ("name",))
+    given = entry.values(_GROUP)
     parts: dict[str, list[ImportedMatrix]] = {}
     for key in _KEYS:
         if key in given:
@@ -128,7 +163,7 @@ def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str],
     with entry.located():
         group = MatrixGroup(given["name"], rows, loss_factor=given.get("loss_factor", 0.0), **made)
     if not given.get("indefinite", False):
-        for key, matrix in group.matrices.items():
+        for key, matrix in group.given.items():
             with entry.located(key):
                 require_semidefinite(key, matrix, group.dofs)
     return group
@@ -183,18 +218,17 @@ def _imported(entry: Section, key: str, given: Any, reader: _Reader) -> Imported
     section = Section(entry.source, (*entry.path, key), given)
     if "base" in given or "changed" in given:
         return _from_exports(entry, key, section, reader)
-    source = section.values(_SOURCE, ("path",))
-    item = _real(_chosen(key, source["path"], source.get("matrix"), reader), source["path"])
-    if "elements" in source:
-        item = of_elements(item, _labels(source["elements"]))
-    if source.get("one_triangle", False):
-        item = _mirrored(item)
-    return item
+    source = section.read(SourceEntry)
+    item = _real(_chosen(key, source.path, source.matrix, reader), source.path)
+    if source.elements is not None:
+        item = of_elements(item, _labels(source.elements))
+    return _mirrored(item) if source.one_triangle else item
 
 
 def _from_exports(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
-    given = section.values(_EXPORTS, ("base", "changed", "factor"))
-    items = {name: _imported(entry, key, given[name], reader) for name in ("base", "changed", "third") if name in given}
+    given = section.read(ExportsEntry)
+    files = {"base": given.base, "changed": given.changed, "third": given.third}
+    items = {name: _imported(entry, key, file, reader) for name, file in files.items() if file is not None}
     base = items["base"]
     matrices = {}
     for name, item in items.items():
@@ -204,9 +238,8 @@ def _from_exports(entry: Section, key: str, section: Section, reader: _Reader) -
         ):
             raise InputError(f"`{name}` must have the numbering of `base`; export the same mesh")
         matrices[name] = item.matrix
-    group = group_from_exports(
-        matrices["base"], matrices["changed"], given["factor"], matrices.get("third"), given.get("third_factor")
-    )
+    third = matrices.get("third")
+    group = group_from_exports(matrices["base"], matrices["changed"], given.factor, third, given.third_factor)
     return ImportedMatrix(base.name, group, base.dofs)
 
 

@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
-import re
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal
 
 from structid.arrays import IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.structure.elements import ElementSet
 from structid.structure.mesh_point import MeshPoint, mesh_points
 from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
-from structid.study.schema.input_files import InputFiles
-from structid.study.schema.section import NODES, NUMBER, POSITION, RANGE, TEXT, TEXTS, Kind, Section, as_list, choice
+from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, table_of
 
 _AXES = ("x", "y", "z")
-_PLACE = Kind("a number or two increasing ones in m, as in [0.0, 0.1]", lambda v: NUMBER.accepts(v) or RANGE.accepts(v))
-_KEYS = {
-    "path": TEXT,
-    "length_unit": choice(*LENGTH_UNITS),
-    "orphan_nodes": choice("refuse", "drop"),
-    "duplicate_nodes": choice("refuse", "merge", "keep"),
-    "leave_out": TEXTS,
+_PLACE = replace(either(NUMBER, RANGE), words="a number or two increasing ones in m, as in [0.0, 0.1]")
+_Place = Annotated[Any, _PLACE, "Where in m, a number or a range"]
+
+
+@dataclass(frozen=True)
+class MeshEntry:
+    """``[structure.mesh]``."""
+
+    path: Annotated[str, "Gmsh .msh, Nastran .bdf .nas .fem .dat, Abaqus .inp, VTK .vtu .vtk"]
+    length_unit: Annotated[str, choice(*LENGTH_UNITS), "Of the coordinates in the file"] = "m"
+    leave_out: Annotated[tuple[str, ...], "Groups of cells that are no part of the structure"] = ()
+    orphan_nodes: Annotated[Literal["refuse", "drop"], "What becomes of nodes that belong to no cell"] = "refuse"
+    duplicate_nodes: Annotated[
+        Literal["refuse", "merge", "keep"], "What becomes of nodes at one place; `keep` is for cracks and joints"
+    ] = "refuse"
+
+
+@dataclass(frozen=True)
+class SupportEntry:
+    """``[[structure.support]]``: nodes that satisfy all of it are held."""
+
+    group: Annotated[str | None, "A group of the mesh"] = None
+    nodes: Annotated[Any, NODES, "Node numbers"] = None
+    directions: Annotated[tuple[str, ...], "What is held"] = DIRECTIONS
+    x: _Place = None
+    y: _Place = None
+    z: _Place = None
+
+
+MESH_TABLES = {
+    "mesh": Key(Table(table_of(MeshEntry).keys, short=TEXT), "A mesh from a file, or its path where it is in m"),
+    "points": Key(Table(labels=POSITION), "Places of sensors and loads by label, m; each moves as the nearest node"),
+    "support": Key(table_of(SupportEntry), "Nodes that are held at zero", listed=True),
 }
-#: Element types that take any direction at single nodes: their `group` names nodes, not cells.
-_ONE_NODE = ("point_mass", "rotary_inertia")
 
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
@@ -33,21 +57,20 @@ def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
     given = section.table.get("mesh")
     if given is None:
         return None
-    inner = (
-        Section(section.source, section.path, {"path": given}) if isinstance(given, str) else section.section("mesh")
-    )
+    short = isinstance(given, str)
+    inner = Section(section.source, section.path, {"path": given}) if short else section.section("mesh")
     assert inner is not None
-    keys = inner.values(_KEYS, ("path",))
-    with inner.located("mesh" if isinstance(given, str) else "path"):
-        mesh = read_mesh(files.path(keys["path"]), keys.get("length_unit", "m"))
-    with inner.located("mesh" if isinstance(given, str) else None):
-        return require_sound(mesh, keys.get("orphan_nodes") == "drop", keys.get("duplicate_nodes", "refuse"))
+    wanted = inner.read(MeshEntry)
+    with inner.located("mesh" if short else "path"):
+        mesh = read_mesh(files.path(wanted.path), wanted.length_unit)
+    with inner.located("mesh" if short else None):
+        return require_sound(mesh, wanted.orphan_nodes == "drop", wanted.duplicate_nodes)
 
 
-def group_table(entry: Section, kind: str, group: str | None, mesh: Mesh) -> IntArray:
+def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh: Mesh) -> IntArray:
     """Node table of an element set on `group` of the mesh."""
     with entry.located("group" if group is not None else None):
-        if kind in _ONE_NODE and group is not None:
+        if kind.follows and group is not None:
             return mesh.group_nodes(group)
         return mesh.cells(group)
 
@@ -71,9 +94,8 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: dict[int, Any]) ->
     """Degrees of freedom that ``[[structure.support]]`` tables hold at zero."""
     held: dict[Dof, None] = {}
     for entry in section.sections("support"):
-        keys: dict[str, Kind] = {"group": TEXT, "nodes": NODES, "directions": TEXTS, **dict.fromkeys(_AXES, _PLACE)}
-        given = entry.values(keys)
-        directions = [d.upper() for d in as_list(given.get("directions", list(DIRECTIONS)))]
+        given = entry.read(SupportEntry)
+        directions = [d.upper() for d in as_list(given.directions)]
         if not set(directions) <= set(DIRECTIONS):
             raise entry.error(f"must be among {' '.join(DIRECTIONS)}, got {directions}", "directions")
         for node in _supported(entry, given, mesh, nodes):
@@ -81,24 +103,24 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: dict[int, Any]) ->
     return list(held)
 
 
-def _supported(entry: Section, given: dict[str, Any], mesh: Mesh | None, nodes: dict[int, Any]) -> list[int]:
+def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: dict[int, Any]) -> list[int]:
     """Labels of the nodes that satisfy everything that a support says."""
     chosen = set(nodes)
-    if not {"group", "nodes", *_AXES} & set(given):
+    if not {"group", "nodes", *_AXES} & set(entry.table):
         raise entry.error("names no nodes; add `group`, `nodes`, or a coordinate such as `x = 0.0`")
-    if "nodes" in given:
-        named = [n for row in as_list(given["nodes"]) for n in as_list(row)]
+    if given.nodes is not None:
+        named = [n for row in as_list(given.nodes) for n in as_list(row)]
         if set(named) - chosen:
             raise entry.error(f"node {min(set(named) - chosen)} does not exist", "nodes")
         chosen &= set(named)
-    if mesh is None and {"group", *_AXES} & set(given):
+    if mesh is None and {"group", *_AXES} & set(entry.table):
         raise entry.error("`group`, `x`, `y` and `z` need a mesh; add [structure.mesh], or give `nodes`")
-    if mesh is not None and "group" in given:
+    if mesh is not None and given.group is not None:
         with entry.located("group"):
-            chosen &= set(mesh.group_nodes(given["group"]).tolist())
-    ranges = {axis: given[axis] for axis in _AXES if axis in given}
-    if mesh is not None and ranges:
-        ends = {axis: (min(as_list(v)), max(as_list(v))) for axis, v in ranges.items()}
+            chosen &= set(mesh.group_nodes(given.group).tolist())
+    places = zip(_AXES, (given.x, given.y, given.z), strict=True)
+    ends = {axis: (min(as_list(at)), max(as_list(at))) for axis, at in places if at is not None}
+    if mesh is not None and ends:
         chosen &= set(mesh.nodes_at(ends).tolist())
     if not chosen:
         raise entry.error("no node is at this place; compare it with the mesh, whose coordinates are meant in m")
@@ -112,17 +134,9 @@ def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet])
         return []
     if mesh is None:
         raise inner.error("points need a mesh; add [structure.mesh], or name nodes")
-    for key in inner.table:
-        if not re.fullmatch(r"\d{1,9}", key):
-            raise inner.error("labels must be whole numbers, as in `9001 = [0.2, 0.1, 0.0]`", key)
-    given = inner.values(dict.fromkeys(inner.table, POSITION))
     found = []
-    for key, position in given.items():
-        place = np.zeros(3)
-        numbers = as_list(position)
-        if len(numbers) > 3:
-            raise inner.error(f"must have 1 to 3 coordinates, got {len(numbers)}", key)
-        place[: len(numbers)] = numbers
+    for key, position in inner.values(Table(labels=POSITION)).items():
+        place = (*as_list(position), 0.0, 0.0)[:3]
         with inner.located(key):
-            found.append((inner, mesh_points(mesh, elements, {int(key): place.tolist()})[0]))
+            found.append((inner, mesh_points(mesh, elements, {int(key): place})[0]))
     return found

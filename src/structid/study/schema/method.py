@@ -1,63 +1,71 @@
-"""The ``[method]`` of a study file as `IdentifyOptions`."""
+"""The ``[method]`` of a study file as `IdentifyOptions`: every field of it and of its groups is a key."""
 
 from __future__ import annotations
 
-from structid.estimation import GaussNewton, LevenbergMarquardt
-from structid.estimation.intervals.intervals import INTERVAL_KINDS
-from structid.identification.identify import IdentifyOptions
-from structid.study.schema.section import (
-    BOOLEAN,
-    COUNT,
-    INTEGER,
-    NOT_NEGATIVE,
-    POSITIVE,
-    RANGE,
-    RANGES,
-    Kind,
-    Section,
-    choice,
-)
+import re
+from dataclasses import fields, is_dataclass
+from typing import Any
 
-_SMALL = Kind(
-    "a number above 0 and at most 0.01",
-    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 0.01,
-)
-_SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
-_KINDS = {
-    "band": RANGE,
-    "evaluation_band": RANGE,
-    "exclude": RANGES,
-    "residual": choice("output", "log", "pole_free"),
-    "model_error": NOT_NEGATIVE,
-    "pole_free_start": BOOLEAN,
-    "start": choice("near", "continuation"),
-    "start_error": POSITIVE,
-    "restarts": INTEGER,
-    "uniqueness_starts": INTEGER,
-    "seed": INTEGER,
-    "search": choice(*_SEARCHES, "matrix_free"),
-    "max_iterations": COUNT,
-    "total_mass_direction": choice("X", "Y", "Z"),
-    "n_modes": COUNT,
-    "intervals": choice(*INTERVAL_KINDS),
-    "reduced": _SMALL,
-}
+from structid.declared import declared_types, declared_words
+from structid.estimation import GaussNewton, LevenbergMarquardt
+from structid.identification.identify import IdentifyOptions
+from structid.study.schema.kinds import choice
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, table_of
+
+#: Fields that the file knows by another name.
+_NAMES = {"direction": "total_mass_direction"}
+#: Fields that other tables give.
+_ELSEWHERE = ("regularization", "matrix_free")
+#: Groups of which `search` says which; of a search without a Jacobian it is the first, and a field says so.
+_SEARCHES = {"method": (LevenbergMarquardt, GaussNewton)}
+_MATRIX_FREE = "matrix_free"
 
 
 def read_method(section: Section | None) -> IdentifyOptions:
     """The options that ``[method]`` gives; the defaults where there is none."""
     if section is None:
         return IdentifyOptions()
-    given = section.values(_KINDS)
-    if "search" in given:
-        given["matrix_free"] = given["search"] == "matrix_free"
-    search = _SEARCHES.get(given.pop("search", ""), LevenbergMarquardt)
-    limits = {"max_iterations": given.pop("max_iterations")} if "max_iterations" in given else {}
-    if "total_mass_direction" in given:
-        given["direction"] = given.pop("total_mass_direction")
-    for key in ("band", "evaluation_band"):
-        if key in given:
-            given[key] = (float(given[key][0]), float(given[key][1]))
-    if "exclude" in given:
-        given["exclude"] = tuple((float(low), float(high)) for low, high in given["exclude"])
-    return IdentifyOptions(method=search(**limits), **given)
+    given = section.values(method_table())
+    made: IdentifyOptions = _made(IdentifyOptions, given, given.pop("search", None))
+    for name in given:
+        raise section.error("is none of this `search`; leave it out, or choose another search", name)
+    return made
+
+
+def method_table(options: type = IdentifyOptions) -> Table:
+    """All keys of ``[method]``, or those that one group of its options makes."""
+    groups = {item.name: _groups(options, item.name) for item in fields(options)}
+    own = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
+    made = Table({_NAMES.get(name, name): key for name, key in own.keys.items()})
+    for name, kinds in groups.items():
+        for keys in (method_table(kind).keys for kind in kinds):
+            made |= {key: Key(one.holds, one.words) if key in made.keys else one for key, one in keys.items()}
+        if name in _SEARCHES:
+            made |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), declared_words(options)[name])}
+    return made
+
+
+def _made(options: type, given: dict[str, Any], search: str | None) -> Any:
+    """An object of this class from keys, which are taken out of `given`, and the `search` that is asked for."""
+    made = {}
+    for item in fields(options):
+        kinds, name = _groups(options, item.name), _NAMES.get(item.name, item.name)
+        if kinds:
+            chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
+            made[item.name] = _made(chosen, given, search)
+        elif item.name == _MATRIX_FREE and search is not None:
+            made[item.name] = search == _MATRIX_FREE
+        elif name in given:
+            made[item.name] = given.pop(name)
+    return options(**made)
+
+
+def _groups(options: type, name: str) -> tuple[type, ...]:
+    """Classes whose fields are keys in place of a field."""
+    kind = declared_types(options)[name]
+    return _SEARCHES.get(name, (kind,) if isinstance(kind, type) and is_dataclass(kind) else ())
+
+
+def _name(kind: type) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()

@@ -9,34 +9,14 @@ from structid.dof import Dof, parse_dofs
 from structid.identification.modal_setup import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
-from structid.study.schema.input_files import InputFiles
-from structid.study.schema.section import (
-    BOOLEAN,
-    COUNT,
-    NOT_NEGATIVE,
-    POSITIVE,
-    TEXT,
-    TEXTS,
-    Kind,
-    Section,
-    as_list,
-    choice,
-)
+from structid.observation import ModalProblem
+from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, table_of
 
-_KINDS = {
-    "form": choice("output", "dynamic"),
-    "use": Kind(
-        "numbers of modes, counted from 1, as in [1, 2, 4]",
-        lambda value: isinstance(value, list) and len(value) > 0 and all(COUNT.accepts(entry) for entry in value),
-    ),
-    "frequency_error": NOT_NEGATIVE,
-    "damping_error": NOT_NEGATIVE,
-    "shape_error": NOT_NEGATIVE,
-    "use_damping": BOOLEAN,
-    "closeness": NOT_NEGATIVE,
-    "frequency_guard": POSITIVE,
-}
-_OF_RECORD = ("name", "structure", "modes")
+_NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)
+MODES = table_of(ModalSettings, words_of=ModalProblem) | {"use": Key(_NUMBERS, "Numbers of the modes; all by default")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,14 +68,16 @@ class ModesSource:
         return record.some_channels([place[dof.unsigned] for dof in self.channels_used])
 
 
-def read_modes_source(section: Section, files: InputFiles) -> ModesSource:
-    """The source that a ``[record]`` with ``[record.modes]`` describes, its file found but not read."""
-    given = section.values({"path": TEXT, "channels_used": TEXTS}, required=("path",), others=_OF_RECORD)
+def read_modes_source(section: Section, table: Table, files: InputFiles) -> ModesSource:
+    """The source that a ``[record]`` with ``[record.modes]`` describes, its file found but not read.
+
+    `table` has the keys of such a record.
+    """
+    given = section.values(table)
     with section.located("path"):
         path = files.path(given["path"])
     with section.located("channels_used"):
         used = parse_dofs(as_list(given.get("channels_used", [])))
     inner = section.section("modes")
-    own = {} if inner is None else inner.values(_KINDS)
-    use = tuple(own.pop("use", ()))
-    return ModesSource(section, path, use, used, ModalSettings(**own))
+    own = {} if inner is None else inner.values(MODES)
+    return ModesSource(section, path, own.pop("use", ()), used, ModalSettings(**own))

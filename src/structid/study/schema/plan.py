@@ -5,33 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from structid.declared import NotNegative
 from structid.dof import parse_dofs
 from structid.identification.identify import IdentifyOptions, structure_modes, used_lines
 from structid.planning.options import resolved
 from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.schema.input_files import InputFiles
+from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.record import NoiseSource, load_record, read_source
-from structid.study.schema.section import (
-    COUNT,
-    NOT_NEGATIVE,
-    NUMBERS,
-    POSITIVE,
-    RANGE,
-    TEXT,
-    TEXTS,
-    Section,
-    as_list,
-    choice,
-)
+from structid.study.schema.root import InputFiles, read_root, title_of
+from structid.study.schema.section import Section
 from structid.study.schema.structure import read_structure
-from structid.study.schema.study import KNOWN_SECTIONS, read_study_text
+from structid.study.schema.tables import Key, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
 
@@ -42,25 +33,24 @@ _NO_NOISE: tuple[str, ...] = (
     f"no noise is given: {100 * _DEFAULT_NOISE:g} % of each value is taken; give [plan.noise], with `absolute` for what the"
     " sensors add, or places where little moves look too good",
 )
-_KINDS = {
-    "sensors": TEXTS,
-    "loads": TEXTS,
-    "installed_sensors": TEXTS,
-    "installed_loads": TEXTS,
-    "kind": choice("receptance", "mobility", "accelerance"),
-    "band": RANGE,
-    "n_lines": COUNT,
-    "spacing": choice("linear", "log"),
-    "frequency": NUMBERS,
-    "n_sensors": COUNT,
-    "n_loads": COUNT,
-    "n_frequencies": COUNT,
-    "criterion": choice("d", "a"),
-    "of_interest": TEXTS,
-    "target": POSITIVE,
-}
-_NOISE = {"relative": NOT_NEGATIVE, "absolute": NOT_NEGATIVE}
 _DOFS = ("sensors", "loads", "installed_sensors", "installed_loads")
+
+
+@dataclass(frozen=True)
+class PlanNoise:
+    """``[plan.noise]``, of the record that is to come, added in quadrature."""
+
+    relative: Annotated[NotNegative, "A part of each value's magnitude"] = 0.0
+    absolute: Annotated[NotNegative, "In the SI unit of `kind`"] = 0.0
+
+
+PLAN = table_of(PlanOptions, ("relative_noise", "absolute_noise")) | {
+    "frequency": Key(NUMBERS, "Candidate lines, Hz, in place of `band`"),
+    "band": Key(RANGE, "Of candidate lines, Hz"),
+    "n_lines": Key(COUNT, "How many candidate lines", default=_DEFAULT_LINES),
+    "spacing": Key(choice("linear", "log"), "Of candidate lines", default="linear"),
+    "noise": Key(table_of(PlanNoise), "Noise of the record that is to come"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,31 +97,16 @@ def load_plan(path: str | Path, **changes: Any) -> PlanStudy:
     InputError
         If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
     """
-    source = read_study_text(path)
-    root = Section(source, (), source.table)
-    given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
-    described = root.section("structure")
-    if described is None:
-        raise root.error("the section [structure] is missing; add it")
-    files = InputFiles(source.path.parent)
-    files.path(source.path.name)
-    structure = read_structure(described, files)
+    root, files = read_root(path)
+    structure = read_structure(root.inner("structure"), files)
     unknown = read_parameters(root, structure)
-    section = root.section("plan") or Section(source, ("plan",), {})
+    section = root.inner("plan")
     method = read_method(root.section("method"))
     record, declared, notes = _record(root, files)
     with (root.section("plan") or root).located():
         options, more = _options(section, structure, unknown, record, declared, method)
         options = resolved(structure, unknown, replace(options, **changes))
-    return PlanStudy(
-        given.get("title", source.path.stem),
-        structure,
-        unknown,
-        options,
-        (*notes, *more),
-        root,
-        files.digests,
-    )
+    return PlanStudy(title_of(root), structure, unknown, options, (*notes, *more), root, files.digests)
 
 
 def _record(root: Section, files: InputFiles) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
@@ -162,7 +137,7 @@ def _options(
     declared: NoiseSource,
     method: IdentifyOptions,
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    given = section.values(_KINDS, others=("noise",))
+    given = section.values(PLAN)
     frequency, line_notes = _lines(section, given, structure, unknown, record, method)
     noise, noise_notes = _noise(section, record, declared, method.model_error)
     for key in _DOFS:
@@ -223,10 +198,10 @@ def _noise(
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE
     if inner is not None:
-        given = inner.values(_NOISE)
-        if not any(given.values()):
+        given = inner.read(PlanNoise)
+        if given.relative + given.absolute == 0:
             raise inner.error("needs `relative` or `absolute` greater than 0")
-        relative, absolute, notes = given.get("relative", 0.0), given.get("absolute", 0.0), ()
+        relative, absolute, notes = given.relative, given.absolute, ()
     elif declared.relative + declared.absolute > 0:
         relative, absolute, notes = declared.relative, declared.absolute, ()
     elif record is not None and record.variance is not None:

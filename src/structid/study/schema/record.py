@@ -2,44 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs
 from structid.identification.time_fit import TimeFit
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import ReadOptions, read_record
-from structid.study.schema.frf import FrfSettings, read_frf, spectral_frf
-from structid.study.schema.input_files import InputFiles
-from structid.study.schema.modes import ModesSource, read_modes_source
-from structid.study.schema.section import (
-    BOOLEAN,
-    COUNT,
-    NOT_NEGATIVE,
-    NUMBER,
-    POSITIVE,
-    TEXT,
-    TEXTS,
-    Kind,
-    Section,
-    as_list,
-)
-from structid.study.schema.time import TimeSource, read_time
+from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
+from structid.study.schema.kinds import TEXT, TEXTS, as_list
+from structid.study.schema.modes import MODES, ModesSource, read_modes_source
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, held_by, table_of
+from structid.study.schema.time import TIME, TimeSource, read_time
+from structid.study.schema.unknowns import CHANNEL_ERROR
 
 #: A time record that is fitted itself is cut into so many segments for the FRFs that show the fit.
 _SEGMENTS = 4
-_BY_ANNOTATION = {
-    "float | None": POSITIVE,
-    "float": NUMBER,
-    "int | None": COUNT,
-    "int": COUNT,
-    "tuple[str, ...]": TEXTS,
-    "bool": BOOLEAN,
-}
 
 
 @dataclass(frozen=True)
@@ -51,16 +34,17 @@ class NoiseSource:
     relative : float
         Noise as a part of each value's magnitude.
     absolute : float
-        Noise in the SI unit of the record.
+        Noise in the SI unit of the record, added in quadrature.
     from_coherence : bool
+        Whether it comes from the coherence and averages.
     averages : int, optional
         Number of averages behind the coherence, where the record does not say.
     """
 
-    relative: float = 0.0
-    absolute: float = 0.0
+    relative: NotNegative = 0.0
+    absolute: NotNegative = 0.0
     from_coherence: bool = False
-    averages: int | None = None
+    averages: Count | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,21 +82,38 @@ class RecordSource:
     modes: ModesSource | None = None
 
 
-def _kinds_of(settings: type) -> Mapping[str, Kind]:
-    """Keys of a settings class with what they may hold, so that a new setting needs no line here."""
-    return {item.name: _BY_ANNOTATION.get(str(item.type), TEXT) for item in fields(settings)}
+_ALWAYS = {
+    "name": Key(TEXT, "What reports call the record"),
+    "path": Key(TEXT, "The file: NPZ, NPY, HDF5, CSV, MAT or UFF by its suffix; of modes JSON, UFF or CSV"),
+    "channels_used": Key(TEXTS, "Sensors used, whatever their sense; all by default"),
+}
+
+
+def record_table(changes: Table) -> Table:
+    """All keys of ``[record]``; `changes` are those of its ``[record.structure]``."""
+    return table_of(ReadOptions) | {
+        **_ALWAYS,
+        "repeats": Key(TEXTS, "In place of `path`: two files or more of the same measurement, which give its noise"),
+        "window_decay": Key(held_by(Positive), "Known decay of an exponential window on force and response, 1/s"),
+        "noise": Key(table_of(NoiseSource), "Noise that the file does not state"),
+        "frf": Key(FRF, "How time histories become frequency response functions"),
+        "time": Key(TIME, "How time histories are fitted themselves"),
+        "modes": Key(MODES, "How measured modes are fitted"),
+        "channel_error": Key(CHANNEL_ERROR, "Errors of sensors and load cells that are unknown", listed=True),
+        "structure": Key(changes, "How the structure differed then"),
+    }
 
 
 def read_source(section: Section, files: InputFiles) -> RecordSource:
     """The source that ``[record]`` describes, its files found but not read."""
+    table = record_table(Table())
     if "modes" in section.table:
-        modes = read_modes_source(section, files)
+        table = table.only(*_ALWAYS, "structure", "modes") | {"path": replace(_ALWAYS["path"], required=True)}
+        modes = read_modes_source(section, table, files)
         return RecordSource(
             section, (modes.path,), ReadOptions(), modes.channels_used, NoiseSource(), None, modes=modes
         )
-    kinds = {"path": TEXT, "repeats": TEXTS, "channels_used": TEXTS, **_kinds_of(ReadOptions)}
-    kinds["window_decay"] = POSITIVE
-    given = section.values(kinds, others=("name", "noise", "frf", "time", "modes", "channel_error", "structure"))
+    given = section.values(table)
     if ("path" in given) == ("repeats" in given):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
     key = "path" if "path" in given else "repeats"
@@ -130,22 +131,17 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
         frf = read_frf(inner, ends["inputs"], ends["outputs"])
     own = {item.name for item in fields(ReadOptions)}
     with section.located():
-        options = ReadOptions(**{name: _frozen(value) for name, value in given.items() if name in own})
+        options = ReadOptions(**{name: value for name, value in given.items() if name in own})
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
     return RecordSource(section, paths, options, used, _noise(section, averaged), frf, given.get("window_decay"), time)
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
     inner = section.section("noise")
     if inner is None:
         return NoiseSource()
-    kinds = {"relative": NOT_NEGATIVE, "absolute": NOT_NEGATIVE, "from_coherence": BOOLEAN, "averages": COUNT}
-    noise = NoiseSource(**inner.values(kinds))
+    noise = inner.read(NoiseSource)
     declared = noise.relative + noise.absolute > 0
     if declared and (noise.from_coherence or noise.averages is not None):
         raise inner.error("gives noise both declared and from coherence; keep one of them")

@@ -3,94 +3,26 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from structid.errors import InputError
+from structid.study.schema.kinds import Kind
+from structid.study.schema.tables import Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, toml_lines
 
-_LARGEST = 1e100  # its square is still finite
+T = TypeVar("T")
+_LABEL = re.compile(r"\d{1,9}")
 
 
 class StudyError(InputError):
     """Something in a study file cannot be used; the message begins with file, line, section and key."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a key may hold, in words, and how to tell."""
-
-    words: str
-    accepts: Callable[[Any], bool]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**31
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and value.strip() != ""
-
-
-def _list_of(accepts: Callable[[Any], bool], size: int | None = None) -> Callable[[Any], bool]:
-    def accepted(value: Any) -> bool:
-        fits = isinstance(value, list) and (len(value) > 0 if size is None else len(value) == size)
-        return fits and all(accepts(entry) for entry in value)
-
-    return accepted
-
-
-def _either(*tests: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda value: any(test(value) for test in tests)
-
-
-def _is_node_table(value: Any) -> bool:
-    rows = _list_of(_list_of(_is_integer))(value)
-    return rows and len({len(row) for row in value}) == 1
-
-
-def _is_range(value: Any) -> bool:
-    return _list_of(_is_number, 2)(value) and value[0] < value[1]
-
-
-NUMBER = Kind("a number, as in 0.4", _is_number)
-POSITIVE = Kind("a number greater than 0", lambda value: _is_number(value) and value > 0)
-NOT_NEGATIVE = Kind("a number of at least 0", lambda value: _is_number(value) and value >= 0)
-NUMBERS = Kind("a number or a list of numbers", _either(_is_number, _list_of(_is_number)))
-POSITION = Kind("one to three coordinates in m, as in [0.0, 1.5]", _either(_is_number, _list_of(_is_number)))
-VECTOR = Kind(
-    "three numbers that are not all 0, as in [0, 1, 0]", lambda value: _list_of(_is_number, 3)(value) and any(value)
-)
-INTEGER = Kind("a whole number of at least 0", _is_integer)
-COUNT = Kind("a whole number of at least 1", lambda value: _is_integer(value) and value > 0)
-COUNTS = Kind(
-    "whole numbers of at least 1, as in [4, 3]",
-    _either(COUNT.accepts, lambda value: _list_of(COUNT.accepts)(value) and len(value) <= 3),
-)
-BOOLEAN = Kind("true or false", lambda value: isinstance(value, bool))
-TEXT = Kind("a text in quotes", _is_text)
-TEXTS = Kind("a text or a list of texts", _either(_is_text, _list_of(_is_text)))
-NODES = Kind("node numbers, as in [[1, 2], [2, 3]]", _either(_is_integer, _list_of(_is_integer), _is_node_table))
-RANGE = Kind("two increasing numbers, as in [4.5, 85.0]", _is_range)
-RANGES = Kind("a list of pairs of increasing numbers, as in [[49.5, 50.5]]", _list_of(_is_range))
-WEIGHTED = Kind(
-    'a list of degrees of freedom with coefficients, as in [["1X", 1.0]]',
-    _list_of(lambda value: isinstance(value, list) and len(value) == 2 and _is_text(value[0]) and _is_number(value[1])),
-)
-
-
-def choice(*names: str) -> Kind:
-    """A text that is one of `names`."""
-    return Kind("one of " + ", ".join(f'"{name}"' for name in names), lambda value: value in names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,41 +98,42 @@ class Section:
         except InputError as error:
             raise self.error(str(error), key) from error
 
-    def values(
-        self, kinds: Mapping[str, Kind], required: Collection[str] = (), others: Collection[str] = ()
-    ) -> dict[str, Any]:
-        """Every given key of `kinds`, checked.
-
-        Parameters
-        ----------
-        kinds : mapping of key to Kind
-        required : collection of str
-            Keys that must be there.
-        others : collection of str
-            Keys that are read elsewhere.
+    def values(self, table: Table) -> dict[str, Any]:
+        """Every given key of `table` that is no table itself, checked, with its value as its kind makes it.
 
         Raises
         ------
         StudyError
             If a key is unknown (the nearest is named), missing or of the wrong kind.
         """
-        known = [*kinds, *others]
-        for key in self.table:
-            if key not in kinds and key not in others:
-                near = difflib.get_close_matches(key, known, 1, 0.0)
+        keys = table.keys
+        if table.labels is not None:
+            keys = {**keys, **dict.fromkeys(filter(_LABEL.fullmatch, self.table), Key(table.labels))}
+        for name in self.table:
+            if name not in keys and table.labels is not None:
+                raise self.error("labels must be whole numbers, as in `12 = [0.0, 0.5, 0.0]`", name)
+            if name not in keys:
+                near = difflib.get_close_matches(name, keys, 1, 0.0)
                 nearest = f"the nearest is `{near[0]}`; " if near else ""
-                raise self.error(f"unknown key; {nearest}valid keys are {', '.join(known)}", key)
-        for key in required:
-            if key not in self.table:
-                raise self.error(f"`{key}` is missing; add `{key} = ...`" + self._wanted(kinds.get(key)))
-        for key, kind in kinds.items():
-            if key in self.table and not kind.accepts(self.table[key]):
-                raise self.error(f"must be {kind.words}, got {_shown(self.table[key])}", key)
-        return {key: self.table[key] for key in kinds if key in self.table}
+                raise self.error(f"unknown key; {nearest}valid keys are {', '.join(keys)}", name)
+        for name, key in keys.items():
+            if key.required and name not in self.table:
+                if isinstance(key.holds, Table):
+                    raise self.error(f"the section [{self._joined(name)}] is missing; add it")
+                raise self.error(f"`{name}` is missing; add `{name} = ...` ({key.holds.words})")
+        given = {}
+        for name, key in keys.items():
+            if name in self.table and isinstance(key.holds, Kind):
+                if not key.holds.accepts(self.table[name]):
+                    raise self.error(f"must be {key.holds.words}, got {_shown(self.table[name])}", name)
+                given[name] = key.holds.made(self.table[name])
+        return given
 
-    @staticmethod
-    def _wanted(kind: Kind | None) -> str:
-        return "" if kind is None else f" ({kind.words})"
+    def read(self, made: Callable[..., T]) -> T:
+        """What `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
+        given = self.values(own_table(made))
+        with self.located():
+            return made(**given)
 
     def section(self, key: str) -> Section | None:
         """The table `key` inside this one; None where it is not there."""
@@ -210,6 +143,10 @@ class Section:
         if not isinstance(inner, dict):
             raise self.error(f"must be a table, got {_shown(inner)}; write [{self._joined(key)}] above its keys", key)
         return Section(self.source, (*self.path, key), inner)
+
+    def inner(self, key: str) -> Section:
+        """The table `key` inside this one, empty where it is not there."""
+        return self.section(key) or Section(self.source, (*self.path, key), {})
 
     def sections(self, key: str) -> list[Section]:
         """The entries of the array of tables `key` inside this one."""
@@ -225,8 +162,3 @@ class Section:
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def as_list(value: Any) -> list[Any]:
-    """A single entry as a list of one."""
-    return value if isinstance(value, list) else [value]

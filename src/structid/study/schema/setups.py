@@ -9,22 +9,12 @@ from structid.observation import ChannelUnknown
 from structid.observation.channel_errors import channel_errors
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.record import RecordSource, read_source
-from structid.study.schema.section import BOOLEAN, NUMBER, RANGE, TEXT, TEXTS, Section, choice
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
 from structid.study.schema.structure import read_structure
-from structid.study.schema.unknowns import read_parameters, read_prior
+from structid.study.schema.unknowns import CHANNEL_ERROR, read_parameters, read_prior
 from structid.unknowns import Parameters
-
-_KINDS = {
-    "property": choice("gain", "delay", "polarity", "window_decay"),
-    "outputs": TEXTS,
-    "inputs": TEXTS,
-    "each": BOOLEAN,
-    "start": NUMBER,
-    "name": TEXT,
-    "bounds": RANGE,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +51,7 @@ class SetupSource:
                 channel_errors(record, self.channel_unknowns[:count])
 
 
-def read_setups(root: Section, structure: Section, files: InputFiles) -> tuple[SetupSource, ...]:
+def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
     """The set-ups that ``[record]`` or several ``[[record]]`` describe.
 
     Raises
@@ -69,19 +59,20 @@ def read_setups(root: Section, structure: Section, files: InputFiles) -> tuple[S
     StudyError
         If one of them, the structure or the unknowns cannot be read.
     """
-    records = _records(root)
+    records, structure = _records(root), root.inner("structure")
     structures = [read_structure(structure, files, record.section("structure")) for record in records]
     known = frozenset(element.name for made in structures for element in made.elements)
     names: set[str] = set()
     setups = []
     for record, made in zip(records, structures, strict=True):
-        name = record.values({"name": TEXT}, others=tuple(record.table)).get("name", "")
+        unknown = read_parameters(root, made, known)
+        errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
+        source = read_source(record, files)
+        name = record.table.get("name", "")
         if name and name in names:
             raise record.error(f"two records are called {name!r}; give one of them another name", "name")
         names.add(name)
-        unknown = read_parameters(root, made, known)
-        errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
-        setups.append(SetupSource(name, made, unknown, read_source(record, files), errors))
+        setups.append(SetupSource(name, made, unknown, source, errors))
     return tuple(setups)
 
 
@@ -98,13 +89,4 @@ def _records(root: Section) -> Sequence[Section]:
 
 
 def _channel_error(entry: Section) -> ChannelUnknown:
-    given = entry.values(_KINDS, ("property",), ("prior",))
-    prior = entry.section("prior")
-    if prior is not None:
-        given["prior"] = read_prior(prior)
-    if "bounds" in given:
-        given["bounds"] = (given["bounds"][0], given["bounds"][1])
-    for key in ("outputs", "inputs"):
-        if isinstance(given.get(key), list):
-            given[key] = tuple(given[key])
-    return ChannelUnknown(**given)
+    return ChannelUnknown(**entry.values(CHANNEL_ERROR), prior=read_prior(entry))

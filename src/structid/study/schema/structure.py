@@ -6,8 +6,10 @@ import difflib
 import inspect
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from structid.declared import Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
@@ -15,56 +17,71 @@ from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
 from structid.structure.supports import Tie
-from structid.study.schema.input_files import InputFiles
-from structid.study.schema.matrices import read_groups
+from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, as_list
+from structid.study.schema.matrices import MATRIX_TABLES, read_groups
 from structid.study.schema.mesh import (
+    MESH_TABLES,
     group_table,
     read_points,
     read_structure_mesh,
     read_supports,
     require_all_assigned,
 )
-from structid.study.schema.section import (
-    BOOLEAN,
-    INTEGER,
-    NODES,
-    NUMBER,
-    NUMBERS,
-    POSITION,
-    POSITIVE,
-    TEXT,
-    TEXTS,
-    VECTOR,
-    WEIGHTED,
-    Kind,
-    Section,
-    as_list,
-)
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
 Ties = list[tuple[Section, Tie]]
 Parts = tuple[Elements, Ties, list[Dof]]
 
-_KINDS = {
-    "name": TEXT,
-    "nodes": NODES,
-    "first": TEXTS,
-    "second": TEXTS,
-    "measured_by": TEXTS,
-    "directions": TEXTS,
-    "direction": TEXT,
-    "smoothing": INTEGER,
-    "lumped": BOOLEAN,
-    "orientation": VECTOR,
-    "poisson": NUMBER,
-    "state": TEXT,
-    "formulation": TEXT,
-    "linear_strains": NUMBER,
-}
-_ONE_END = {"first": TEXT, "second": TEXT}
-_DOF_KEYS = ("first", "second", "measured_by")
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
+_RIGID_LINK, _CONSTRAINT = table_of(RigidLink, dependents=NODES), table_of(Constraint, depends_on=WEIGHTED)
+_TIES = {
+    "rigid_link": Key(_RIGID_LINK, "Nodes that move with another as one body", listed=True),
+    "constraint": Key(_CONSTRAINT, "One degree of freedom as a sum of others", listed=True),
+}
+_FIXED = Key(TEXTS, "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`")
+_POSITIONS = Table(labels=POSITION)
+_NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
+
+
+def structure_table() -> Table:
+    """All keys of ``[structure]``."""
+    own = {
+        "active": Key(TEXTS, "Directions in which the structure can move; by default all of its dimension"),
+        "fixed": _FIXED,
+        "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
+        "nodes": _NODES,
+    }
+    return Table(own) | MESH_TABLES | MATRIX_TABLES | _element_tables() | _TIES
+
+
+def changes_table() -> Table:
+    """All keys of ``[record.structure]``."""
+    own = {
+        "fixed": _FIXED,
+        "without": Key(TEXTS, "Element sets and ties that were not there"),
+        "nodes": _NODES,
+        "support": MESH_TABLES["support"],
+    }
+    return Table(own) | _element_tables() | _TIES
+
+
+def _element_tables() -> dict[str, Key]:
+    first = {name: (inspect.getdoc(kind) or "").partition("\n")[0] for name, kind in ELEMENT_TYPES.items()}
+    return {name: Key(element_table(kind), first[name], listed=True) for name, kind in ELEMENT_TYPES.items()}
+
+
+def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
+    """All keys of an element type; `on_mesh` says whether nodes may come from a mesh."""
+    table = own_table(kind)
+    if "nodes" not in table.keys:
+        return table
+    nodes = table.keys["nodes"]
+    words = "In place of `nodes`: a group of cells of the mesh (of nodes, for masses); without both, all cells"
+    return table | {"nodes": replace(nodes, required=not on_mesh), "group": Key(TEXT, words)}
 
 
 def read_structure(section: Section, files: InputFiles, changes: Section | None = None) -> Structure:
@@ -80,26 +97,22 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
         ``[record.structure]``: element sets, nodes and ties that one set-up has beside, what it is `without`, and what
         is `fixed` instead.
     """
-    plain = {"active": TEXTS, "fixed": TEXTS, "total_mass": POSITIVE}
-    own = ("nodes", "mesh", "support", "points", "matrices", "matrix_group")
-    given = section.values(plain, others=(*own, *ELEMENT_TYPES, "rigid_link", "constraint"))
+    given = section.values(structure_table())
     groups, held = read_groups(section, files)
     mesh = read_structure_mesh(section, files)
     nodes = _nodes(section, groups, mesh)
-    entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in section.sections(kind)]
-    elements: Elements = [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
+    elements = _elements(section, nodes, mesh)
     elements.extend(groups)
     if not elements:
         kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
-    ties = [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in section.sections(key)]
+    ties = _ties(section, nodes)
     if mesh is not None:
         require_all_assigned(section, mesh, [element for _, element in elements])
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
         nodes[point.label] = list(nodes[point.node])
         ties.append((entry, point))
-    fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(section, text, nodes)]
-    fixed += read_supports(section, mesh, nodes)
+    fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
     active = as_list(given["active"]) if "active" in given else None
     if "total_mass" in given:
         whole = _built(section, nodes, elements, ties, [*fixed, *held], active)
@@ -125,8 +138,7 @@ def _built(
 def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
     """What one set-up makes of the structure; its own nodes are added to `nodes`."""
     elements, ties, fixed = parts
-    tables = ("nodes", *ELEMENT_TYPES, "rigid_link", "constraint", "support")
-    given = changes.values({"fixed": TEXTS, "without": TEXTS}, others=tables)
+    given = changes.values(changes_table())
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
     absent = as_list(given.get("without", []))
     for name in absent:
@@ -145,12 +157,10 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
             nodes[label] = position
     elements = [pair for pair in elements if pair[1].name not in absent]
     ties = [pair for pair in ties if pair[1].name not in absent]
-    entries = [(entry, kind) for kind in ELEMENT_TYPES for entry in changes.sections(kind)]
-    elements += [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
-    ties += [_tie(entry, nodes) for key in ("rigid_link", "constraint") for entry in changes.sections(key)]
+    elements += _elements(changes, nodes, mesh)
+    ties += _ties(changes, nodes)
     if "fixed" in given or "support" in changes.table:
-        fixed = [dof for text in as_list(given.get("fixed", [])) for dof in _fixed(changes, text, nodes)]
-        fixed += read_supports(changes, mesh, nodes)
+        fixed = _fixed(changes, given.get("fixed", ()), nodes) + read_supports(changes, mesh, nodes)
     return elements, ties, fixed
 
 
@@ -177,15 +187,11 @@ def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]], mesh: Me
         raise section.error("the structure has no nodes; add [structure.nodes] with lines such as `1 = [0.0, 0.0]`")
     if not inner.table:
         raise inner.error("holds no node; add lines such as `1 = [0.0, 0.0]`")
-    for key in inner.table:
-        if not re.fullmatch(r"\d{1,9}", key):
-            raise inner.error("node labels must be whole numbers, as in `1 = [0.0, 0.0]`", key)
-    given = inner.values(dict.fromkeys(inner.table, POSITION))
-    nodes = {int(label): [float(x) for x in as_list(position)] for label, position in given.items()}
-    for key, position in given.items():
-        size, usual = len(as_list(position)), len(as_list(next(iter(given.values()))))
-        if size > 3 or size != usual:
-            raise inner.error(f"must have {min(usual, 3)} coordinates like the first node, got {size}", key)
+    nodes = {int(key): [float(x) for x in as_list(place)] for key, place in inner.values(_POSITIONS).items()}
+    usual = len(next(iter(nodes.values())))
+    for label, place in nodes.items():
+        if len(place) != usual:
+            raise inner.error(f"must have {usual} coordinates like the first node, got {len(place)}", str(label))
     return nodes
 
 
@@ -199,32 +205,28 @@ def _besides(inner: Section, own: Positions, mesh: Mesh) -> Positions:
     return own
 
 
-def _element(entry: Section, kind: str, nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
-    signature = inspect.signature(ELEMENT_TYPES[kind])
-    kinds: dict[str, Kind] = {key: _KINDS.get(key, NUMBERS) for key in signature.parameters}
-    if kind == "friction":
-        kinds.update(_ONE_END)
-    required = [key for key, item in signature.parameters.items() if item.default is inspect.Parameter.empty]
-    has_nodes, on_mesh = "nodes" in kinds, mesh is not None and "nodes" in kinds and "nodes" not in entry.table
-    if has_nodes:
-        kinds["group"] = TEXT
-    given = entry.values(kinds, [key for key in required if key != "nodes" or not on_mesh])
+def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements:
+    entries = [(entry, kind) for name, kind in ELEMENT_TYPES.items() for entry in section.sections(name)]
+    return [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
+
+
+def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
+    table = element_table(kind, mesh is not None)
+    given = entry.values(table)
+    on_mesh = mesh is not None and "nodes" in table.keys and "nodes" not in given
     group = given.pop("group", None)
     if group is not None and not on_mesh:
         raise entry.error("needs a mesh, and no `nodes`; add [structure.mesh], or take one of them out", "group")
-    for key in _DOF_KEYS:
-        for text in as_list(given.get(key, [])):
+    for key in given:
+        for text in as_list(given[key]) if table.keys[key].holds in (DOF, DOFS) else ():
             _known_dof(entry, key, text, nodes)
     for node in _flat(given.get("nodes", [])):
         _require_node(entry, "nodes", node, nodes)
-    if "directions" in given:
-        given["directions"] = tuple(as_list(given["directions"]))
     if on_mesh:
         assert mesh is not None
         given["nodes"] = group_table(entry, kind, group, mesh)
     with entry.located():
-        made: ElementSet = ELEMENT_TYPES[kind](**given)
-    return made
+        return kind(**given)
 
 
 def _flat(nodes: Any) -> list[int]:
@@ -245,29 +247,35 @@ def _known_dof(entry: Section, key: str, text: str, nodes: Positions) -> Dof:
     return dof
 
 
-def _fixed(section: Section, text: str, nodes: Positions) -> list[Dof]:
+def _fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
     """``1X`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
-    several = _SEVERAL.match(text)
-    if text.strip().isdigit():
-        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
-    elif several:
-        words = [several[1] + direction for direction in several[2].split()]
-    else:
-        words = [text]
-    return [_known_dof(section, "fixed", word, nodes) for word in words]
+    found = []
+    for text in as_list(texts):
+        several = _SEVERAL.match(text)
+        words = [several[1] + direction for direction in several[2].split()] if several else [text]
+        if text.strip().isdigit():
+            words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
+        found += [_known_dof(section, "fixed", word, nodes) for word in words]
+    return found
 
 
-def _tie(entry: Section, nodes: Positions) -> tuple[Section, Tie]:
-    if entry.path[-2] == "rigid_link":
-        given = entry.values({"name": TEXT, "main": INTEGER, "dependents": NODES}, ("name", "main", "dependents"))
-        for key in ("main", "dependents"):
-            for node in _flat(given[key]):
-                _require_node(entry, key, node, nodes)
-        with entry.located():
-            return entry, RigidLink(given["name"], given["main"], _flat(given["dependents"]))
-    keys = {"name": TEXT, "dependent": TEXT, "depends_on": WEIGHTED}
-    given = entry.values(keys, tuple(keys))
+def _ties(section: Section, nodes: Positions) -> Ties:
+    links = [(entry, _rigid_link(entry, nodes)) for entry in section.sections("rigid_link")]
+    return [*links, *((entry, _constraint(entry, nodes)) for entry in section.sections("constraint"))]
+
+
+def _rigid_link(entry: Section, nodes: Positions) -> Tie:
+    given = entry.values(_RIGID_LINK)
+    for key in ("main", "dependents"):
+        for node in _flat(given[key]):
+            _require_node(entry, key, node, nodes)
+    with entry.located():
+        return RigidLink(given["name"], given["main"], _flat(given["dependents"]))
+
+
+def _constraint(entry: Section, nodes: Positions) -> Tie:
+    given = entry.values(_CONSTRAINT)
     dependent = _known_dof(entry, "dependent", given["dependent"], nodes)
     pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in given["depends_on"]]
     with entry.located():
-        return entry, Constraint(given["name"], dependent, pairs)
+        return Constraint(given["name"], dependent, pairs)

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from structid.files import require_readable
 from structid.identification.identify import IdentifyOptions
 from structid.structure import Structure
-from structid.study.schema.input_files import InputFiles
 from structid.study.schema.method import read_method
 from structid.study.schema.record import RecordSource
-from structid.study.schema.regularization import read_regularization
-from structid.study.schema.section import TEXT, Section, StudyError, StudyText
+from structid.study.schema.root import read_root, title_of
+from structid.study.schema.section import Section
 from structid.study.schema.setups import SetupSource, read_setups
+from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
-
-KNOWN_SECTIONS = ("structure", "unknown", "record", "method", "regularization", "plan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,49 +88,11 @@ def load_study(path: str | Path) -> Study:
         If the file or one that it names is missing, a key is unknown, missing or of the wrong kind, or structure
         and unknowns contradict each other; the message gives file, line, section and key.
     """
-    source = read_study_text(path)
-    root = Section(source, (), source.table)
-    given = root.values({"title": TEXT}, others=KNOWN_SECTIONS)
-    structure = root.section("structure")
-    for name in ("structure", "record"):
-        if name not in root.table:
-            raise root.error(f"the section [{name}] is missing; add it")
-    files = InputFiles(source.path.parent)
-    files.path(source.path.name)
-    setups = read_setups(root, structure or root, files)
+    root, files = read_root(path)
+    if "record" not in root.table:
+        raise root.error("the section [record] is missing; add it")
+    setups = read_setups(root, files)
     options = read_method(root.section("method"))
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
     options = replace(options, regularization=terms)
-    return Study(given.get("title", source.path.stem), setups, options, root, files.digests)
-
-
-def read_study_text(path: str | Path) -> StudyText:
-    """The text of the study file at `path`, parsed.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, it is not UTF-8 text, or not TOML.
-    """
-    path = require_readable(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = path.read_bytes()[: error.start].count(b"\n") + 1
-        raise StudyError(f"{path}, line {line}: the file is not UTF-8 text; save it as UTF-8") from error
-    source = StudyText(path, text)
-    try:
-        _ = source.table
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", str(error))
-        line = int(place[1]) if place and place[1] else text.rstrip().count("\n") + 1
-        column = f", column {place[2]}" if place and place[2] else ""
-        what = re.sub(r" \(at .*\)$", "", str(error))
-        raise StudyError(f"{path}, line {line}{column}: not TOML: {what}; {_syntax_remedy(text, line)}") from error
-    return source
-
-
-def _syntax_remedy(text: str, line: int) -> str:
-    lines = text.splitlines()
-    shown = lines[line - 1].strip() if line <= len(lines) else ""
-    return f"correct {shown!r}; texts stand in quotes, lists in brackets, each key once in its table"
+    return Study(title_of(root), setups, options, root, files.digests)

@@ -11,15 +11,13 @@ from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.identification.time_fit import TimeFit
 from structid.records import TimeRecord
-from structid.study.schema.section import BOOLEAN, NUMBERS, Section, as_list, choice
+from structid.study.schema.kinds import NUMBERS, as_list
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, table_of
 
-_KINDS = {
-    "fit": choice("spectra", "output_error", "instrumental", "weak"),
-    "noise": NUMBERS,
-    "relative_noise": NUMBERS,
-    "transient": BOOLEAN,
-    "initial": choice("rest", "unknown"),
-    "hold": choice("first", "zero"),
+TIME = table_of(TimeFit, ("record",)) | {
+    "noise": Key(NUMBERS, "Standard deviation of each channel of the file, or of all, in SI units"),
+    "relative_noise": Key(NUMBERS, "The same in parts of the channel's rms; both are added in quadrature"),
 }
 _OF_SPECTRA, _OF_TIME = ("transient",), ("initial", "hold")
 
@@ -80,15 +78,10 @@ def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray
 
 def read_time(section: Section) -> TimeSource:
     """The settings in ``[record.time]``."""
-    given = section.values(_KINDS)
+    given = section.values(TIME)
     way = given.get("fit", "spectra")
     for key in _OF_TIME if way == "spectra" else _OF_SPECTRA:
         if key in given:
             raise section.error(f"fit = {way!r} does not use it; leave it out", key)
-    noise, relative = (
-        tuple(float(value) for value in as_list(given.get(key, []))) for key in ("noise", "relative_noise")
-    )
-    settings = TimeFit(
-        None, way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first")
-    )
-    return TimeSource(section, noise, relative, settings)
+    noise, relative = (tuple(map(float, as_list(given.pop(key, [])))) for key in ("noise", "relative_noise"))
+    return TimeSource(section, noise, relative, TimeFit(None, **given))

@@ -1,42 +1,49 @@
-"""The ``[[unknown]]`` tables of a study file as `Parameters`."""
+"""The ``[[unknown]]`` and ``[[regularization]]`` tables of a study file: parameters, and what holds them."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
+from structid.declared import Positive
 from structid.errors import InputError
+from structid.observation import ChannelUnknown
 from structid.structure import Structure
-from structid.study.schema.section import (
-    BOOLEAN,
-    COUNTS,
-    INTEGER,
-    NUMBER,
-    POSITIVE,
-    RANGE,
-    TEXT,
-    TEXTS,
-    Section,
-    as_list,
-    choice,
-)
-from structid.unknowns import Field, Parameters, Prior, Unknown
+from structid.study.schema.kinds import as_list, choice
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, table_of
+from structid.unknowns import Field, Parameters, Prior, Regularization, Smoothness, Sparsity, Unknown, penalty
 from structid.unknowns.parameters import parameters
+from structid.unknowns.priors import PriorKind
 
-_KINDS = {
-    "property": TEXT,
-    "elements": TEXTS,
-    "each": BOOLEAN,
-    "start": NUMBER,
-    "factor": BOOLEAN,
-    "name": TEXT,
-    "bounds": RANGE,
-    "positive": BOOLEAN,
-    "fixed": BOOLEAN,
-    "tied_to": TEXT,
-    "ratio": NUMBER,
-}
+
+@dataclass(frozen=True)
+class PriorEntry:
+    """A prior as a study states it.
+
+    Parameters
+    ----------
+    mean : float
+        In the parameter's unit.
+    std : float, optional
+        Standard deviation in the parameter's unit.
+    relative_std : float, optional
+        The same as a part of the mean.
+    kind : {"normal", "lognormal"}
+        Log-normal for what is positive and known to a factor.
+    """
+
+    mean: float
+    std: Positive | None = None
+    relative_std: Positive | None = None
+    kind: PriorKind = "normal"
+
+
+PRIOR = table_of(PriorEntry)
+UNKNOWN = table_of(Unknown, prior=PRIOR)
+CHANNEL_ERROR = table_of(ChannelUnknown, prior=PRIOR)
+_TERMS: dict[str, type[Smoothness] | type[Sparsity]] = {"smoothness": Smoothness, "sparsity": Sparsity}
+REGULARIZATION = table_of(Smoothness) | {"kind": Key(choice(*_TERMS), "Which of them", required=True)}
 
 
 def read_parameters(root: Section, structure: Structure, known: Collection[str] = ()) -> Parameters:
@@ -65,31 +72,36 @@ def read_parameters(root: Section, structure: Structure, known: Collection[str] 
 
 
 def _unknown(entry: Section) -> Unknown:
-    given: dict[str, Any] = entry.values(_KINDS, ("property", "elements"), ("prior", "field"))
+    given = entry.values(UNKNOWN)
     field = entry.section("field")
     if field is not None:
-        kinds = {"intervals": COUNTS, "degree": INTEGER}
-        grid = field.values(kinds, ("intervals",))
-        with field.located():
-            given["field"] = Field(tuple(as_list(grid.pop("intervals"))), **grid)
-    prior = entry.section("prior")
-    if prior is not None:
-        given["prior"] = read_prior(prior)
-    if "bounds" in given:
-        given["bounds"] = (given["bounds"][0], given["bounds"][1])
-    return Unknown(**given)
+        given["field"] = field.read(Field)
+    return Unknown(**given, prior=read_prior(entry))
 
 
-def read_prior(entry: Section) -> Prior:
-    """The prior that a ``prior`` table states."""
-    kinds = {"mean": NUMBER, "std": POSITIVE, "relative_std": POSITIVE, "kind": choice("normal", "lognormal")}
-    stated: dict[str, Any] = entry.values(kinds, ("mean",))
-    relative = stated.pop("relative_std", None)
-    if (relative is None) == ("std" not in stated):
-        raise entry.error("must have either `std` or `relative_std`; add one of them")
-    if relative is not None:
-        stated["std"] = relative * abs(stated["mean"])
-    return Prior(**stated)
+def read_prior(entry: Section) -> Prior | None:
+    """The prior that the ``prior`` of an unknown states; None where there is none."""
+    section = entry.section("prior")
+    if section is None:
+        return None
+    stated = section.read(PriorEntry)
+    if stated.std is not None and stated.relative_std is None:
+        return Prior(stated.mean, stated.std, stated.kind)
+    if stated.relative_std is not None and stated.std is None:
+        return Prior(stated.mean, stated.relative_std * abs(stated.mean), stated.kind)
+    raise section.error("must have either `std` or `relative_std`; add one of them")
+
+
+def read_regularization(root: Section, structure: Structure, unknown: Parameters) -> tuple[Regularization, ...]:
+    """The terms that the ``[[regularization]]`` tables hold the parameters by; () where there is none."""
+    found = []
+    for entry in root.sections("regularization"):
+        given = entry.values(REGULARIZATION)
+        term = _TERMS[given.pop("kind")](**given)
+        with entry.located("strength" if "strength" in entry.table else None):
+            penalty(structure, unknown, term)
+        found.append(term)
+    return tuple(found)
 
 
 def _present(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:

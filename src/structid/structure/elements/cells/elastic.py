@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.structure.elements.cells.isoparametric import CellShape, cell_shape, gradients
+from structid.structure.elements.cells.isoparametric import CELLS, CellShape, gradients
 
 #: Cells that take incompatible bending modes.
 BENDING_CELLS = ("quad", "hexahedron")
@@ -53,7 +53,7 @@ def elastic_stiffness(
     positions : (n_cells, n_nodes, n_dimensions) float array
         m.
     cell : str
-        Cell type, see `cell_shape`.
+        Cell type, one of `CELLS`.
     law : (n_strains, n_strains) float array
         Stress from strain.
     formulation : {"incompatible", "full", "mean_dilatation"}
@@ -61,7 +61,7 @@ def elastic_stiffness(
         Wilson 1976); ``full``: plain interpolation; ``mean_dilatation``: the volume change of a cell is its mean
         (Hughes 1980), for nearly incompressible material. Other cells are plain but for ``mean_dilatation``.
     """
-    shape = cell_shape(cell)
+    shape = CELLS[cell]
     slopes, determinant = gradients(name, nodes, positions, shape, shape.points)
     measure = shape.weights[:, None] * determinant
     rows = strain_rows(slopes)
@@ -110,7 +110,7 @@ def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> Floa
 
 def unit_mass(name: str, nodes: IntArray, positions: FloatArray, cell: str) -> FloatArray:
     """Consistent mass for unit density, (n_cells, n_local, n_local)."""
-    shape = cell_shape(cell)
+    shape = CELLS[cell]
     d = positions.shape[2]
     _, determinant = gradients(name, nodes, positions, shape, shape.mass_points)
     values = shape.values(shape.mass_points)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError
+from structid.structure.elements.cells.isoparametric import require_none
 
 _FLAT = 1e-12
 #: Distance of corners from the plane of a quadrilateral over the square root of its area.
@@ -77,7 +77,7 @@ def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
     normal = np.cross(first, second)
     twice = np.linalg.norm(normal, axis=1)
     size = np.ptp(positions, axis=1).max(axis=1)
-    _raise_first(twice <= _FLAT * size**2, name, nodes, "has no area", "remove it, or repair the mesh")
+    require_none(twice <= _FLAT * size**2, name, nodes, "has no area", "remove it, or repair the mesh")
     normal = normal / twice[:, None]
     x = along / np.linalg.norm(along, axis=1)[:, None]
     axes = np.stack([x, np.cross(normal, x), normal], axis=1)
@@ -85,13 +85,5 @@ def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
     height = inside[:, :, 2].copy()
     height[np.abs(height) <= 1e-10 * size[:, None]] = 0.0
     warped = np.abs(height).max(axis=1) > _MOST_WARPED * np.sqrt(twice / 2)
-    _raise_first(warped, name, nodes, "is too far from flat", "divide it into two triangles, or refine the mesh")
+    require_none(warped, name, nodes, "is too far from flat", "divide it into two triangles, or refine the mesh")
     return Facets(inside[:, :, :2], axes, height)
-
-
-def _raise_first(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
-    if bad.any():
-        e = int(np.argmax(bad))
-        more = f", as {'is' if bad.sum() == 2 else 'are'} {bad.sum() - 1} more" if bad.sum() > 1 else ""
-        labels = ", ".join(map(str, nodes[e]))
-        raise InputError(f"element {e + 1} of {name!r} {words}{more}: nodes {labels}; {remedy}")

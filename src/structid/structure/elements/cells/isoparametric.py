@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +80,7 @@ def _monomial_slopes(at: FloatArray, exponents: IntArray, axis: int) -> FloatArr
     return exponents[:, axis] * _monomials(at, lowered)
 
 
-def _box(*orders: int) -> tuple[FloatArray, FloatArray]:
+def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
     """Gauss points and weights of a square or cube, `orders` points along each axis."""
     rules = [np.polynomial.legendre.leggauss(n) for n in orders]
     points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
@@ -88,29 +88,29 @@ def _box(*orders: int) -> tuple[FloatArray, FloatArray]:
     return points, weights
 
 
-def _triangle(order: int) -> tuple[FloatArray, FloatArray]:
+def triangle_rule(order: int) -> tuple[FloatArray, FloatArray]:
     """Quadrature of the reference triangle by collapsed Gauss points, exact to degree 2 `order` - 2."""
-    (points, weights) = _box(order, order)
+    (points, weights) = box_rule(order, order)
     s, t = (points.T + 1) / 2
     return np.stack([s * (1 - t), t], axis=1), weights / 4 * (1 - t)
 
 
 def _tetrahedron(order: int) -> tuple[FloatArray, FloatArray]:
     """Quadrature of the reference tetrahedron, exact to degree 2 `order` - 3."""
-    points, weights = _box(order, order, order)
+    points, weights = box_rule(order, order, order)
     r, s, t = (points.T + 1) / 2
     return np.stack([r * (1 - s) * (1 - t), s * (1 - t), t], axis=1), weights / 8 * (1 - s) * (1 - t) ** 2
 
 
 def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
     """Quadrature of the reference pyramid: a square that shrinks towards the tip."""
-    points, weights = _box(order, order, 3)
+    points, weights = box_rule(order, order, 3)
     s, t, height = points[:, 0], points[:, 1], (points[:, 2] + 1) / 2
     return np.stack([s * height, t * height, -height], axis=1), weights / 2 * height**2
 
 
 def _wedge(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
-    flat, weights = _triangle(order)
+    flat, weights = triangle_rule(order)
     along, others = np.polynomial.legendre.leggauss(along_axis)
     points = np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in along])
     return points, np.concatenate([weights * w for w in others])
@@ -132,66 +132,46 @@ def _serendipity(dimension: int) -> list[tuple[int, ...]]:
     return [e for e in every if sum(p for p in e if p > 1) <= 2]
 
 
-def _shape(
-    name: str,
-    corners: Sequence[tuple[float, ...]],
-    exponents: Sequence[tuple[int, ...]],
-    stiffness: tuple[FloatArray, FloatArray],
-    mass: tuple[FloatArray, FloatArray],
-) -> CellShape:
-    return CellShape(
-        name,
-        locked(corners, np.float64),
-        locked(exponents, np.int64),
-        *(locked(a, np.float64) for a in (*stiffness, *mass)),
-    )
-
-
-@cache
-def cell_shape(name: str) -> CellShape:
-    """The `CellShape` of a cell type; see `CELLS`."""
+def _made() -> dict[str, CellShape]:
+    """Every cell type: nodes, exponents, and the quadrature of stiffness and mass."""
     bilinear, trilinear = list(np.ndindex(2, 2)), list(np.ndindex(2, 2, 2))
     prism = [(*a, b) for a in _up_to(1, 2) for b in (0, 1)]
     prism15 = [*((*a, b) for a in _up_to(2, 2) for b in (0, 1)), *((*a, 2) for a in _up_to(1, 2))]
-    square9 = [*_middles(_SQUARE, _SQUARE_SIDES), (0, 0)]
-    cube27 = [*_middles(_CUBE, _CUBE_EDGES), *_CUBE_FACES, (0, 0, 0)]
-    rational = [*_up_to(1, 3), (1, 1, -1)]
-    made = {
-        "triangle": lambda: _shape(name, _TRIANGLE, _up_to(1, 2), _triangle(1), _triangle(2)),
-        "triangle6": lambda: _shape(
-            name, _middles(_TRIANGLE, _TRIANGLE_SIDES), _up_to(2, 2), _triangle(2), _triangle(3)
-        ),
-        "quad": lambda: _shape(name, _SQUARE, bilinear, _box(2, 2), _box(2, 2)),
-        "quad8": lambda: _shape(name, _middles(_SQUARE, _SQUARE_SIDES), _serendipity(2), _box(3, 3), _box(3, 3)),
-        "tetra": lambda: _shape(name, _TETRAHEDRON, _up_to(1, 3), _tetrahedron(2), _tetrahedron(3)),
-        "tetra10": lambda: _shape(
-            name, _middles(_TETRAHEDRON, _TETRAHEDRON_EDGES), _up_to(2, 3), _tetrahedron(3), _tetrahedron(4)
-        ),
-        "wedge": lambda: _shape(name, _WEDGE, prism, _wedge(2), _wedge(3)),
-        "hexahedron": lambda: _shape(name, _CUBE, trilinear, _box(2, 2, 2), _box(2, 2, 2)),
-        "hexahedron20": lambda: _shape(
-            name, _middles(_CUBE, _CUBE_EDGES), _serendipity(3), _box(3, 3, 3), _box(3, 3, 3)
-        ),
-        "quad9": lambda: _shape(name, square9, list(np.ndindex(3, 3)), _box(3, 3), _box(3, 3)),
-        "wedge15": lambda: _shape(name, _middles(_WEDGE, _WEDGE_EDGES), prism15, _wedge(3, 3), _wedge(4, 3)),
-        "pyramid": lambda: _shape(name, _PYRAMID, rational, _pyramid(2), _pyramid(3)),
-        "hexahedron27": lambda: _shape(name, cube27, list(np.ndindex(3, 3, 3)), _box(3, 3, 3), _box(3, 3, 3)),
+    triangle6, square8 = _middles(_TRIANGLE, _TRIANGLE_SIDES), _middles(_SQUARE, _SQUARE_SIDES)
+    tetra10, cube20 = _middles(_TETRAHEDRON, _TETRAHEDRON_EDGES), _middles(_CUBE, _CUBE_EDGES)
+    cube27, wedge15 = [*cube20, *_CUBE_FACES, (0, 0, 0)], _middles(_WEDGE, _WEDGE_EDGES)
+    table: dict[str, tuple[Any, Any, tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]] = {
+        "triangle": (_TRIANGLE, _up_to(1, 2), triangle_rule(1), triangle_rule(2)),
+        "triangle6": (triangle6, _up_to(2, 2), triangle_rule(2), triangle_rule(3)),
+        "quad": (_SQUARE, bilinear, box_rule(2, 2), box_rule(2, 2)),
+        "quad8": (square8, _serendipity(2), box_rule(3, 3), box_rule(3, 3)),
+        "quad9": ([*square8, (0, 0)], list(np.ndindex(3, 3)), box_rule(3, 3), box_rule(3, 3)),
+        "tetra": (_TETRAHEDRON, _up_to(1, 3), _tetrahedron(2), _tetrahedron(3)),
+        "tetra10": (tetra10, _up_to(2, 3), _tetrahedron(3), _tetrahedron(4)),
+        "pyramid": (_PYRAMID, [*_up_to(1, 3), (1, 1, -1)], _pyramid(2), _pyramid(3)),
+        "wedge": (_WEDGE, prism, _wedge(2), _wedge(3)),
+        "wedge15": (wedge15, prism15, _wedge(3, 3), _wedge(4, 3)),
+        "hexahedron": (_CUBE, trilinear, box_rule(2, 2, 2), box_rule(2, 2, 2)),
+        "hexahedron20": (cube20, _serendipity(3), box_rule(3, 3, 3), box_rule(3, 3, 3)),
+        "hexahedron27": (cube27, list(np.ndindex(3, 3, 3)), box_rule(3, 3, 3), box_rule(3, 3, 3)),
     }
-    return made[name]()
+    return {
+        name: CellShape(
+            name,
+            locked(corners, np.float64),
+            locked(exponents, np.int64),
+            *(locked(part, np.float64) for part in (*stiffness, *mass)),
+        )
+        for name, (corners, exponents, stiffness, mass) in table.items()
+    }
 
 
+#: Every cell type by its name.
+CELLS = _made()
 #: Cell types by number of nodes, of plane and of solid elements.
-PLANE_CELLS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
-SOLID_CELLS = {
-    4: "tetra",
-    5: "pyramid",
-    6: "wedge",
-    8: "hexahedron",
-    10: "tetra10",
-    15: "wedge15",
-    20: "hexahedron20",
-    27: "hexahedron27",
-}
+PLANE_CELLS, SOLID_CELLS = (
+    {shape.n_nodes: name for name, shape in CELLS.items() if shape.corners.shape[1] == d} for d in (2, 3)
+)
 
 
 def gradients(
@@ -234,18 +214,17 @@ def require_regular(name: str, nodes: IntArray, positions: FloatArray, determina
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"
     mean = determinant.mean(axis=0)
-    problems = (
-        (np.abs(determinant).max(axis=0) <= _FLAT * size, f"has no {word}", "remove it, or repair the mesh"),
-        (mean < 0, "is turned inside out", "reverse the order of its nodes in each face, or export the mesh anew"),
-        (determinant.min(axis=0) <= _FLAT * mean, "is folded", "move its nodes so that no corner reaches 180 degrees"),
-    )
-    for bad, words, remedy in problems:
-        if bad.any():
-            e = int(np.argmax(bad))
-            more = f", as {_others(int(bad.sum()) - 1)}" if bad.sum() > 1 else ""
-            labels = ", ".join(map(str, nodes[e]))
-            raise InputError(f"element {e + 1} of {name!r} {words}{more}: nodes {labels}; {remedy}")
+    flat, folded = np.abs(determinant).max(axis=0) <= _FLAT * size, determinant.min(axis=0) <= _FLAT * mean
+    require_none(flat, name, nodes, f"has no {word}", "remove it, or repair the mesh")
+    turned = "reverse the order of its nodes in each face, or export the mesh anew"
+    require_none(mean < 0, name, nodes, "is turned inside out", turned)
+    require_none(folded, name, nodes, "is folded", "move its nodes so that no corner reaches 180 degrees")
 
 
-def _others(count: int) -> str:
-    return "is 1 other" if count == 1 else f"are {count} others"
+def require_none(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
+    """Raise `InputError` at the first cell that is bad, with the number of the others."""
+    if bad.any():
+        e, others = int(np.argmax(bad)), int(bad.sum()) - 1
+        more = "" if not others else ", as is 1 other" if others == 1 else f", as are {others} others"
+        labels = ", ".join(map(str, nodes[e]))
+        raise InputError(f"element {e + 1} of {name!r} {words}{more}: nodes {labels}; {remedy}")

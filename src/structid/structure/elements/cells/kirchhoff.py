@@ -11,8 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.structure.elements.cells.isoparametric import cell_shape, gradients
+from structid.structure.elements.cells.isoparametric import CELLS, box_rule, gradients, triangle_rule
 
+#: Cell types by number of nodes.
+PLATE_CELLS = {3: "triangle", 4: "quad"}
 #: Cell that interpolates the rotations of a cell.
 _ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
 
@@ -31,10 +33,10 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
     law : (3, 3) float array
         Plane stress from strain for unit modulus; moments are law / 12 times curvatures.
     """
-    shape = cell_shape(cell)
+    shape = CELLS[cell]
     gradients(name, nodes, corners, shape, shape.corners)  # so that a folded cell is told
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
-    rotations = cell_shape(_ROTATIONS[cell])
+    rotations = CELLS[_ROTATIONS[cell]]
     points, weights = (shape.points, shape.weights) if cell == "quad" else (rotations.points, rotations.weights)
     slopes, determinant = gradients(name, nodes, np.concatenate([corners, middles], axis=1), rotations, points)
     tangent = _rotation_map(corners)
@@ -83,10 +85,9 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
     Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
     Melosh (1963) on the reference square. Both hold every rigid motion exactly.
     """
-    shape = cell_shape(cell)
+    shape = CELLS[cell]
     corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)
-    order = 4
-    points, weights = _rule(cell, order)
+    points, weights = triangle_rule(4) if cell == "triangle" else box_rule(4, 4)
     _, determinant = gradients(name, nodes, corners, shape, points)
     functions = _triangle_functions(points) if cell == "triangle" else _square_functions(points)
     # nodal (w, dw/dxi, dw/deta) from (w, theta_x, theta_y): dw/dx = -theta_y, dw/dy = theta_x
@@ -98,20 +99,10 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
     return np.swapaxes(values, 1, 2) @ (values * (weights[:, None] * determinant).T[:, :, None])
 
 
-def _rule(cell: str, order: int) -> tuple[FloatArray, FloatArray]:
-    points, weights = np.polynomial.legendre.leggauss(order)
-    grid = np.stack(np.meshgrid(points, points, indexing="ij"), axis=-1).reshape(-1, 2)
-    products = np.outer(weights, weights).ravel()
-    if cell == "quad":
-        return grid, products
-    s, t = (grid.T + 1) / 2
-    return np.stack([s * (1 - t), t], axis=1), products / 4 * (1 - t)
-
-
 def _square_functions(at: FloatArray) -> FloatArray:
     """Values at `at` of the functions of (w, dw/dxi, dw/deta) at each corner of the square, (n_points, 4, 3)."""
     found = np.empty((len(at), 4, 3))
-    for k, (a, b) in enumerate(cell_shape("quad").corners):
+    for k, (a, b) in enumerate(CELLS["quad"].corners):
         x, y = at[:, 0] * a, at[:, 1] * b
         both = (1 + x) * (1 + y) / 8
         found[:, k, 0] = both * (2 + x + y - x**2 - y**2)
@@ -123,7 +114,7 @@ def _square_functions(at: FloatArray) -> FloatArray:
 def _triangle_functions(at: FloatArray) -> FloatArray:
     """The same of the reference triangle, (n_points, 3, 3)."""
     area = np.column_stack([1 - at.sum(axis=1), at])
-    corners = cell_shape("triangle").corners
+    corners = CELLS["triangle"].corners
     bubble = area.prod(axis=1)
     found = np.empty((len(at), 3, 3))
     for k in range(3):

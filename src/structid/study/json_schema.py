@@ -1,0 +1,74 @@
+"""The JSON Schema of study files, which editors check and complete them by."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+from structid.study.schema import kinds
+from structid.study.schema.matrices import MATRICES
+from structid.study.schema.method import method_table
+from structid.study.schema.plan import PLAN
+from structid.study.schema.record import record_table
+from structid.study.schema.root import SECTIONS
+from structid.study.schema.structure import changes_table, structure_table
+from structid.study.schema.tables import Table
+from structid.study.schema.unknowns import PRIOR, REGULARIZATION, UNKNOWN
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_NAMED: dict[str, kinds.Kind | Table] = {
+    "text": kinds.TEXT,
+    "texts": kinds.TEXTS,
+    "numbers": kinds.NUMBERS,
+    "property": kinds.PROPERTY,
+    "position": kinds.POSITION,
+    "nodes": kinds.NODES,
+    "range": kinds.RANGE,
+    "prior": PRIOR,
+    "matrices": MATRICES,
+}
+
+
+def study_table() -> Table:
+    """All keys of a study file, those of its sections too."""
+    inner = {
+        "structure": structure_table(),
+        "unknown": UNKNOWN,
+        "record": record_table(changes_table()),
+        "method": method_table(),
+        "regularization": REGULARIZATION,
+        "plan": PLAN,
+    }
+    return SECTIONS | {name: replace(SECTIONS.keys[name], holds=table) for name, table in inner.items()}
+
+
+def study_schema() -> dict[str, Any]:
+    """The schema of study files, draft 2020-12, as plain values."""
+    elements = {name: key.holds for name, key in changes_table().keys.items() if key.listed}
+    names = {_text(held.schema): name for name, held in (_NAMED | elements).items()}
+    parts: dict[str, Any] = {}
+    whole = _with_references(study_table().schema, names, parts)
+    parts["record"], one = whole["properties"]["record"], {"$ref": "#/$defs/record"}
+    whole["properties"]["record"] = {"anyOf": [one, {"type": "array", "items": one}]}
+    return {"$schema": _DIALECT, "title": "structid study", **whole, "$defs": dict(sorted(parts.items()))}
+
+
+def _text(schema: Any) -> str:
+    return json.dumps(schema, sort_keys=True)
+
+
+def _with_references(schema: Any, names: dict[str, str], parts: dict[str, Any]) -> Any:
+    """`schema` with a reference in place of each part that has a name; those are added to `parts`."""
+    if isinstance(schema, list):
+        return [_with_references(one, names, parts) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    about = {key: schema[key] for key in ("description", "default") if key in schema}
+    bare = {key: value for key, value in schema.items() if key not in about or isinstance(value, dict)}
+    name = names.get(_text(bare))
+    made = {key: _with_references(value, names, parts) for key, value in bare.items()}
+    if name is None:
+        return {**made, **about}
+    parts[name] = made
+    return {"$ref": f"#/$defs/{name}", **about}

@@ -1,0 +1,235 @@
+"""What a key of a study file may hold: in words, as JSON Schema, and what is made of it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from structid.declared import Limits, alternatives
+from structid.dof import Dof
+from structid.structure.elements.connector import Ends, OtherEnds
+from structid.structure.elements.element import Nodes, Values, Vector
+from structid.structure.elements.friction import End, OtherEnd
+from structid.structure.elements.inertia import Translations
+
+_LARGEST = 1e100  # its square is still finite
+_TYPES: Mapping[str, Any] = {
+    "string": str, "integer": int, "number": (int, float), "boolean": bool, "array": list, "object": dict,
+}  # fmt: skip
+Schema = Mapping[str, Any]
+
+
+def fits(value: Any, schema: Schema) -> bool:
+    """Whether a value of a TOML file is what `schema` asks, by the keywords of JSON Schema that kinds use.
+
+    Numbers must be finite too, which JSON knows no other than.
+    """
+    if "anyOf" in schema:
+        return any(fits(value, one) for one in schema["anyOf"])
+    kind = schema["type"]
+    if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "boolean"):
+        return False
+    if kind == "string":
+        return value in schema.get("enum", (value,)) and re.search(schema.get("pattern", ""), value) is not None
+    if kind == "array":
+        few, many = schema.get("minItems", 0), schema.get("maxItems", len(value))
+        return few <= len(value) <= many and all(fits(entry, schema["items"]) for entry in value)
+    if kind in ("integer", "number"):
+        low, high = schema.get("minimum", -_LARGEST), schema.get("maximum", _LARGEST)
+        above, below = schema.get("exclusiveMinimum", -math.inf), schema.get("exclusiveMaximum", math.inf)
+        return low <= value <= high and above < value < below
+    return True
+
+
+#: What JSON Schema calls the limits, in the order of the fields of `Limits`.
+_LIMITS = ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _any(value: Any) -> bool:
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """What a key may hold.
+
+    Parameters
+    ----------
+    words : str
+        As errors say it after "must be".
+    schema : mapping
+        As JSON Schema says it; `fits` tells by it.
+    rule : callable
+        What it cannot say, such as that two numbers increase.
+    made : callable
+        What is made of the value.
+    """
+
+    words: str
+    schema: Schema
+    rule: Callable[[Any], bool] = _any
+    made: Callable[[Any], Any] = _same
+
+    def accepts(self, value: Any) -> bool:
+        """Whether the key may hold `value`."""
+        return fits(value, self.schema) and self.rule(value)
+
+
+def list_of(schema: Schema, size: int | None = None) -> dict[str, Any]:
+    limits = {"minItems": 1} if size is None else {"minItems": size, "maxItems": size}
+    return {"type": "array", "items": schema, **limits}
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
+
+
+def choice(*names: str) -> Kind:
+    """A text that is one of `names`."""
+    return Kind("one of " + ", ".join(f'"{name}"' for name in names), {"type": "string", "enum": list(names)})
+
+
+def limited(kind: Kind, limits: Limits) -> Kind:
+    """A number within `limits`."""
+    words = ("of " if limits.words.startswith("at least") else "") + limits.words
+    given = (limits.least, limits.above, limits.most, limits.below)
+    schema = {key: value for key, value in zip(_LIMITS, given, strict=True) if value is not None}
+    return replace(kind, words=f"{kind.words.partition(',')[0]} {words}", schema={**kind.schema, **schema})
+
+
+def several(kind: Kind) -> Kind:
+    """One of a kind or a list of them, which becomes a tuple."""
+    plural = {NUMBER.words: "a number or a list of numbers", TEXT.words: "a text or a list of texts"}
+    words = plural.get(kind.words, f"{kind.words}, or a list of these")
+    return Kind(words, {"anyOf": [kind.schema, list_of(kind.schema)]}, made=_tuple)
+
+
+def either(*kinds: Kind) -> Kind:
+    """Any of several kinds."""
+
+    def made(value: Any) -> Any:
+        return next(kind for kind in kinds if kind.accepts(value)).made(value)
+
+    words, schema = " or ".join(kind.words for kind in kinds), {"anyOf": [kind.schema for kind in kinds]}
+    return Kind(words, schema, lambda value: any(kind.accepts(value) for kind in kinds), made)
+
+
+def _increase(pair: Any) -> bool:
+    return bool(pair[0] < pair[1])
+
+
+def _increase_all(pairs: Any) -> bool:
+    return all(map(_increase, pairs))
+
+
+def _floats(pair: Any) -> tuple[float, ...]:
+    return tuple(map(float, pair))
+
+
+_LABEL: Schema = {"type": "integer", "minimum": 0, "maximum": 2**31 - 1}
+_NUMBER: Schema = {"type": "number"}
+_TEXT: Schema = {"type": "string", "pattern": r"\S"}
+_PAIR = list_of(_NUMBER, 2)
+
+NUMBER = Kind("a number, as in 0.4", _NUMBER)
+WHOLE = Kind("a whole number", {"type": "integer", "maximum": 2**31 - 1})
+INTEGER = limited(WHOLE, Limits(least=0))
+COUNT = limited(WHOLE, Limits(least=1))
+BOOLEAN = Kind("true or false", {"type": "boolean"})
+TEXT = Kind("a text in quotes", _TEXT)
+TEXTS = several(TEXT)
+NUMBERS = several(NUMBER)
+PROPERTY = several(limited(NUMBER, Limits(least=0)))
+#: Degrees of freedom, of nodes that must exist.
+DOF, DOFS = replace(TEXT), replace(TEXTS)
+POSITION = Kind(
+    "one to three coordinates in m, as in [0.0, 1.5]",
+    {"anyOf": [_NUMBER, {**list_of(_NUMBER), "maxItems": 3}]},
+    made=_tuple,
+)
+VECTOR = Kind("three numbers that are not all 0, as in [0, 1, 0]", list_of(_NUMBER, 3), any)
+NODES = Kind(
+    "node numbers, as in [[1, 2], [2, 3]]",
+    {"anyOf": [_LABEL, list_of(_LABEL), list_of(list_of(_LABEL))]},
+    lambda value: len({len(row) for row in as_list(value) if isinstance(row, list)}) < 2,
+)
+RANGE = Kind("two increasing numbers, as in [4.5, 85.0]", _PAIR, _increase, _floats)
+RANGES = Kind(
+    "a list of pairs of increasing numbers, as in [[49.5, 50.5]]",
+    list_of(_PAIR),
+    _increase_all,
+    lambda value: tuple(map(_floats, value)),
+)
+
+WEIGHTED = Kind(
+    'a list of degrees of freedom with coefficients, as in [["1X", 1.0]]',
+    list_of(list_of({"anyOf": [_TEXT, _NUMBER]}, 2)),
+    lambda value: all(TEXT.accepts(dof) and NUMBER.accepts(factor) for dof, factor in value),
+)
+
+_PLAIN: dict[Any, Kind] = {
+    float: NUMBER,
+    int: INTEGER,
+    bool: BOOLEAN,
+    str: TEXT,
+    Dof: DOF,
+    Values: PROPERTY,
+    Nodes: NODES,
+    Vector: VECTOR,
+    End: DOF,
+    OtherEnd: DOF,
+    Ends: DOFS,
+    OtherEnds: DOFS,
+    Translations: TEXTS,
+    tuple[float, float]: RANGE,
+    Sequence[tuple[float, float]]: RANGES,
+}
+
+
+def kind_of(annotation: Any) -> Kind:
+    """What a key may hold that goes to a field or argument of this annotation.
+
+    Raises
+    ------
+    TypeError
+        If no TOML value could.
+    """
+    if annotation in _PLAIN:
+        return _PLAIN[annotation]
+    parts, origin = alternatives(annotation), get_origin(annotation)
+    if len(parts) > 1:
+        lists = [part for part in parts if _is_list(part)]
+        kinds = tuple(map(kind_of, lists or parts))
+        return kinds[0] if len({kind.words for kind in kinds}) == 1 else either(*kinds)
+    if parts != (annotation,):
+        return kind_of(parts[0])
+    if origin is Literal:
+        return choice(*get_args(annotation))
+    if origin is Annotated:
+        inner, *marks = get_args(annotation)
+        for mark in marks:
+            if isinstance(mark, Kind):
+                return mark
+            if isinstance(mark, Limits):
+                return limited(WHOLE if inner is int else NUMBER, mark)
+        return kind_of(inner)
+    if _is_list(annotation):
+        return several(kind_of(get_args(annotation)[0]))
+    raise TypeError(f"no value of a study file could be {annotation}")
+
+
+def _is_list(annotation: Any) -> bool:
+    origin = get_origin(annotation)
+    return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
+
+
+def as_list(value: Any) -> list[Any]:
+    """A single entry as a list of one."""
+    return list(value) if isinstance(value, list | tuple) else [value]

@@ -1,0 +1,108 @@
+"""The study file as a whole: its text, its sections by name, and the files that it reads."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from structid.files import digest, require_readable
+from structid.study.schema.kinds import TEXT
+from structid.study.schema.section import Section, StudyError, StudyText
+from structid.study.schema.tables import Key, Table
+
+#: Its keys; those of the sections stand where each is read.
+SECTIONS = Table(
+    {
+        "title": Key(TEXT, "The file's name by default"),
+        "structure": Key(Table(), "Nodes, elements, supports and ties", required=True),
+        "unknown": Key(Table(), "What is to be identified", listed=True),
+        "record": Key(Table(), "What was measured; several, as [[record]], are fitted together"),
+        "method": Key(Table(), "How it is identified"),
+        "regularization": Key(Table(), "What holds parameters that the data do not determine", listed=True),
+        "plan": Key(Table(), "What a test that is still to come may use"),
+    }
+)
+
+
+@dataclass(frozen=True, eq=False)
+class InputFiles:
+    """Files named in a study, relative to its folder; a list in the making, used while a study is read.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the study file.
+    digests : dict of str to str
+        SHA-256 by the name in the study; the last part of it only where that is an absolute path.
+    """
+
+    folder: Path
+    digests: dict[str, str] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        """The path of `name`, which is now one of the study's inputs.
+
+        Raises
+        ------
+        FileError
+            If there is no such file, or it is empty or not permitted.
+        """
+        path = require_readable(self.folder / name)
+        self.digests[Path(name).name if Path(name).is_absolute() else Path(name).as_posix()] = digest(path)
+        return path
+
+
+def read_root(path: str | Path) -> tuple[Section, InputFiles]:
+    """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is no TOML, or a section is unknown.
+    """
+    source = read_study_text(path)
+    root = Section(source, (), source.table)
+    root.values(SECTIONS)
+    root.section("structure")
+    files = InputFiles(source.path.parent)
+    files.path(source.path.name)
+    return root, files
+
+
+def title_of(root: Section) -> str:
+    """The title of the study."""
+    return str(root.table.get("title", root.source.path.stem))
+
+
+def read_study_text(path: str | Path) -> StudyText:
+    """The text of the study file at `path`, parsed.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is not UTF-8 text, or not TOML.
+    """
+    path = require_readable(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = path.read_bytes()[: error.start].count(b"\n") + 1
+        raise StudyError(f"{path}, line {line}: the file is not UTF-8 text; save it as UTF-8") from error
+    source = StudyText(path, text)
+    try:
+        _ = source.table
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", str(error))
+        line = int(place[1]) if place and place[1] else text.rstrip().count("\n") + 1
+        column = f", column {place[2]}" if place and place[2] else ""
+        what = re.sub(r" \(at .*\)$", "", str(error))
+        raise StudyError(f"{path}, line {line}{column}: not TOML: {what}; {_syntax_remedy(text, line)}") from error
+    return source
+
+
+def _syntax_remedy(text: str, line: int) -> str:
+    lines = text.splitlines()
+    shown = lines[line - 1].strip() if line <= len(lines) else ""
+    return f"correct {shown!r}; texts stand in quotes, lists in brackets, each key once in its table"

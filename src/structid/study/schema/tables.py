@@ -1,0 +1,132 @@
+"""Tables of a study file, declared: their keys, what these hold, which are required, and what each of them is."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, is_dataclass
+from functools import cache
+from typing import Annotated, Any, get_args, get_origin
+
+from structid.declared import alternatives, declared_types, declared_words
+from structid.dof import Dof
+from structid.study.schema.kinds import Kind, Schema, kind_of
+
+
+@dataclass(frozen=True, eq=False)
+class Key:
+    """One key of a table.
+
+    Parameters
+    ----------
+    holds : Kind or Table
+    words : str
+        What it is.
+    required : bool
+    default : Any
+        None where there is none, or it is not a plain value.
+    listed : bool
+        Whether it holds an array of tables: 1 or more of ``[[...]]``.
+    """
+
+    holds: Kind | Table
+    words: str = ""
+    required: bool = False
+    default: Any = None
+    listed: bool = False
+
+    @property
+    def schema(self) -> Schema:
+        """As JSON Schema."""
+        own = {"type": "array", "items": self.holds.schema} if self.listed else self.holds.schema
+        words = {"description": self.words} if self.words else {}
+        default = self.default if isinstance(self.default, str | int | float | list) else None
+        return {**own, **words, **({} if default is None else {"default": default})}
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table and all its keys.
+
+    Parameters
+    ----------
+    keys : mapping of str to Key
+    labels : Kind, optional
+        What keys that are whole numbers hold, of a table by label of node.
+    short : Kind, optional
+        What may stand in place of the table.
+    """
+
+    keys: Mapping[str, Key] = field(default_factory=dict)
+    labels: Kind | None = None
+    short: Kind | None = None
+
+    def __or__(self, more: Mapping[str, Key | Kind | Table]) -> Table:
+        """The same with more keys, or others in their place."""
+        made = {name: one if isinstance(one, Key) else Key(one) for name, one in more.items()}
+        return Table({**self.keys, **made}, self.labels, self.short)
+
+    def only(self, *names: str) -> Table:
+        """The same with some of its keys."""
+        return Table({name: self.keys[name] for name in names}, self.labels, self.short)
+
+    @property
+    def schema(self) -> Schema:
+        """As JSON Schema."""
+        own: dict[str, Any] = {"type": "object", "additionalProperties": False}
+        if self.keys:
+            own["properties"] = {name: key.schema for name, key in self.keys.items()}
+        required = [name for name, key in self.keys.items() if key.required]
+        if required:
+            own["required"] = required
+        if self.labels is not None:
+            own["patternProperties"] = {"^[0-9]{1,9}$": self.labels.schema}
+        return own if self.short is None else {"anyOf": [self.short.schema, own]}
+
+
+def table_of(
+    made: Callable[..., Any],
+    leave_out: Collection[str] = (),
+    words_of: Callable[..., Any] | None = None,
+    **others: Kind | Table,
+) -> Table:
+    """The table whose keys are the arguments of a class or function, by their annotations and its docstring.
+
+    Parameters
+    ----------
+    made : class or function
+        What each key is stands in its docstring, or as a text in the annotation.
+    leave_out : collection of str
+        Arguments that no key gives.
+    words_of : class or function, optional
+        Whose docstring it is; of `made` by default.
+    **others : Kind or Table
+        What keys hold where the annotation does not say it, and keys besides the arguments.
+    """
+    types, words = declared_types(made), declared_words(words_of or made)
+    keys = {}
+    for name, item in inspect.signature(made).parameters.items():
+        if name not in leave_out:
+            required = item.default is inspect.Parameter.empty
+            default = None if required else item.default
+            holds = others.pop(name, None) or held_by(types[name])
+            keys[name] = Key(holds, words.get(name) or _said(types[name]), required, default)
+    return Table(keys) | others
+
+
+#: The same without more said, kept for the next entry of its kind.
+own_table: Callable[[Callable[..., Any]], Table] = cache(table_of)
+
+
+def held_by(annotation: Any) -> Kind | Table:
+    """What a key of an argument with this annotation holds: the table of a dataclass, or a kind."""
+    parts = alternatives(annotation)
+    if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:
+        return table_of(parts[0])
+    return kind_of(annotation)
+
+
+def _said(annotation: Any) -> str:
+    """The text that stands in an annotation."""
+    marks = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+    return next((mark for mark in marks if isinstance(mark, str)), "")

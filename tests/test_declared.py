@@ -1,0 +1,99 @@
+"""What annotations and docstrings declare: limits in words, texts by name, values that are refused."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import pytest
+
+from structid.declared import Count, Limits, NotNegative, Positive, declared_words, require_declared, type_words
+from structid.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("limits", "words", "inside", "outside"),
+    [
+        (Limits(least=0), "at least 0", [0, 1e9], [-1e-9]),
+        (Limits(above=0), "greater than 0", [1e-9], [0, -1]),
+        (Limits(most=1), "at most 1", [1, -5], [1.001]),
+        (Limits(above=0, most=0.01), "above 0 and at most 0.01", [0.01], [0, 0.011]),
+        (Limits(least=0, below=1), "at least 0 and less than 1", [0, 0.99], [1, -0.1]),
+        (Limits(above=-1, below=0.5), "between -1 and 0.5", [0.49], [-1, 0.5]),
+        (Limits(least=0), "at least 0", [], [float("nan")]),
+    ],
+)
+def test_limits_say_and_hold_the_same(limits, words, inside, outside):
+    assert limits.words == words
+    assert all(limits.hold(value) for value in inside)
+    assert not any(limits.hold(value) for value in outside)
+
+
+@dataclass(frozen=True)
+class Base:
+    """A base: with a colon.
+
+    Parameters
+    ----------
+    width, height : float
+        Of the box,
+        m.
+    """
+
+    width: Positive
+    height: NotNegative = 0.0
+
+
+@dataclass(frozen=True)
+class Box(Base):
+    """A box.
+
+    - ``open``: of a list
+      that is no parameter
+
+    Parameters
+    ----------
+    kind : {"open", "closed"}
+        What it is
+    height : float
+        Its own words.
+    count : int, optional
+
+    Notes
+    -----
+    height : is not meant here
+    """
+
+    kind: Literal["open", "closed"] = "open"
+    count: Count | None = None
+
+
+def test_words_are_those_of_the_docstring_and_of_its_bases():
+    words = declared_words(Box)
+    assert words["width"] == "Of the box, m."
+    assert words["height"] == "Its own words."
+    assert words["kind"] == "What it is"
+    assert words["count"] == ""
+    assert set(words) == {"width", "height", "kind", "count"}
+    assert declared_words(Base)["height"] == "Of the box, m."
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda: Box(0.0), "`width` must be greater than 0, got 0"),
+        (lambda: Box(1.0, -1), "`height` must be at least 0, got -1"),
+        (lambda: Box(1.0, kind="shut"), "`kind` must be one of open, closed, got 'shut'"),
+        (lambda: Box(1.0, count=0), "`count` must be at least 1, got 0"),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_told_by_its_field(made, words):
+    with pytest.raises(InputError) as error:
+        require_declared(made())
+    assert str(error.value) == words
+    require_declared(Box(1.0))
+
+
+def test_types_are_said_as_docstrings_do():
+    assert type_words(Literal["a", "b"]) == '{"a", "b"}'
+    assert type_words(Annotated[float, Limits(least=0)]) == "float"
+    assert type_words(Annotated[list, "(n,) array"]) == "(n,) array"
+    assert type_words(float | None) == "float"
