@@ -15,12 +15,12 @@ from structid.modal import ModalIdentification, ModalRecord, Poles
 from structid.modal.files.files import read_modes
 from structid.modal.stabilization import Cluster
 from structid.modal.survey.geometry import record_geometry
+from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
-from structid.modal.survey.survey import ModesOptions, modes_of_file
+from structid.modal.survey.survey import modes_of_file
 from structid.records import Geometry, TimeRecord, write_record
 from structid.records.io.uff import uff
 from structid.similarity import mac
-from structid.study.results.modes import parse_orders
 
 RUN = CliRunner()
 FAST = ("--method", "ssi_cov", "--no-report")
@@ -230,13 +230,13 @@ def test_input_that_cannot_be_used_ends_with_code_2(place, arguments, words):
 
 
 def test_orders_are_lists_or_ranges():
-    assert parse_orders("") is None
-    assert parse_orders("10, 20,30") == (10, 20, 30)
-    assert parse_orders("2:8") == (2, 4, 6, 8)
-    assert parse_orders("4:12:4") == (4, 8, 12)
+    assert ModesOptions().orders is None
+    assert ModesOptions(orders="10, 20,30").orders == (10, 20, 30)
+    assert ModesOptions(orders="2:8").orders == (2, 4, 6, 8)
+    assert ModesOptions(orders="4:12:4").orders == (4, 8, 12)
     for wrong in ("8:2", "2:4:6:8", "a"):
         with pytest.raises(InputError, match="`orders`"):
-            parse_orders(wrong)
+            ModesOptions(orders=wrong)
 
 
 def test_a_band_far_below_the_rate_is_decimated_to(place):

@@ -1,4 +1,4 @@
-"""What the commands of `structid` share: exit codes, errors as one message, and lists in one text."""
+"""What the commands of `structid` share: exit codes, errors as one message, arguments that return, results folders."""
 
 from __future__ import annotations
 
@@ -6,13 +6,25 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from structid.errors import NoModesError, StructidError
-from structid.study.run.run import SearchFailedError
+from structid.errors import NoAnswerError, StructidError
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: What each exit code means, in the words of the help.
+EXIT_CODES = {
+    DONE: "done",
+    NOT_DETERMINED: "the search failed or the data do not determine the answer (results are written, the reason is on"
+    " stderr)",
+    UNUSABLE_INPUT: "the input cannot be used or the disk is full",
+    INTERRUPTED: "interrupted",
+}
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Write the page and its figures.")]
 
 
 @contextmanager
@@ -22,7 +34,7 @@ def reported() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
-    except (SearchFailedError, NoModesError) as error:
+    except NoAnswerError as error:
         fail(str(error), NOT_DETERMINED)
     except StructidError as error:
         fail(str(error), UNUSABLE_INPUT)
@@ -38,8 +50,3 @@ def fail(message: str, code: int) -> None:
     """Exit with `code`, the message on stderr."""
     typer.echo(f"error: {message}", err=True)
     raise typer.Exit(code) from None
-
-
-def words(text: str) -> tuple[str, ...]:
-    """The parts of `text` between commas."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())

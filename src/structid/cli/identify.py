@@ -13,9 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
-from structid.cli.console import free_summary_shown, identification_summary, standard_output
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Report, StudyPath, fail, reported
+from structid.cli.console import free_summary_shown, identification_summary
 from structid.cli.progress import run_progress
+from structid.cli.tables import show
 from structid.estimation import Status
 from structid.estimation.free_estimate import FreeEstimate
 from structid.study.results.folder import staged_folder, write_results
@@ -26,7 +27,6 @@ from structid.study.run.long_run import LongRun, executor_for
 from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
 from structid.study.work.tasks import WorkersLostError
 
-StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
 ]
@@ -44,7 +44,7 @@ Seconds = Annotated[
 def identify(
     study: StudyPath,
     out: Out = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and figures.")] = True,
+    report: Report = True,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -82,8 +82,7 @@ def identify(
         with staged_folder(folder) as staged:
             name = _write(result, staged, report)
         kept.remove()
-        for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
-            standard_output().print(part)
+        show(free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result))
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:

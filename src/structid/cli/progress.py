@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import typer
@@ -91,19 +91,6 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         yield _Bars(most_iterations, bar)
-
-
-@contextmanager
-def item_progress() -> Iterator[Callable[[str, float], None] | None]:
-    """A bar on stderr that names the table or figure in work, where stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda name, done: bar.update(task, completed=done, description=name)
 
 
 def clock(seconds: float) -> str:

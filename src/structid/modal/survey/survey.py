@@ -18,6 +18,7 @@ from structid.files import digest
 from structid.modal import HardCriteria, ModalIdentification, ModalOptions, ModalRecord, modal_identification
 from structid.modal.spectral.fdd import singular_spectra
 from structid.modal.survey.geometry import record_geometry
+from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.provenance import Provenance
 from structid.records import (
@@ -39,45 +40,6 @@ MODES_PAGE = "report.html"
 HARDLY_DAMPED = 1e-3
 _SHORTEST_SEGMENT, _LONGEST_SEGMENT, _SEGMENTS = 512, 4096, 8
 _RATE_OVER_BAND, _FEWEST_SAMPLES = 4.0, 500
-
-
-@dataclass(frozen=True)
-class ModesOptions:
-    """What the user asks for; every default serves without a look at the record.
-
-    Parameters
-    ----------
-    method : str, optional
-        One of `structid.modal.METHODS`; by default the one that fits the kind of record.
-    band : (float, float), optional
-        Least and greatest frequency of modes, Hz.
-    frequencies : tuple of float, optional
-        Hz: the modes wanted, by hand.
-    orders : tuple of int, optional
-        Numbers of states to try.
-    rate : float, optional
-        Hz: sampling rate to which time histories are decimated. By default that of the record; lower where `band` or
-        `frequencies` lie far below it; and for its low modes, where the spectrum shows any, a second look at a lower one.
-    detrend : str or int
-        What is taken off each time history; see `Preparation`.
-    """
-
-    method: str | None = None
-    band: tuple[float, float] | None = None
-    frequencies: tuple[float, ...] | None = None
-    orders: tuple[int, ...] | None = None
-    rate: float | None = None
-    detrend: str | int = "mean"
-
-    def __post_init__(self) -> None:
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(
-                f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
-            )
-        if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
-            raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
-        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"`rate` must be greater than 0 Hz, got {self.rate:g}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,84 @@
+"""The command `structid plan`: what a test will tell before it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from structid.cli.base import NOT_DETERMINED, Report, StudyPath, fail
+from structid.cli.tables import show
+from structid.report.planning.text import plan_text
+from structid.study.results.folder import staged_folder
+from structid.study.results.plan import PLAN_PAGE, write_plan
+from structid.study.run.plan import planned
+from structid.study.schema.plan import load_plan
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What takes the place of [plan] in the study.
+
+    Parameters
+    ----------
+    sensors : int, optional
+        How many sensors to choose.
+    loads : int, optional
+        How many loads to choose.
+    frequencies : int, optional
+        How many lines to choose [default: all are used].
+    criterion : str, optional
+        d (determinant) or a (trace) [default: d].
+    target : float, optional
+        Wanted relative standard deviation, as in 0.02.
+    """
+
+    sensors: int | None = None
+    loads: int | None = None
+    frequencies: int | None = None
+    criterion: str | None = None
+    target: float | None = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Fields of `PlanOptions` that are given."""
+        named = {"n_sensors": self.sensors, "n_loads": self.loads, "n_frequencies": self.frequencies}
+        fields = {**named, "criterion": self.criterion, "target": self.target}
+        return {name: value for name, value in fields.items() if value is not None}
+
+
+def plan(
+    study: StudyPath,
+    wanted: Wanted,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_plan].")
+    ] = None,
+    report: Report = True,
+) -> None:
+    """Predict what a test will tell before it is run, and choose its sensors, loads and lines; write plan.json.
+
+    Options left out come from [plan] in the study, or from its record; neither is needed. The exit code is 1 where
+    even all candidates together do not determine every parameter.
+
+    \b
+    Examples:
+      structid plan frame.toml --sensors 4
+      structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
+    """
+    read = load_plan(study, **wanted.changes)
+    found = planned(read)
+    folder, name = out if out is not None else Path(f"{study.stem}_plan"), "plan.json"
+    with staged_folder(folder, PLAN_PAGE) as staged:
+        write_plan(found, read, staged)
+        if report:
+            from structid.report.planning.page import (
+                write_plan_page,  # imported here, so that nothing else waits for it
+            )
+
+            name = write_plan_page(found, staged, read.title, read.notes).name
+    show(plan_text(found, read.title, read.notes))
+    typer.echo(str(folder / name))
+    if not found.determined:
+        fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
