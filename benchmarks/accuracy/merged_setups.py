@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 import structid as sid
 from structid.modal.merging.joint_setups import joint_modes
 from structid.modal.merging.merging import merged_setups
-from structid.modal.modal_identification import ModalOptions
+from structid.modal.method import ModalOptions
 from structid.observation import ModalProblem
 
 N_MASSES, STIFFNESS, DAMPING_RATIO, RATE, NOISE = 8, 400.0, 0.01, 15.0, 0.03

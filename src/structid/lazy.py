@@ -27,7 +27,7 @@ def lazy(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
 
     def load(name: str) -> Any:
         if name in places:
-            found = vars(import_module(places[name]))[name]
+            found = getattr(import_module(places[name]), name)
             setattr(sys.modules[package], name, found)
             return found
         if not name.startswith("_") and find_spec(f"{package}.{name}") is not None:

@@ -21,7 +21,7 @@ from structid.modal.merging.joint_subspace import (
 from structid.modal.merging.merging import merge_modes, merged_setups
 from structid.modal.merging.setup_data import setup_data
 from structid.modal.merging.shape_merging import merged_shape
-from structid.modal.modal_identification import ModalOptions
+from structid.modal.method import ModalOptions
 from structid.records import TimeRecord
 from structid.similarity import mac
 

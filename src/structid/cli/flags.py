@@ -25,14 +25,17 @@ _NAMES = {"quantities": ("--quantity", "--quantities")}
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """`function` as typer takes it, with what a user can cause reported as one message and an exit code."""
     signature = inspect.signature(function, eval_str=True)
-    groups = {p.name: list(_flags(p.annotation)) for p in signature.parameters.values() if is_dataclass(p.annotation)}
+    options: dict[str, Any] = {
+        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    }
+    groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
     def run(**given: Any) -> None:
         with reported():
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
-                given[name] = signature.parameters[name].annotation(**told)
+                given[name] = options[name](**told)
             function(**given)
 
     parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
@@ -43,7 +46,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _flags(options: type) -> Iterator[inspect.Parameter]:
+def _flags(options: Any) -> Iterator[inspect.Parameter]:
     """One parameter for each field of a dataclass."""
     kinds, words = get_type_hints(options), _words(options)
     for field in fields(options):
@@ -57,7 +60,7 @@ def _flags(options: type) -> Iterator[inspect.Parameter]:
         )
 
 
-def _words(options: type) -> dict[str, str]:
+def _words(options: Any) -> dict[str, str]:
     """What the docstring of a dataclass says of each field."""
     found: dict[str, str] = {}
     names: list[str] = []

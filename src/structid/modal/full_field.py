@@ -22,7 +22,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.modal.identification import modal_identification
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import unit_largest
 from structid.records import TimeRecord
 from structid.records.record import Quantity

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.modal.frf.modes import lscf
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles import HardCriteria
 from structid.modal.spectral.bayesian_fft import bayesian_fft

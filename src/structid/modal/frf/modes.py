@@ -13,7 +13,7 @@ from structid.errors import InputError, NoModesError
 from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined
 from structid.modal.frf.spread import DrivingPoint, FrfModes, frequency_damping_covariance, frf_modes, scaled_shapes
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles import Poles
 from structid.modal.stabilization import Cluster

@@ -25,7 +25,7 @@ from structid.errors import InputError, NoModesError
 from structid.modal.merging.joint_subspace import JointSubspace, joint_deviations, joint_poles, joint_subspace
 from structid.modal.merging.merging import common_sensors
 from structid.modal.merging.setup_data import SetupData, setup_data
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles
 from structid.modal.subspace.close_modes import close_mode_notes

@@ -17,7 +17,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bayesian_fft_likelihood import BandLines
 from structid.modal.spectral.bayesian_fft_search import Posterior, posterior

@@ -18,7 +18,7 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof
 from structid.errors import NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bell import Bell, bell_fit
 from structid.modal.spectral.peaks import (

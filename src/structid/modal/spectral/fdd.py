@@ -15,7 +15,7 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.errors import NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.spectral.peaks import (
     Spectrum,

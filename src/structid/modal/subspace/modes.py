@@ -10,7 +10,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles
 from structid.modal.stabilization import Cluster, clusters
