@@ -3,4 +3,5 @@
 from structid._version import __version__ as __version__
 from structid.lazy import lazy
 
-__getattr__, __dir__, __all__ = lazy(__name__, __file__)
+_GONE = {"joint_modes": "merge_modes, which finds as many modes, and their shapes more exactly"}
+__getattr__, __dir__, __all__ = lazy(__name__, __file__, _GONE)

@@ -25,7 +25,6 @@ from structid.identification.identify import identify_together as identify_toget
 from structid.identification.time_fit import TimeFit as TimeFit
 from structid.modal import ModalRecord as ModalRecord
 from structid.modal import identify_modes as identify_modes
-from structid.modal import joint_modes as joint_modes
 from structid.modal import merge_modes as merge_modes
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
 from structid.observation import ChannelUnknown as ChannelUnknown

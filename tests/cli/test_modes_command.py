@@ -14,10 +14,9 @@ from structid.errors import InputError
 from structid.modal import ModalIdentification, ModalRecord, Poles
 from structid.modal.files.files import read_modes
 from structid.modal.stabilization import Cluster
-from structid.modal.survey.geometry import record_geometry
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
-from structid.modal.survey.survey import modes_of_file
+from structid.modal.survey.survey import modes_of_file, record_geometry
 from structid.records import Geometry, TimeRecord, write_record
 from structid.records.io.uff import uff
 from structid.similarity import mac
@@ -273,8 +272,15 @@ def test_two_looks_are_joined_with_poles_clusters_and_covariance_in_their_places
     high = _identification([1.1, 2.1, 8.0, 10.0, 20.0], [4, 6, 8])
     found = joined(low, high, 5.0)
     assert found.modes.frequency.tolist() == [1.0, 2.0, 3.0, 8.0, 10.0, 20.0]
-    assert [poles.order for poles in found.sweep] == [2, 4, 6, 8]
-    assert [len(poles.poles) for poles in found.sweep] == [3, 6, 6, 3]
+    assert found.orders == (2, 4, 6, 8)
+    assert [(poles.order, len(poles.poles)) for poles in found.sweep] == [
+        (2, 3),
+        (4, 3),
+        (6, 3),
+        (4, 3),
+        (6, 3),
+        (8, 3),
+    ]
     sources = [*low.clusters[:3], *high.clusters[2:]]
     for cluster, source in zip(found.clusters, sources, strict=True):
         there = [found.sweep[n].frequency[i] for n, i in zip(cluster.number, cluster.index, strict=True)]

@@ -27,7 +27,7 @@ def decay(rate=100.0, duration=30.0):
 
 
 def errors(record, omega, order):
-    modes = identify_modes(record, method="era", orders=[order], n_pieces=0)
+    modes = identify_modes(record, orders=[order], n_pieces=0)
     near = np.abs(modes.omega[:, None] - omega).argmin(axis=0)
     return np.abs(modes.omega[near] / omega - 1).max(), np.abs(modes.damping_ratio[near] / 0.005 - 1).max()
 

@@ -9,7 +9,8 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Report, fail
 from structid.cli.tables import show
-from structid.modal.survey.survey import MODES_PAGE, ModesOptions, modes_of_file
+from structid.modal.survey.options import ModesOptions
+from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
 from structid.records.io import ReadOptions
 from structid.report.modes.text import modes_text
 from structid.study.results.folder import staged_folder
@@ -17,8 +18,12 @@ from structid.study.results.modes import write_modes_results
 
 
 def modes(
-    record: Annotated[
-        Path, typer.Argument(metavar="RECORD", help="Time histories (NPZ, NPY, HDF5, MAT, CSV, UFF) or FRFs.")
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORD...",
+            help="Time histories (NPZ, NPY, HDF5, MAT, CSV, UFF) or FRFs; several are set-ups, whose modes are merged.",
+        ),
     ],
     options: ModesOptions,
     read: ReadOptions,
@@ -27,14 +32,15 @@ def modes(
         typer.Option(metavar="FILE", help="Positions of the nodes: UFF, or CSV of node,x,y,z and line,1,2."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <record name>_modes].")
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <first record>_modes].")
     ] = None,
     report: Report = True,
 ) -> None:
     """Find the modes of a record, each with its uncertainty; write modes.json, modes.csv, modes.uff and report.html.
 
     No option is needed for a file that describes itself. Time histories may be free or ambient motion: forces in them
-    are not used. Exit code 1: no mode is stable, or its uncertainty is not determined.
+    are not used. Several records are set-ups of one structure with common reference sensors: the modes of each are merged
+    to shapes at all sensors. Exit code 1: no mode is stable, or its uncertainty is not determined.
 
     \b
     Examples:
@@ -42,9 +48,13 @@ def modes(
       structid modes ambient.npy --sampling-rate 100 --channels 1X+,1Y+,2X+ --quantity acceleration
       structid modes ambient.h5 --band 1 4 --geometry nodes.csv --out tower
       structid modes frf.uff --frequencies 21.6,50.1,68.4
+      structid modes lower_floors.uff upper_floors.uff --out tower
     """
-    found = modes_of_file(record, options, read, geometry)
-    folder, name = out if out is not None else Path(f"{record.stem}_modes"), "modes.json"
+    if len(records) > 1:
+        found = modes_of_setups(records, options, read, geometry)
+    else:
+        found = modes_of_file(records[0], options, read, geometry)
+    folder, name = out if out is not None else Path(f"{records[0].stem}_modes"), "modes.json"
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(found, staged)
         if report:

@@ -1,5 +1,9 @@
-"""Modes from records: one method a file, Record to ModalRecord."""
+"""Modes from records: Record to ModalRecord, by any method of `identification`."""
 
 from structid.lazy import lazy
 
-__getattr__, __dir__, __all__ = lazy(__name__, __file__)
+_GONE = {
+    "joint_modes": "merge_modes, which finds as many modes, and their shapes more exactly",
+    "natural_excitation": "identify_modes by pencil or ssi_cov, which take the same correlations",
+}
+__getattr__, __dir__, __all__ = lazy(__name__, __file__, _GONE)

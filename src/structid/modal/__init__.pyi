@@ -4,10 +4,9 @@ from structid.modal.full_field import full_field_modes as full_field_modes
 from structid.modal.identification import METHODS as METHODS
 from structid.modal.identification import identify_modes as identify_modes
 from structid.modal.identification import modal_identification as modal_identification
-from structid.modal.merging.joint_setups import joint_modes as joint_modes
-from structid.modal.merging.merging import Merging as Merging
-from structid.modal.merging.merging import merge_modes as merge_modes
-from structid.modal.merging.merging import merged_setups as merged_setups
+from structid.modal.merging import Merging as Merging
+from structid.modal.merging import merge_modes as merge_modes
+from structid.modal.merging import merged_setups as merged_setups
 from structid.modal.method import ModalIdentification as ModalIdentification
 from structid.modal.method import ModalOptions as ModalOptions
 from structid.modal.modal_record import ModalRecord as ModalRecord
@@ -19,5 +18,4 @@ from structid.modal.rayleigh.pseudo_rayleigh import stationary_values as station
 from structid.modal.spectral.bayesian_fft import bayesian_fft as bayesian_fft
 from structid.modal.spectral.efdd import efdd as efdd
 from structid.modal.spectral.fdd import fdd as fdd
-from structid.modal.subspace.natural_excitation import natural_excitation as natural_excitation
 from structid.modal.window_damping import without_window_damping as without_window_damping

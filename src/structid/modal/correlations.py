@@ -245,36 +245,6 @@ def window_hankels(
         yield window_hankel(y, piece.start, piece.stop, rows, columns, offset) / total
 
 
-def correlations(
-    records: TimeRecord | Sequence[TimeRecord] | Outputs, n_lags: int, fixed_window: bool = False
-) -> FloatArray:
-    """R_k for k = 0 .. n_lags - 1 of the scaled channels, (n_lags, n_channels, n_channels).
-
-    Parameters
-    ----------
-    n_lags : int
-        Lags wanted.
-    fixed_window : bool
-        Average the same instants t for every lag. Otherwise all pairs of samples count, with divisor N - k, which
-        is unbiased for stationary motion.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> record = TimeRecord(1.0, np.tile([[1.0], [-1.0]], (50, 1)), ("1Z",), ("velocity",))
-    >>> correlations(record, 3).ravel().tolist()
-    [1.0, -1.0, 1.0]
-    """
-    data = outputs(records)
-    require_length(data, n_lags, 0)
-    held = np.full(n_lags, n_lags - 1) if fixed_window else np.arange(n_lags)
-    total = np.sum(
-        [lag_sums(y, 0, n_lags, 0, len(y) - (n_lags - 1 if fixed_window else 0)) for y in data.series], axis=0
-    )
-    n_pairs = np.sum([len(y) - held for y in data.series], axis=0)
-    return np.asarray(total / n_pairs[:, None, None])
-
-
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
     """Block Hankel matrices of R_(offset + r + c), as each piece contributes to it with divisor N - k."""
     for piece in windows:

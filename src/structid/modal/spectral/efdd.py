@@ -25,12 +25,10 @@ from structid.modal.spectral.peaks import (
     Spectrum,
     automatic_peaks,
     centred,
-    default_segment,
+    chosen_peaks,
     hann,
     peak_range,
-    peaks_by_hand,
     segments,
-    singular_spectrum,
 )
 from structid.records import TimeRecord
 
@@ -105,7 +103,8 @@ def efdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | Non
     """
     options = options or ModalOptions()
     data = centred(outputs(records))
-    spectrum, peaks = chosen_peaks(data, options)
+    spectrum, lines = chosen_peaks(data, options)
+    peaks = _peaks(spectrum, lines)
     segment, notes = spectrum.segment, []
     while True:
         bells = _bells(data, peaks, segment)
@@ -117,7 +116,7 @@ def efdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | Non
         segment *= 2
     frequency = np.array([fit.frequency for fit in fits])
     ratio = np.array([fit.damping_ratio for fit in fits])
-    kept = np.flatnonzero(_meets(frequency, ratio, options))
+    kept = np.flatnonzero(options.criteria.meets(frequency, ratio))
     if not len(kept):
         raise NoModesError("`records` show no peak whose mode meets `criteria`; widen them, or give `frequencies`")
     kept = kept[np.argsort(frequency[kept], kind="stable")]
@@ -132,29 +131,15 @@ def efdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | Non
     return ModalIdentification(modes, "efdd", options=options)
 
 
-def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, list[Peak]]:
-    """Peaks by hand or automatic, with their bells.
-
-    Raises
-    ------
-    InputError
-        If no peak stands out, or a frequency is near no peak.
-    """
-    spectrum = singular_spectrum(data, options.segment or default_segment(data))
-    automatic = automatic_peaks(spectrum)
-    lines = automatic if options.frequencies is None else peaks_by_hand(spectrum, options.frequencies)
-    if not len(lines):
-        raise NoModesError(
-            "`records` show no peak of the first singular value that stands out of its errors; give `frequencies`, or "
-            "measure longer"
-        )
-    known = sorted({*automatic.tolist(), *lines.tolist()})
+def _peaks(spectrum: Spectrum, lines: IntArray) -> list[Peak]:
+    """The peaks on `lines`, each with its bell."""
+    known = sorted({*automatic_peaks(spectrum).tolist(), *lines.tolist()})
     peaks = []
     for line in lines.tolist():
         first, last = peak_range(spectrum, line, [k for k in known if k != line])
         low, high = _bell_lines(spectrum, line, first, last)
         peaks.append(Peak(line, spectrum.vectors[line, :, 0], spectrum.frequency[low], spectrum.frequency[high]))
-    return spectrum, peaks
+    return peaks
 
 
 def _bell_lines(spectrum: Spectrum, line: int, first: int, last: int) -> tuple[int, int]:
@@ -191,12 +176,6 @@ def _bells(data: Outputs, peaks: Sequence[Peak], segment: int) -> list[Bell]:
         Bell(frequency[own], np.array(values), segment, data.sampling_rate, float(frequency[at]), order)
         for own, values, at, order in zip(lines, found, start, power, strict=True)
     ]
-
-
-def _meets(frequency: FloatArray, ratio: FloatArray, options: ModalOptions) -> IntArray:
-    low, high = options.criteria.frequency
-    least, greatest = options.criteria.damping_ratio
-    return np.asarray((frequency >= low) & (frequency <= high) & (ratio >= least) & (ratio <= greatest))
 
 
 def _doubts(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.errors import InputError
+from structid.modal.method import ModalOptions
+from structid.modal.poles import HardCriteria
 
 
 @dataclass(frozen=True)
@@ -19,8 +21,7 @@ class ModesOptions:
     Parameters
     ----------
     method : str, optional
-        pencil, era, era_dc, ssi_cov, ssi_data, itd, next_era, fdd, efdd, bayesian_fft or lscf, see docs/modes.md
-        [default: by the kind of record].
+        pencil, ssi_cov, ssi_data, fdd, efdd, bayesian_fft or lscf, see docs/modes.md [default: by the kind of record].
     band : (float, float), optional
         Hz: look for modes there only.
     frequencies : tuple of float, optional
@@ -32,6 +33,13 @@ class ModesOptions:
         it; and a second look at a lower one for low modes, where the spectrum shows any].
     detrend : str or int
         Taken off each time history: mean, linear, none or a degree.
+    damping : (float, float), optional
+        Least and greatest damping ratio of modes [default: -0.01 0.2, above 0 in ambient motion].
+    deviation : float, optional
+        Greatest standard deviation of a frequency over the frequency [default: 0.005 in free decays, except for modes with
+        1 % of the energy or more; none in other motion].
+    window : float, optional
+        s: time constant of an exponential window that lies on the record, whose damping is taken off the modes.
     """
 
     method: str | None = None
@@ -40,6 +48,9 @@ class ModesOptions:
     orders: tuple[int, ...] | None = None
     rate: float | None = None
     detrend: str | int = "mean"
+    damping: tuple[float, float] | None = None
+    deviation: float | None = None
+    window: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.frequencies, str):
@@ -54,8 +65,16 @@ class ModesOptions:
             )
         if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
             raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
-        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"`rate` must be greater than 0 Hz, got {self.rate:g}")
+        for name, unit in (("rate", " Hz"), ("deviation", ""), ("window", " s")):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"`{name}` must be greater than 0{unit}, got {value:g}")
+
+    @property
+    def modal(self) -> ModalOptions:
+        """What a method of modal identification is told."""
+        band, damping = self.band or (0.0, np.inf), self.damping or HardCriteria().damping_ratio
+        return ModalOptions(self.orders, None, HardCriteria(band, damping), self.frequencies, deviation=self.deviation)
 
 
 def _orders(text: str) -> tuple[int, ...]:

@@ -59,7 +59,7 @@ def _clusters(result: ModesResult) -> dict[str, Any]:
         return dict.fromkeys(names)
     columns = (
         [c.size for c in clusters],
-        len(result.identification.sweep),
+        len(result.identification.orders),
         [float(c.frequency.mean()) for c in clusters],
         [c.frequency_spread for c in clusters],
         [float(c.damping_ratio.mean()) for c in clusters],
@@ -73,7 +73,7 @@ def options_used(result: ModesResult) -> dict[str, Any]:
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:
-        used["orders"] = [poles.order for poles in result.identification.sweep]
+        used["orders"] = list(result.identification.orders)
     low, high = options.criteria.frequency
     used["criteria"]["frequency"] = [low, high if np.isfinite(high) else None]
     return used
