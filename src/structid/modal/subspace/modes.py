@@ -33,6 +33,7 @@ _REFINED = ("pencil",)
 _MAX_ORDER = 60
 _BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
+_SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -55,12 +56,7 @@ def subspace_modes(
     motion = free_decay(data, _poles(sweep, picked))
     if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
-        picked, found, notes = picked_poles(sweep, data.scale, options)
-        if not picked:
-            raise NoModesError(
-                "`records` show poles with negative damping only, which in ambient motion are noise or the tone of a"
-                " machine; measure longer, or choose another method"
-            )
+        picked, found, notes = _damped(sweep, data.scale, options, _poles(sweep, picked))
         motion = free_decay(data, _poles(sweep, picked))
     automatic = bool(found) and options.frequencies is None
     if automatic and motion.explains_all:
@@ -77,6 +73,22 @@ def subspace_modes(
 
 def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
     return np.array([sweep[k].poles[i] for k, i in picked])
+
+
+def _damped(
+    sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions, before: ComplexArray
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """`picked_poles` of ambient motion without undamped ones, and words on those of `before` that this leaves out."""
+    picked, found, notes = picked_poles(sweep, scale, options)
+    omega, undamped = np.abs(_poles(sweep, picked)), np.abs(before[before.real >= 0])
+    lost = [w for w in undamped if not (np.abs(omega / w - 1) < _SAME).any()]
+    listed = ", ".join(f"{w / (2 * np.pi):.4g}" for w in sorted(lost))
+    words = (
+        f"poles without damping, which in ambient motion are noise or the tone of a machine, are left out: {listed} Hz"
+    )
+    if not picked:
+        raise NoModesError(f"`records` show no mode; {words}. Measure longer, or choose another method")
+    return picked, found, [*notes, words] if lost else notes
 
 
 def _standing_out(
