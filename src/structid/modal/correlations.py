@@ -18,7 +18,8 @@ from structid.errors import InputError
 from structid.records import TimeRecord
 from structid.records.record import Quantity
 
-_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: How many times displacement is differentiated.
+ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _AT_ONCE = 1 << 20  # samples of all channels that are transformed together
 _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
 
@@ -52,7 +53,7 @@ class Outputs:
     @property
     def derivative(self) -> FloatArray:
         """0, 1 or 2 for displacement, velocity or acceleration, (n_channels,)."""
-        return np.array([_ORDER[quantity] for quantity in self.quantities])
+        return np.array([ORDER[quantity] for quantity in self.quantities])
 
     @property
     def duration(self) -> float:
@@ -94,7 +95,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
                 f"record {number} must be sampled at {first.sampling_rate:g} Hz as record 1 is, "
                 f"got {record.sampling_rate:g} Hz; resample it"
             )
-    moving = [i for i, quantity in enumerate(first.quantities) if quantity in _ORDER]
+    moving = [i for i, quantity in enumerate(first.quantities) if quantity in ORDER]
     if not moving:
         raise InputError("`records` must hold displacement, velocity or acceleration, got forces only")
     channels = tuple(first.channels[i] for i in moving)
