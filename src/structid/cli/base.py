@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.models import OptionInfo
 
 from structid.errors import NoAnswerError, StructidError
 
@@ -24,7 +25,17 @@ EXIT_CODES = {
 }
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Write the page and its figures.")]
+Workers = Annotated[int | None, typer.Option("--workers", metavar="N", help="Work on N processes [default: 1].")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Work on this Dask cluster, as in tcp://host:8786.")
+]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Write the results as a page.")]
+
+
+def results_folder(default: str) -> OptionInfo:
+    """The option --out, with the folder that is taken without it."""
+    found: OptionInfo = typer.Option("--out", metavar="FOLDER", help=f"Results folder [default: {default}].")
+    return found
 
 
 @contextmanager

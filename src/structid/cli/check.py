@@ -11,7 +11,6 @@ from rich.text import Text
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail
 from structid.cli.tables import groups, heading, new_table, number, show
 from structid.estimation import Status
-from structid.records import FrfRecord
 from structid.study.run.check import CheckResult, check_study
 from structid.study.run.run import load_study
 
@@ -67,34 +66,27 @@ def _free_prediction(result: CheckResult) -> list[str]:
         return []
     known = sorted(value for value in result.free.relative_std.tolist() if math.isfinite(value))
     lost = len(result.names) - len(known)
-    spread = (
-        f"; predicted standard deviations with the smoothness above: median {number(100 * median(known), 2)} %, largest"
-        f" {number(100 * known[-1], 2)} %"
-        if known
-        else ""
-    )
-    unseen = f"; {lost} that neither data nor smoothness see" if lost else ""
-    return [
-        f"{len(result.names)} parameters, of which the data determine about {number(result.free.n_determined, 3)}"
-        f" combinations{spread}{unseen}"
-    ]
+    words = f"{len(result.names)} parameters, of which the data determine about {number(result.free.n_determined, 3)}"
+    words += " combinations"
+    if known:
+        words += (
+            f"; predicted standard deviations with the smoothness above: median {number(100 * median(known), 2)} %,"
+        )
+        words += f" largest {number(100 * known[-1], 2)} %"
+    return [words + (f"; {lost} that neither data nor smoothness see" if lost else "")]
 
 
 def _measured(result: CheckResult) -> list[str]:
     """What was measured: the lines of responses, and modes."""
     facts, record = [], result.record
     if record is not None:
+        source = "declared" if record.noise_source == "declared" else f"from {record.noise_source}"
+        noise = "not stated" if record.variance is None else source
         facts.append(
             f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
-            f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {_noise(record)}"
+            f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {noise}"
         )
     for modes in result.modes_used:
         span = f"{number(modes.frequency[0])} to {number(modes.frequency[-1])} Hz"
         facts.append(f"record: {modes.n_modes} modes from {span} at {len(modes.channels)} sensors, {modes.source}")
     return facts
-
-
-def _noise(record: FrfRecord) -> str:
-    if record.variance is None:
-        return "not stated"
-    return record.noise_source if record.noise_source == "declared" else f"from {record.noise_source}"

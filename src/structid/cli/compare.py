@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Report, fail
+from structid.cli.base import NOT_DETERMINED, Report, fail, results_folder
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.comparison import comparing
@@ -19,9 +19,7 @@ def compare(
     baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Study file, or results folder of identify.")],
     later: Annotated[Path, typer.Argument(metavar="LATER", help="The same of the later state.")],
     options: comparing.CompareOptions,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <later>_comparison].")
-    ] = None,
+    out: Annotated[Path | None, results_folder("<later>_comparison")] = None,
     report: Report = True,
 ) -> None:
     """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.

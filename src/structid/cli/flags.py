@@ -19,7 +19,10 @@ from structid.cli.base import reported
 _AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
 _PAIR = tuple[float, float] | None
 #: Flags by another name than that of their field.
-_NAMES = {"quantities": ("--quantity", "--quantities")}
+_NAMES = {
+    "quantities": ("--quantity", "--quantities"),
+    **{f"n_{name}": (f"--{name}",) for name in ("sensors", "loads", "frequencies")},
+}
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

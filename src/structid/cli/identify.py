@@ -13,7 +13,17 @@ from typing import Annotated, Any
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Report, StudyPath, fail, reported
+from structid.cli.base import (
+    INTERRUPTED,
+    NOT_DETERMINED,
+    Report,
+    Scheduler,
+    StudyPath,
+    Workers,
+    fail,
+    reported,
+    results_folder,
+)
 from structid.cli.console import free_summary_shown, identification_summary
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
@@ -27,15 +37,6 @@ from structid.study.run.long_run import LongRun, executor_for
 from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
 from structid.study.work.tasks import WorkersLostError
 
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
-]
-Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Run repeats and starts on N processes [default: 1].")
-]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run them on this Dask cluster, as in tcp://host:8786.")
-]  # fmt: skip
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
 ]
@@ -43,7 +44,7 @@ Seconds = Annotated[
 
 def identify(
     study: StudyPath,
-    out: Out = None,
+    out: Annotated[Path | None, results_folder("<study name>_results")] = None,
     report: Report = True,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
     workers: Workers = None,

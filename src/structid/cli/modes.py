@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Report, fail
+from structid.cli.base import NOT_DETERMINED, Report, fail, results_folder
 from structid.cli.tables import show
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
@@ -31,9 +31,7 @@ def modes(
         Path | None,
         typer.Option(metavar="FILE", help="Positions of the nodes: UFF, or CSV of node,x,y,z and line,1,2."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <first record>_modes].")
-    ] = None,
+    out: Annotated[Path | None, results_folder("<first record>_modes")] = None,
     report: Report = True,
 ) -> None:
     """Find the modes of a record, each with its uncertainty; write modes.json, modes.csv, modes.uff and report.html.

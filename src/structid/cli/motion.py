@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, StudyPath, fail
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Scheduler, StudyPath, Workers, fail, results_folder
 from structid.regression.local_reduction import Engine, Kernels
 from structid.study.results.folder import staged_folder
 from structid.study.run.motion import (
@@ -29,15 +29,9 @@ def motion(
         Path | None,
         typer.Option(metavar="FILE.npz", help="Keep the state here after each chunk; go on from it if it is there."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Reduce stretches of the records on N processes.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Reduce them on this Dask cluster, as in tcp://host:8786.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_motion].")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Annotated[Path | None, results_folder("<study name>_motion")] = None,
 ) -> None:
     """Identify a study from the measured motion of every degree of freedom, reading the record by chunks.
 

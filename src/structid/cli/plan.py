@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Report, StudyPath, fail
+from structid.cli.base import NOT_DETERMINED, Report, StudyPath, fail, results_folder
 from structid.cli.tables import show
 from structid.report.planning.text import plan_text
 from structid.study.results.folder import staged_folder
@@ -23,11 +23,11 @@ class Wanted:
 
     Parameters
     ----------
-    sensors : int, optional
+    n_sensors : int, optional
         How many sensors to choose.
-    loads : int, optional
+    n_loads : int, optional
         How many loads to choose.
-    frequencies : int, optional
+    n_frequencies : int, optional
         How many lines to choose [default: all are used].
     criterion : str, optional
         d (determinant) or a (trace) [default: d].
@@ -35,26 +35,17 @@ class Wanted:
         Wanted relative standard deviation, as in 0.02.
     """
 
-    sensors: int | None = None
-    loads: int | None = None
-    frequencies: int | None = None
+    n_sensors: int | None = None
+    n_loads: int | None = None
+    n_frequencies: int | None = None
     criterion: str | None = None
     target: float | None = None
-
-    @property
-    def changes(self) -> dict[str, Any]:
-        """Fields of `PlanOptions` that are given."""
-        named = {"n_sensors": self.sensors, "n_loads": self.loads, "n_frequencies": self.frequencies}
-        fields = {**named, "criterion": self.criterion, "target": self.target}
-        return {name: value for name, value in fields.items() if value is not None}
 
 
 def plan(
     study: StudyPath,
     wanted: Wanted,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_plan].")
-    ] = None,
+    out: Annotated[Path | None, results_folder("<study name>_plan")] = None,
     report: Report = True,
 ) -> None:
     """Predict what a test will tell before it is run, and choose its sensors, loads and lines; write plan.json.
@@ -67,7 +58,7 @@ def plan(
       structid plan frame.toml --sensors 4
       structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
     """
-    read = load_plan(study, **wanted.changes)
+    read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
     found = planned(read)
     folder, name = out if out is not None else Path(f"{study.stem}_plan"), "plan.json"
     with staged_folder(folder, PLAN_PAGE) as staged:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+from rich.console import RenderableType
 
+from structid.cli.progress import run_progress
 from structid.cli.tables import new_table, number, show
 from structid.report.reproduce.page import write_reproduction
 from structid.reproduce import run
@@ -30,8 +29,9 @@ def reproduce(
       structid reproduce
       structid reproduce --chapter 4 --out chapter_4
     """
-    with _progress() as progress:
-        items = run.reproduce(run.CHAPTERS if chapter is None else (chapter,), progress)
+    with run_progress(0) as progress:
+        chapters = run.CHAPTERS if chapter is None else (chapter,)
+        items = run.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
     page = write_reproduction(items, out)
     show(_summary(items))
     typer.echo(str(page))
@@ -44,16 +44,3 @@ def _summary(items: Iterable[Item]) -> list[RenderableType]:
         largest = item.max_abs_difference
         table.add_row(item.name, item.verdict.value, "-" if largest is None else number(largest, 2), item.title)
     return [table]
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float], None] | None]:
-    """A bar on stderr that names the table or figure in work, where stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda name, done: bar.update(task, completed=done, description=name)
