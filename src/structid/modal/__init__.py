@@ -3,6 +3,7 @@
 from structid.lazy import lazy
 
 _GONE = {
+    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too",
     "joint_modes": "merge_modes, which finds as many modes, and their shapes more exactly",
     "natural_excitation": "identify_modes by pencil or ssi_cov, which take the same correlations",
 }

@@ -16,6 +16,5 @@ from structid.modal.rayleigh.pseudo_rayleigh import StationaryValues as Stationa
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
 from structid.modal.rayleigh.pseudo_rayleigh import stationary_values as stationary_values
 from structid.modal.spectral.bayesian_fft import bayesian_fft as bayesian_fft
-from structid.modal.spectral.efdd import efdd as efdd
 from structid.modal.spectral.fdd import fdd as fdd
 from structid.modal.window_damping import without_window_damping as without_window_damping

@@ -14,7 +14,6 @@ from structid.modal.frf.modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bayesian_fft import bayesian_fft
-from structid.modal.spectral.efdd import efdd
 from structid.modal.spectral.fdd import fdd
 from structid.modal.subspace.modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord
@@ -34,11 +33,11 @@ class Method:
 METHODS: dict[str, Method] = {
     **{name: Method(partial(subspace_modes, method=name)) for name in SUBSPACE_METHODS},
     "fdd": Method(fdd),
-    "efdd": Method(efdd),
     "bayesian_fft": Method(bayesian_fft),
     "lscf": Method(lscf, of_frfs=True),
 }
 _GONE = {
+    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too; or fdd for a first look",
     "era": "pencil, which is ERA with data correlations, ends with maximum likelihood and has half the error",
     "era_dc": "pencil, which is the same",
     "itd": "pencil, which has half the error and needs no more",
@@ -58,8 +57,8 @@ def identify_modes(
         sampling rates agree between records. Records excited in different ways separate repeated modes.
     method : str, optional
         By default ``pencil`` for time records, which serves free and ambient motion alike, and ``lscf`` for FRFs.
-        ``ssi_cov`` and ``ssi_data`` are for ambient motion, and ``fdd`` (no damping), ``efdd`` and ``bayesian_fft``
-        (close modes too) for its spectra.
+        ``ssi_cov`` and ``ssi_data`` are for ambient motion, and ``fdd`` (no damping) and ``bayesian_fft`` for its
+        spectra.
     options : ModalOptions, optional
     **settings
         Fields of `ModalOptions` in place of `options`, as in ``orders=[4]``.

@@ -46,7 +46,7 @@ def fdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | None
     spectrum, lines = chosen_peaks(data, options)
     note = (
         f"frequencies are peaks on lines {spectrum.frequency[1]:.3g} Hz apart, without damping ratios and without "
-        "covariance, which peaks on lines cannot give; efdd and bayesian_fft give both"
+        "covariance, which peaks on lines cannot give; bayesian_fft gives both"
     )
     frequency = spectrum.frequency[lines]
     dofs, merge = displacement_rows(data, 2j * np.pi * frequency)
