@@ -52,7 +52,6 @@ from structid.records import FrfRecord as FrfRecord
 from structid.records import Preparation as Preparation
 from structid.records import ReadOptions as ReadOptions
 from structid.records import TimeRecord as TimeRecord
-from structid.records import frf_from_rest as frf_from_rest
 from structid.records import frf_from_time as frf_from_time
 from structid.records import from_repeats as from_repeats
 from structid.records import prepare as prepare

@@ -2,4 +2,8 @@
 
 from structid.lazy import lazy
 
-__getattr__, __dir__, __all__ = lazy(__name__, __file__)
+_GONE = {
+    "frf_from_rest": "frf_from_time with an exponential window, or structid.spectra_problem, which fits impacts",
+    "spectral_matrix": "scipy.signal.csd, or `structid modes`, whose page shows its singular values",
+}
+__getattr__, __dir__, __all__ = lazy(__name__, __file__, _GONE)

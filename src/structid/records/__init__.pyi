@@ -21,8 +21,5 @@ from structid.records.record import with_declared_noise as with_declared_noise
 from structid.records.transforms.finite_spectra import FiniteSpectra as FiniteSpectra
 from structid.records.transforms.finite_spectra import finite_spectra as finite_spectra
 from structid.records.transforms.half_plane import right_half_plane as right_half_plane
-from structid.records.transforms.laplace_transform import frf_from_rest as frf_from_rest
-from structid.records.transforms.segments import effective_averages as effective_averages
+from structid.records.transforms.spectra import effective_averages as effective_averages
 from structid.records.transforms.spectra import frf_from_time as frf_from_time
-from structid.records.transforms.spectral_matrix import SpectralMatrix as SpectralMatrix
-from structid.records.transforms.spectral_matrix import spectral_matrix as spectral_matrix
