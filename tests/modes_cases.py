@@ -25,12 +25,12 @@ def ambient(duration=200.0, rate=25.0, seed=0, noise=0.01):
     return TimeRecord(rate, motion * [1, -1, 1], ("1X+", "2X-", "3X+"), ("displacement",) * 3)
 
 
-def frfs(noise=0.01, seed=0):
-    """Accelerances of the three masses under a force at the third."""
+def frfs(noise=0.01, seed=0, decay=0.0):
+    """Accelerances of the three masses under a force at the third, both under a window e^(-decay t)."""
     frequency = np.arange(0.5, 8.0, 0.02)
-    omega = 2 * np.pi * frequency
-    modal = 1 / (OMEGA**2 - omega[:, None] ** 2 + 2j * RATIO * OMEGA * omega[:, None])
-    values = -(omega[:, None] ** 2) * np.einsum("ir,fr,r->fi", SHAPES, modal, SHAPES[2])
+    s = decay + 2j * np.pi * frequency[:, None]
+    modal = 1 / (OMEGA**2 + s**2 + 2 * RATIO * OMEGA * s)
+    values = s**2 * np.einsum("ir,fr,r->fi", SHAPES, modal, SHAPES[2])
     rng = np.random.default_rng(seed)
     error = rng.standard_normal((2, *values.shape)) * noise * np.abs(values).mean(axis=0) / np.sqrt(2)
     values = values + error[0] + 1j * error[1]

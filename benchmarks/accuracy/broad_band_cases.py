@@ -10,7 +10,6 @@ import numpy as np
 import structid as sid
 from structid.arrays import FloatArray
 from structid.dof import parse_dofs
-from structid.records.transforms.laplace_transform import frf_from_rest
 from structid.reproduce.chapter_3.data import ACTUAL
 from structid.reproduce.chapter_4.cantilever import CASE_1
 
@@ -127,8 +126,22 @@ def measured(one: Case, rng: np.random.Generator) -> sid.FrfRecord:
     if one.impact is None:
         return sid.simulated_record(one.structure, one.truth, one.clean, NOISE, rng)
     std = NOISE * np.abs(one.impact).max(axis=0)
-    noisy = one.impact + std * rng.standard_normal(one.impact.shape)
-    load, sensors = one.clean.inputs, one.clean.outputs
-    quantities = ("force", *("acceleration" for _ in sensors))
-    record = sid.TimeRecord(RATE / KEPT, noisy, (*load, *sensors), quantities, std**2)
-    return frf_from_rest(record, load[0], sensors, force_until=PULSE).band(0.0, FINE[-1] / (2 * np.pi))
+    return _from_rest(one.clean, one.impact + std * rng.standard_normal(one.impact.shape), std)
+
+
+def _from_rest(like: sid.FrfRecord, signals: FloatArray, std: FloatArray) -> sid.FrfRecord:
+    """FRFs from the transforms of a record that starts and ends at rest, its force known to be 0 after the pulse."""
+    step = KEPT / RATE
+    kept = np.ones(signals.shape)
+    kept[step * np.arange(len(signals)) > PULSE, 0] = 0.0
+    lines = np.arange(1, int(0.4 * len(signals)) + 1)
+    found = step * np.fft.rfft(signals * kept, axis=0)[lines]
+    noise = step**2 * kept.sum(axis=0) * std**2
+    values = found[:, 1:] / found[:, :1]
+    variance = (noise[1:] + np.abs(values) ** 2 * noise[0]) / np.abs(found[:, :1]) ** 2
+    frequency = lines / (step * len(signals))
+    record = sid.FrfRecord(
+        frequency, values[:, :, None], like.outputs, like.inputs, "accelerance", variance[:, :, None],
+        noise_source="declared",
+    )  # fmt: skip
+    return record.band(0.0, FINE[-1] / (2 * np.pi))

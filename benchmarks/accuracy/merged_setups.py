@@ -19,9 +19,8 @@ from scipy import linalg
 from scipy.signal import lfilter
 
 import structid as sid
-from structid.modal.merging.joint_setups import joint_modes
-from structid.modal.merging.merging import merged_setups
-from structid.modal.modal_identification import ModalOptions
+from structid.modal.merging import merged_setups
+from structid.modal.method import ModalOptions
 from structid.observation import ModalProblem
 
 N_MASSES, STIFFNESS, DAMPING_RATIO, RATE, NOISE = 8, 400.0, 0.01, 15.0, 0.03
@@ -104,36 +103,32 @@ def stiffness_scores(found: sid.ModalRecord) -> np.ndarray:
 
 
 def main() -> None:
-    """Print coverage and rms of the scores by method."""
+    """Print coverage and rms of the scores."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=1200.0)
     chosen = parser.parse_args()
     options = ModalOptions(orders=[2 * N_MASSES], block_rows=20)
-    kept: dict[tuple[str, str], list[np.ndarray]] = {}
+    kept: dict[str, list[np.ndarray]] = {}
     disagreeing = 0
     for seed in range(chosen.seed, chosen.seed + chosen.repeats):
         setups = records(seed, chosen.duration)
-        single = [
-            sid.identify_modes(setup, "ssi_cov", orders=options.orders, block_rows=options.block_rows)
-            for setup in setups
-        ]
+        single = [sid.identify_modes(setup, "ssi_cov", options=options) for setup in setups]
         merged = merged_setups(single)
         disagreeing += any("disagree" in words for words in merged.modes.warnings)
-        for method, found in (("merged after", merged.modes), ("joint", joint_modes(setups, options=options).modes)):
-            for name, value in scores(found).items():
-                kept.setdefault((method, name), []).append(value)
-            kept.setdefault((method, "stiffness"), []).append(stiffness_scores(found))
+        for name, value in scores(merged.modes).items():
+            kept.setdefault(name, []).append(value)
+        kept.setdefault("stiffness", []).append(stiffness_scores(merged.modes))
     print(
         f"{chosen.repeats} repeats from seed {chosen.seed}, {chosen.duration:g} s a set-up; aim 90 to 98 % (shapes: none set)"
     )
-    for (method, name), parts in kept.items():
+    for name, parts in kept.items():
         values = np.concatenate([np.ravel(part) for part in parts])
         inside = 100 * np.mean(np.abs(values) <= Z95)
         rms = np.sqrt(np.nanmean(values**2))
         missing = int(np.isnan(values).sum())
-        print(f"  {method:13s} {name:10s} coverage {inside:5.1f} %   rms error / std {rms:.2f}   missing {missing}")
+        print(f"  {name:10s} coverage {inside:5.1f} %   rms error / std {rms:.2f}   missing {missing}")
     print(f"set-ups said to disagree although they do not: {disagreeing} of {chosen.repeats} (aim: 1 %)")
 
 

@@ -42,7 +42,7 @@ from structid.reproduce.chapter_4.cantilever import (
     cantilever,
     in_rad_per_s,
 )
-from structid.reproduce.chapter_4.sensor_noise import Noise, noisy_record
+from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.schema.plan import load_plan
 
 NOISE = 1e-4

@@ -105,8 +105,7 @@ def main() -> None:
     chosen = parser.parse_args()
     seeds = range(chosen.seed, chosen.seed + chosen.repeats)
     print(f"seeds {seeds.start} to {seeds.stop - 1}; errors and standard deviations over the true value")
-    for method in ("bayesian_fft", "efdd"):
-        table("chain", chain_case, method, seeds)
+    table("chain", chain_case, "bayesian_fft", seeds)
     table("close pair", close_case, "bayesian_fft", seeds)
 
 

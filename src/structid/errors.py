@@ -15,7 +15,11 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
-class NoModesError(InputError):
+class NoAnswerError(StructidError):
+    """All that was given can be used, and the search ends without an answer: exit code 1 of the command line."""
+
+
+class NoModesError(NoAnswerError, InputError):
     """The record was read and searched, and shows no mode that can be relied on."""
 
 

@@ -220,7 +220,7 @@ def test_an_error_of_the_system_is_one_line(study, monkeypatch):
     def failing(*_arguments):
         raise OSError(errno.EIO, "Input/output error", "disk")
 
-    monkeypatch.setattr(cli, "load_study", failing)
+    monkeypatch.setattr("structid.cli.check.load_study", failing)
     done = invoke("check", study)
     assert done.exit_code == 2
     assert done.stderr == "error: disk: Input/output error; check the disk and the permissions\n"
@@ -330,32 +330,3 @@ def test_convert_names_what_is_wrong(tmp_path, monkeypatch, source, target, word
     for word in words:
         assert word in done.stderr
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def modules_after(statement: str) -> set[str]:
-    code = f"import sys; before = set(sys.modules); {statement}; print(*(set(sys.modules) - before))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, check=True)
-    return set(done.stdout.split())
-
-
-def test_import_structid_loads_numpy_and_scipy_only():
-    """Nothing else, and of SciPy no more than matrices need: so it takes no longer than they do."""
-    base = "import numpy, scipy.sparse, scipy.sparse.linalg, scipy.linalg, scipy.special, numpy.random"
-    allowed = {name.split(".")[0] for name in modules_after(base)} | {"structid"} | set(sys.stdlib_module_names)
-    loaded = modules_after("import structid")
-    assert {name.split(".")[0] for name in loaded} <= allowed
-    parts = {".".join(name.split(".")[:2]) for name in loaded if name.startswith("scipy.")}
-    assert parts <= {".".join(name.split(".")[:2]) for name in modules_after(base)}
-
-
-def test_check_and_convert_draw_nothing(study):
-    code = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom structid.cli import app as cli\n"
-        f"assert CliRunner().invoke(cli.app, ['check', {str(study)!r}]).exit_code == 0\n"
-        f"assert CliRunner().invoke(cli.app, ['identify', {str(study)!r}, '--no-report']).exit_code == 0\n"
-        "print(*{name.split('.')[0] for name in sys.modules})"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, cwd=study.parent, check=True
-    )
-    assert {"matplotlib", "plotly", "jinja2", "structid.report"}.isdisjoint(done.stdout.split())

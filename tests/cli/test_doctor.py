@@ -143,11 +143,7 @@ def test_progress_tells_the_time_left(monkeypatch):
     monkeypatch.setattr("structid.cli.progress.time.monotonic", lambda: now[0])
     said: list[str] = []
 
-    class Told(RunProgress):
-        def show(self, name, done, total, words):
-            said.append(words)
-
-    progress = Told(100)
+    progress = RunProgress(100, lambda _name, _done, _total, words: said.append(words))
     for done in range(11):
         progress.tasks("bootstrap replicates", done, 10)
         now[0] += 2.0

@@ -6,7 +6,7 @@ from modal_cases import decay
 
 from structid import ModalRecord, subspace_angles
 from structid.modal.identification import identify_modes
-from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close, multiplicity
+from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close
 from structid.similarity import mac
 
 
@@ -33,10 +33,9 @@ def test_close_modes_are_those_that_their_intervals_do_not_tell_apart():
     assert not is_close(record([1.0, 1.027], std=0.01, correlation=0.5)).any()  # a common error is no doubt of the gap
 
 
-def test_close_modes_form_groups_with_their_multiplicity():
+def test_close_modes_form_groups():
     modes = record([1.0, 2.0, 2.01, 2.02, 5.0], damping=0.005)
     assert [group.tolist() for group in close_groups(modes)] == [[0], [1, 2, 3], [4]]
-    assert multiplicity(modes).tolist() == [1, 3, 3, 3, 1]
 
 
 def test_close_modes_without_damping_or_covariance_are_equal_ones_only():

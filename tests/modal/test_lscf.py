@@ -356,8 +356,8 @@ def test_records_of_the_wrong_kind_name_the_remedy():
     ambient = TimeRecord(10.0, np.random.default_rng(0).standard_normal((400, 2)), ("1X", "2X"), ("velocity",) * 2)
     with pytest.raises(InputError, match=r"needs FRFs, got time records; compute them with frf_from_time, which needs"):
         identify_modes(ambient, "lscf")
-    with pytest.raises(InputError, match=r"`method` must be lscf for an FrfRecord, got 'era'"):
-        identify_modes(frf(*chain()), "era")
+    with pytest.raises(InputError, match=r"`method` must be lscf for an FrfRecord, got 'pencil'"):
+        identify_modes(frf(*chain()), "pencil")
 
 
 def test_bands_and_orders_without_room_are_named():

@@ -10,7 +10,7 @@ from structid.dynamics.modes import modes
 from structid.modal import ModalRecord, stationary_values
 from structid.modal.rayleigh.free_motion import sample_weights
 from structid.modal.rayleigh.pseudo_rayleigh import _omega, _real_where_close, pseudo_rayleigh
-from structid.reproduce.chapter_5.free_record import free_record
+from structid.reproduce.chapter_5.simple_beam import free_record
 from structid.similarity import mac, subspace_angles
 from structid.structure import Membrane
 

@@ -6,7 +6,7 @@ from modal_cases import ambient_chain
 
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.subspace import kernel as subspace
-from structid.modal.subspace import ssi
+from structid.modal.subspace import methods
 
 RECORD = ambient_chain(3)
 OPTIONS = ModalOptions(orders=[8, 12], block_rows=20, n_pieces=0)
@@ -18,10 +18,10 @@ def poles(method, options=OPTIONS):
 
 def test_data_driven_projection_by_cholesky_is_that_by_qr(monkeypatch):
     fast = poles("ssi_data")
-    monkeypatch.setattr(ssi, "_REGULAR", 1.0)
+    monkeypatch.setattr(methods, "_REGULAR", 1.0)
     calls = []
-    plain = ssi.delayed_triangle
-    monkeypatch.setattr(ssi, "delayed_triangle", lambda *given: calls.append(1) or plain(*given))
+    plain = methods.delayed_triangle
+    monkeypatch.setattr(methods, "delayed_triangle", lambda *given: calls.append(1) or plain(*given))
     slow = poles("ssi_data")
     assert calls == [1]
     for a, b in zip(fast, slow, strict=True):

@@ -7,6 +7,7 @@ import pytest
 
 from structid import (
     Beam,
+    Constraint,
     Dashpot,
     FrfRecord,
     InputError,
@@ -172,6 +173,31 @@ def test_modal_fit_recovers_parameters_of_clean_modes_from_a_poor_start_with_few
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.5 * rng.standard_normal(5))), record)
     found = estimate(problem, plans=problem.stage_plans())
     np.testing.assert_allclose(found.values, true, rtol=1e-7)
+
+
+def followed_chain():
+    """Three masses, and three nodes more that follow them: six sensors can be put on three degrees of freedom."""
+    nodes = {i: float(i) for i in range(7)}
+    here, back = ["1X", "2X", "3X"], ["0X", "1X", "2X"]
+    elements = [PointMass("m", [1, 2, 3], 2.0), Spring("k", here, back, stiffness=1000.0)]
+    half = Constraint("c", "6X", [("1X", 0.5), ("3X", 0.5)])
+    ties = [Constraint("a", "4X", [("1X", 1.0)]), Constraint("b", "5X", [("2X", -1.0)]), half]
+    return Structure(nodes, elements, fixed=["0X"], active=["X"], ties=ties)
+
+
+@pytest.mark.parametrize("channels", [["1X", "2X", "3X", "4X", "5X", "6X"], ["3X", "2X", "5X"]])
+def test_modal_fit_takes_more_sensors_than_degrees_of_freedom(channels):
+    """The search begins with the dynamic residual, whose forces cannot meet every sensor then."""
+    structure, rng = followed_chain(), np.random.default_rng(8)
+    truth = stiffnesses(structure)
+    true = truth.start * np.exp(0.2 * rng.standard_normal(3))
+    record = measured(structure, truth.values(true), channels, 3, rng, 1e-7, 1e-7)
+    problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.3 * rng.standard_normal(3))), record)
+    found = estimate(problem, plans=problem.stage_plans())
+    np.testing.assert_allclose(found.values, true, rtol=1e-5)
+    force = replace(problem, form="dynamic")
+    gradient, difference = gradient_errors(force, force.theta_start)
+    np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
 
 
 def test_modal_fit_follows_modes_that_cross():

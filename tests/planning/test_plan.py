@@ -16,7 +16,7 @@ from structid.dof import parse_dofs
 from structid.errors import SingularModelError
 from structid.planning.plan import PlanOptions, plan
 from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
-from structid.reproduce.chapter_4.sensor_noise import Noise, noisy_record
+from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.run.plan import planned
 from structid.study.schema.plan import load_plan
 from study_cases import CHAIN, RIGID, replaced, write_chain

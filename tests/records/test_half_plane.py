@@ -1,15 +1,11 @@
 """The Poisson integral and the transform from rest against receptances known in closed form."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 import structid as sid
-from structid.dof import parse_dofs
 from structid.errors import InputError
 from structid.records.transforms.half_plane import LARGEST_ERROR, poisson_weights, right_half_plane
-from structid.records.transforms.laplace_transform import frf_from_rest
 
 POLES = np.array([-0.02 + 1j, -0.03 + 2.5j, -0.05 + 4j])
 
@@ -106,86 +102,6 @@ def test_poisson_integral_refuses_what_it_cannot_do():
         right_half_plane(record(OMEGA[:5]), np.array([0.2]), np.array([0.1]))
     with pytest.raises(InputError, match="above 0 1/s"):
         right_half_plane(record(OMEGA), np.array([0.2]), np.array([-0.1]))
-
-
-@cache
-def struck_chain(length: float) -> tuple[np.ndarray, sid.Structure]:
-    """Force and two accelerations of a two-storey chain struck by a smooth pulse, sampled far above its resonances."""
-    chain = sid.Structure(
-        {0: 0.0, 1: 1.0, 2: 2.0},
-        [
-            sid.PointMass("mass", [1, 2], [2.0, 1.0]),
-            sid.Spring("spring", ["1X", "1X"], ["0X", "2X"], stiffness=[30.0, 20.0]),
-            sid.Dashpot("dashpot", ["1X", "1X"], ["0X", "2X"], viscous_damping=[0.3, 0.2]),
-        ],
-        ["0X"],
-    )
-    time = np.arange(int(length * RATE)) / RATE
-    force = np.where(time < 0.2, np.sin(np.pi * time / 0.2) ** 4, 0.0)
-    load = chain.selection(parse_dofs(["2X"])).toarray()
-    motion = sid.sampled_transient(
-        chain.matrix("inertia"), chain.matrix("elastic"), load, force[:, None], RATE, chain.matrix("viscous")
-    )
-    return np.column_stack([force, motion.acceleration @ chain.selection(parse_dofs(["1X", "2X"])).toarray()]), chain
-
-
-def hammer(length: float, noise: float = 0.0, seed: int = 0) -> tuple[sid.TimeRecord, sid.Structure]:
-    """The record of that impact, with noise in parts of each channel's largest value."""
-    signals, chain = struck_chain(length)
-    rng, std = np.random.default_rng(seed), noise * np.abs(signals).max(axis=0)
-    noisy = signals + std * rng.standard_normal(signals.shape)
-    variance = std**2 if noise else None
-    channels, quantities = ("2X", "1X", "2X"), ("force", "acceleration", "acceleration")
-    return sid.TimeRecord(RATE, noisy, channels, quantities, variance), chain
-
-
-@pytest.mark.parametrize("decay", [None, 0.5, np.array([0.4, 0.6, 1.0])])
-def test_transform_from_rest_is_exact_although_the_motion_is_cut(decay):
-    struck, chain = hammer(20.0)
-    at = np.array([0.3, 0.7, 1.5])
-    found = frf_from_rest(struck, "2X", ["1X", "2X"], decay, at)
-    assert found.decay is not None
-    s = found.laplace[:, None, None]
-    mass, damping, stiffness = (chain.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
-    read = chain.selection(parse_dofs(["1X", "2X"])).toarray()
-    exact = s**2 * (read.T @ np.linalg.inv(s**2 * mass + s * damping + stiffness) @ read[:, 1:])
-    # the simulated force runs straight between its samples, which takes (omega step)^2 / 12 = 7e-4 off it at 1.5 Hz;
-    # what is left of the motion after 20 s, times exp(-decay 20 s), is below 1e-3
-    error = np.abs(found.values - exact) / np.abs(exact)
-    assert error.max() < 2e-3
-    assert (np.abs(found.values - exact) ** 2 < 4 * found.variance + (1e-3 * np.abs(exact)) ** 2).all()
-
-
-def test_transform_from_rest_lies_on_the_axis_where_the_motion_has_died_away():
-    struck, _ = hammer(120.0, noise=0.01)
-    found = frf_from_rest(struck, "2X", ["1X"], force_until=0.2)
-    assert found.decay is None
-    assert found.frequency[0] == pytest.approx(1 / 120)
-
-
-def test_transform_from_rest_states_its_noise():
-    at = np.array([0.4, 0.62, 1.2])
-    clean = frf_from_rest(hammer(20.0)[0], "2X", ["1X", "2X"], 0.4, at, 0.2).values
-    found = [frf_from_rest(hammer(20.0, 0.01, seed)[0], "2X", ["1X", "2X"], 0.4, at, 0.2) for seed in range(300)]
-    ratio = np.mean([np.abs(one.values - clean) ** 2 / one.variance for one in found], axis=0)
-    # 300 draws of a complex error: 0.06 is a standard deviation
-    np.testing.assert_allclose(ratio, 1.0, atol=0.25)
-
-
-def test_transform_by_fft_equals_the_direct_sum():
-    struck, _ = hammer(20.0, 0.01)
-    fast = frf_from_rest(struck, "2X", ["1X"], 0.4)
-    slow = frf_from_rest(struck, "2X", ["1X"], 0.4, fast.frequency)
-    np.testing.assert_allclose(fast.values, slow.values, rtol=1e-9)
-    np.testing.assert_allclose(fast.variance, slow.variance, rtol=1e-9)
-
-
-def test_transform_from_rest_refuses_missing_channels():
-    struck, _ = hammer(1.0)
-    with pytest.raises(InputError, match="no acceleration at 3X"):
-        frf_from_rest(struck, "2X", ["3X"])
-    with pytest.raises(InputError, match="at least 0"):
-        frf_from_rest(struck, "2X", ["1X"], -1.0)
 
 
 def test_no_format_keeps_a_decay(tmp_path):

@@ -27,7 +27,7 @@ def decay(rate=100.0, duration=30.0):
 
 
 def errors(record, omega, order):
-    modes = identify_modes(record, method="era", orders=[order], n_pieces=0)
+    modes = identify_modes(record, orders=[order], n_pieces=0)
     near = np.abs(modes.omega[:, None] - omega).argmin(axis=0)
     return np.abs(modes.omega[near] / omega - 1).max(), np.abs(modes.damping_ratio[near] / 0.005 - 1).max()
 
@@ -92,7 +92,7 @@ def test_samples_stay_at_their_times():
 def test_steps_in_words_with_numbers():
     prepared = prepare(
         noise(),
-        Preparation("linear", (1.0, 6.0), 20.0, (2.0, 36.0), ("2X",), exponential_window=4.0, outliers="none"),
+        Preparation("linear", (1.0, 6.0), 20.0, (2.0, 36.0), ("2X",), outliers="none"),
     )
     assert prepared.steps == (
         "kept 1 of 2 channels: 2X+",
@@ -102,10 +102,7 @@ def test_steps_in_words_with_numbers():
         "either end",
         "band-pass filtered, flat within 1-6 Hz (FIR of 217 taps without delay, -3 dB at 0.805 Hz and 6.59 Hz); 5.4 s "
         "dropped at either end",
-        "exponential window of 4 s left on the record: it adds a decay of 0.25 1/s to every pole; take it off the modes "
-        "with `without_window_damping`",
     )
-    assert prepared.window_decay == 0.25
     assert [f.kind for f in prepared.findings] == ["aliasing", "filter"]
 
 
@@ -186,7 +183,6 @@ def test_refused_with_numbers(settings, word):
     [
         {"detrend": "median"}, {"detrend": 11}, {"detrend": True}, {"band": (3.0, 1.0)}, {"band": (-1.0, 1.0)},
         {"interval": (1.0,)}, {"outliers": "remove"}, {"dropouts": ""}, {"edges": "mirror"}, {"longest_gap": 0},
-        {"exponential_window": 0.0},
     ],
 )  # fmt: skip
 def test_settings_refused(settings):

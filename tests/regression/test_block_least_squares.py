@@ -75,7 +75,9 @@ def dense_answer(matrix, right):
 
 
 @pytest.mark.parametrize("work", ENGINES)
-@pytest.mark.parametrize("shape", ["chain", "shuffled chain", "long chain", "short rows", "grid", "one column", "five columns"])
+@pytest.mark.parametrize(
+    "shape", ["chain", "shuffled chain", "long chain", "short rows", "grid", "one column", "five columns"]
+)
 def test_solution_equals_dense_least_squares(work, shape):
     """Values to 1e-10 of each, the deviations to 1e-9; conditions reach 1e3."""
     rng = np.random.default_rng(1)

@@ -6,10 +6,15 @@ import pytest
 from structid import FrfProblem, GaussNewton
 from structid.estimation import minimize
 from structid.reproduce.chapter_4.cantilever import (
+    ALL_AT_ALL,
+    ALL_AT_HALF,
     CASE_1,
     CASE_2,
     GRID,
     TIP,
+    TIP_IN_HZ,
+    TIP_NODE,
+    TIP_PRINTED,
     Reading,
     cantilever,
     classical_errors,
@@ -20,17 +25,16 @@ from structid.reproduce.chapter_4.cantilever import (
     rms,
     unknowns,
 )
-from structid.reproduce.chapter_4.chapter import items
-from structid.reproduce.chapter_4.exact import (
-    ALL_AT_ALL,
-    ALL_AT_HALF,
-    TIP_IN_HZ,
-    TIP_NODE,
-    TIP_PRINTED,
-    errors_of,
+from structid.reproduce.chapter_4.chapter import errors_of, items
+from structid.reproduce.chapter_4.noise import (
+    STUDIES_1,
+    STUDIES_2,
+    Noise,
+    cramer_rao,
+    noisy_errors,
+    noisy_record,
+    quantiles,
 )
-from structid.reproduce.chapter_4.noise import STUDIES_1, STUDIES_2
-from structid.reproduce.chapter_4.sensor_noise import Noise, cramer_rao, noisy_errors, noisy_record, quantiles
 from structid.reproduce.item import Item, Verdict
 
 N_SEEDS = 4

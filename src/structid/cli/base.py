@@ -1,4 +1,4 @@
-"""What the commands of `structid` share: exit codes, errors as one message, and lists in one text."""
+"""What the commands of `structid` share: exit codes, errors as one message, arguments that return, results folders."""
 
 from __future__ import annotations
 
@@ -6,16 +6,37 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.models import OptionInfo
 
-from structid.errors import NoModesError, StructidError
-from structid.study.run.run import SearchFailedError
+from structid.errors import NoAnswerError, StructidError
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: What each exit code means, in the words of the help.
+EXIT_CODES = {
+    DONE: "done",
+    NOT_DETERMINED: "the search failed or the data do not determine the answer (results are written, the reason is on"
+    " stderr)",
+    UNUSABLE_INPUT: "the input cannot be used or the disk is full",
+    INTERRUPTED: "interrupted",
+}
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
+Workers = Annotated[int | None, typer.Option("--workers", metavar="N", help="Work on N processes [default: 1].")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Work on this Dask cluster, as in tcp://host:8786.")
+]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Write the results as a page.")]
 Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page as PNG files too.")]
+
+
+def results_folder(default: str) -> OptionInfo:
+    """The option --out, with the folder that is taken without it."""
+    found: OptionInfo = typer.Option("--out", metavar="FOLDER", help=f"Results folder [default: {default}].")
+    return found
 
 
 @contextmanager
@@ -25,7 +46,7 @@ def reported() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
-    except (SearchFailedError, NoModesError) as error:
+    except NoAnswerError as error:
         fail(str(error), NOT_DETERMINED)
     except StructidError as error:
         fail(str(error), UNUSABLE_INPUT)
@@ -47,8 +68,3 @@ def check_png(report: bool, png: bool) -> None:
     """Refuses figures of a page that is not wanted."""
     if png and not report:
         fail("--png writes the figures of the page; leave out --no-report", UNUSABLE_INPUT)
-
-
-def words(text: str) -> tuple[str, ...]:
-    """The parts of `text` between commas."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import UNUSABLE_INPUT, fail, reported
+from structid.cli.base import UNUSABLE_INPUT, fail
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation, installation
 from structid.study.run.needs import USUAL_ITERATIONS, Needs, available_bytes, gigabytes, measured_needs
@@ -30,24 +30,23 @@ def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
       structid doctor frame.toml
       structid doctor plate.toml --workers 8
     """
-    with reported():
-        found = installation()
-        for line in _installed(found):
-            typer.echo(line)
-        if study is None:
-            return
-        read = load_study(study)
-        free = available_bytes()
-        needs = measured_needs(read, study_problems(read))
-        for line in _needed(needs, free, workers):
-            typer.echo(line)
-        if free is not None and needs.bytes_needed > free:
-            fail(
-                f"{study}: needs about {gigabytes(needs.bytes_needed)} of memory and {gigabytes(free)} are free; take"
-                " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), or take a machine with"
-                " more memory",
-                UNUSABLE_INPUT,
-            )
+    found = installation()
+    for line in _installed(found):
+        typer.echo(line)
+    if study is None:
+        return
+    read = load_study(study)
+    free = available_bytes()
+    needs = measured_needs(read, study_problems(read))
+    for line in _needed(needs, free, workers):
+        typer.echo(line)
+    if free is not None and needs.bytes_needed > free:
+        fail(
+            f"{study}: needs about {gigabytes(needs.bytes_needed)} of memory and {gigabytes(free)} are free; take"
+            " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), or take a machine with"
+            " more memory",
+            UNUSABLE_INPUT,
+        )
 
 
 def _installed(found: Installation) -> list[str]:

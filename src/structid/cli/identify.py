@@ -13,9 +13,22 @@ from typing import Annotated, Any
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Png, Report, check_png, fail, reported
-from structid.cli.console import free_summary_shown, identification_summary, standard_output
+from structid.cli.base import (
+    INTERRUPTED,
+    NOT_DETERMINED,
+    Png,
+    Report,
+    Scheduler,
+    StudyPath,
+    Workers,
+    check_png,
+    fail,
+    reported,
+    results_folder,
+)
+from structid.cli.console import free_summary_shown, identification_summary
 from structid.cli.progress import run_progress
+from structid.cli.tables import show
 from structid.estimation import Status
 from structid.estimation.free_estimate import FreeEstimate
 from structid.study.results.folder import staged_folder, write_results
@@ -26,16 +39,6 @@ from structid.study.run.long_run import LongRun, executor_for
 from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
 from structid.study.work.tasks import WorkersLostError
 
-StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_results].")
-]
-Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Run repeats and starts on N processes [default: 1].")
-]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run them on this Dask cluster, as in tcp://host:8786.")
-]  # fmt: skip
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
 ]
@@ -43,7 +46,7 @@ Seconds = Annotated[
 
 def identify(
     study: StudyPath,
-    out: Out = None,
+    out: Annotated[Path | None, results_folder("<study name>_results")] = None,
     report: Report = True,
     png: Png = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
@@ -85,8 +88,7 @@ def identify(
         with staged_folder(folder) as staged:
             name = _write(result, staged, report, png)
         kept.remove()
-        for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
-            standard_output().print(part)
+        show(free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result))
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:

@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
+from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Scheduler, StudyPath, Workers, fail, results_folder
 from structid.regression.local_reduction import Engine, Kernels
 from structid.study.results.folder import staged_folder
 from structid.study.run.motion import (
@@ -21,7 +21,7 @@ from structid.study.run.motion import (
 
 
 def motion(
-    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")],
+    study: StudyPath,
     engine: Annotated[str, typer.Option(help="auto, numba or numpy.")] = "auto",
     threads: Annotated[int, typer.Option(help="Threads of the compiled kernels.")] = 1,
     chunk: Annotated[int | None, typer.Option(help="Samples read at a time [default: about 32 MB].")] = None,
@@ -29,15 +29,9 @@ def motion(
         Path | None,
         typer.Option(metavar="FILE.npz", help="Keep the state here after each chunk; go on from it if it is there."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Reduce stretches of the records on N processes.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Reduce them on this Dask cluster, as in tcp://host:8786.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Results folder [default: <study name>_motion].")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Annotated[Path | None, results_folder("<study name>_motion")] = None,
 ) -> None:
     """Identify a study from the measured motion of every degree of freedom, reading the record by chunks.
 
@@ -52,24 +46,23 @@ def motion(
       structid motion bridge.toml --threads 2 --checkpoint bridge.npz
       structid motion bridge.toml --workers 4 --checkpoint bridge.npz
     """
-    with reported():
-        work = Kernels(cast(Engine, engine), threads)
-        options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
-        try:
-            found = motion_of_study(study, options, _told)
-        except KeyboardInterrupt:
-            kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
-            fail(f"interrupted; no results were written{kept}", INTERRUPTED)
-        folder = out if out is not None else Path(f"{study.stem}_motion")
-        with staged_folder(folder) as staged:
-            write_motion(found, staged)
-        typer.echo("", err=True)
-        for line in motion_lines(found):
-            typer.echo(line)
-        typer.echo(str(folder / MOTION_SUMMARY))
-        typer.echo(str(folder / MOTION_TABLE))
-        if not found.is_determined:
-            fail("the motion does not determine every parameter; see the message above", NOT_DETERMINED)
+    work = Kernels(cast(Engine, engine), threads)
+    options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
+    try:
+        found = motion_of_study(study, options, _told)
+    except KeyboardInterrupt:
+        kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
+        fail(f"interrupted; no results were written{kept}", INTERRUPTED)
+    folder = out if out is not None else Path(f"{study.stem}_motion")
+    with staged_folder(folder) as staged:
+        write_motion(found, staged)
+    typer.echo("", err=True)
+    for line in motion_lines(found):
+        typer.echo(line)
+    typer.echo(str(folder / MOTION_SUMMARY))
+    typer.echo(str(folder / MOTION_TABLE))
+    if not found.is_determined:
+        fail("the motion does not determine every parameter; see the message above", NOT_DETERMINED)
 
 
 def _told(done: int, whole: int) -> None:

@@ -14,19 +14,19 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 _LINE_SECONDS = 60.0
 
 
+#: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
+Show = Callable[[str, int, int | None, str], None]
+
+
 class RunProgress:
     """What is called by searches (`search`) and by repeated tasks (`tasks`), with words for both.
 
-    Of a search only the most that is left is known, its limit of iterations; most end long before.
-
-    Parameters
-    ----------
-    most_iterations : int
-        Limit of the last stage.
+    Of a search only the most that is left is known, its limit of iterations, the last stage's; most end long before.
     """
 
-    def __init__(self, most_iterations: int) -> None:
+    def __init__(self, most_iterations: int, show: Show) -> None:
         self.most_iterations = most_iterations
+        self.show = show
         self._begun: dict[str, tuple[float, int]] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
@@ -51,59 +51,42 @@ class RunProgress:
         begun, first = self._begun[name]
         return (now - begun) / (done - first) if done > first else 0.0
 
-    def show(self, name: str, done: int, total: int | None, words: str) -> None:
-        """Bring the words to the reader."""
-        raise TypeError("`show` belongs to a terminal or to lines; use `run_progress`")
-
-
-class _Bars(RunProgress):
-    def __init__(self, most_iterations: int, bar: Progress) -> None:
-        super().__init__(most_iterations)
-        self._bar = bar
-        self._tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
-
-    def show(self, name: str, done: int, total: int | None, words: str) -> None:
-        if name not in self._tasks:
-            for task in self._tasks.values():
-                self._bar.update(task, visible=False)
-            self._tasks[name] = self._bar.add_task(name, total=total)
-        self._bar.update(self._tasks[name], completed=done, total=total, description=words)
-
-
-class _Lines(RunProgress):
-    def __init__(self, most_iterations: int) -> None:
-        super().__init__(most_iterations)
-        self._shown = time.monotonic()
-
-    def show(self, name: str, done: int, total: int | None, words: str) -> None:
-        if time.monotonic() - self._shown >= _LINE_SECONDS:
-            typer.echo(words, err=True)
-            self._shown = time.monotonic()
-
 
 @contextmanager
 def run_progress(most_iterations: int) -> Iterator[RunProgress]:
     """The progress of a run: bars where stderr is a terminal, else one line a minute."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _Lines(most_iterations)
+        yield RunProgress(most_iterations, _lines())
         return
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        yield _Bars(most_iterations, bar)
+        yield RunProgress(most_iterations, _bars(bar))
 
 
-@contextmanager
-def item_progress() -> Iterator[Callable[[str, float], None] | None]:
-    """A bar on stderr that names the table or figure in work, where stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda name, done: bar.update(task, completed=done, description=name)
+def _bars(bar: Progress) -> Show:
+    tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
+
+    def show(name: str, done: int, total: int | None, words: str) -> None:
+        if name not in tasks:
+            for task in tasks.values():
+                bar.update(task, visible=False)
+            tasks[name] = bar.add_task(name, total=total)
+        bar.update(tasks[name], completed=done, total=total, description=words)
+
+    return show
+
+
+def _lines() -> Show:
+    shown = time.monotonic()
+
+    def show(_name: str, _done: int, _total: int | None, words: str) -> None:
+        nonlocal shown
+        if time.monotonic() - shown >= _LINE_SECONDS:
+            typer.echo(words, err=True)
+            shown = time.monotonic()
+
+    return show
 
 
 def clock(seconds: float) -> str:

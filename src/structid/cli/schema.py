@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import reported
 from structid.files import atomic_write
 from structid.study.json_schema import study_schema
 
@@ -28,11 +27,10 @@ def schema(target: Target = None) -> None:
       structid schema study.schema.json
       structid schema | less
     """
-    with reported():
-        text = json.dumps(study_schema(), indent=2, ensure_ascii=False) + "\n"
-        if target is None:
-            typer.echo(text, nl=False)
-            return
-        with atomic_write(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        typer.echo(str(target))
+    text = json.dumps(study_schema(), indent=2, ensure_ascii=False) + "\n"
+    if target is None:
+        typer.echo(text, nl=False)
+        return
+    with atomic_write(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    typer.echo(str(target))

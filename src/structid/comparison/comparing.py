@@ -29,20 +29,29 @@ COMPARE_PAGE = "compare.html"
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """How two states are compared.
+    """How two states are compared. Every field is a flag of the command; a list may be one text with commas.
 
     Parameters
     ----------
     unchanged : sequence of str
-        Parameters that are the same in both states: names, kinds such as ``mass``, or patterns with ``*``.
-    level, power, correction
-        As in `compare_states`.
+        What is the same in both states: names, kinds or patterns, as in mass or 'mass[beam:*],loss_factor'.
+    level : float
+        Accepted rate of false declarations.
+    power : float
+        Probability that belongs to the detection limit.
+    correction : {"holm", "benjamini_hochberg"}
+        holm (family-wise) or benjamini_hochberg.
     """
 
     unchanged: Sequence[str] = ()
     level: float = 0.05
     power: float = 0.9
     correction: Correction = "holm"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.unchanged, str):
+            names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
+            object.__setattr__(self, "unchanged", names)
 
 
 @dataclass(frozen=True, eq=False)

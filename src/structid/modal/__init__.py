@@ -1,39 +1,10 @@
-"""Modes from records: one method a file, Record to ModalRecord."""
+"""Modes from records: Record to ModalRecord, by any method of `identification`."""
 
-from structid.modal.full_field import full_field_modes
-from structid.modal.identification import METHODS, identify_modes, modal_identification
-from structid.modal.merging.joint_setups import joint_modes
-from structid.modal.merging.merging import Merging, merge_modes, merged_setups
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
-from structid.modal.modal_record import ModalRecord
-from structid.modal.poles import HardCriteria, Poles
-from structid.modal.rayleigh.pseudo_rayleigh import StationaryValues, pseudo_rayleigh, stationary_values
-from structid.modal.spectral.bayesian_fft import bayesian_fft
-from structid.modal.spectral.efdd import efdd
-from structid.modal.spectral.fdd import fdd
-from structid.modal.subspace.natural_excitation import natural_excitation
-from structid.modal.window_damping import without_window_damping
+from structid.lazy import lazy
 
-__all__ = [
-    "METHODS",
-    "HardCriteria",
-    "Merging",
-    "ModalIdentification",
-    "ModalOptions",
-    "ModalRecord",
-    "Poles",
-    "StationaryValues",
-    "bayesian_fft",
-    "efdd",
-    "fdd",
-    "full_field_modes",
-    "identify_modes",
-    "joint_modes",
-    "merge_modes",
-    "merged_setups",
-    "modal_identification",
-    "natural_excitation",
-    "pseudo_rayleigh",
-    "stationary_values",
-    "without_window_damping",
-]
+_GONE = {
+    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too",
+    "joint_modes": "merge_modes, which finds as many modes, and their shapes more exactly",
+    "natural_excitation": "identify_modes by pencil or ssi_cov, which take the same correlations",
+}
+__getattr__, __dir__, __all__ = lazy(__name__, __file__, _GONE)

@@ -18,7 +18,8 @@ from structid.errors import InputError
 from structid.records import TimeRecord
 from structid.records.record import Quantity
 
-_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: How many times displacement is differentiated.
+ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _AT_ONCE = 1 << 20  # samples of all channels that are transformed together
 _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
 
@@ -52,7 +53,7 @@ class Outputs:
     @property
     def derivative(self) -> FloatArray:
         """0, 1 or 2 for displacement, velocity or acceleration, (n_channels,)."""
-        return np.array([_ORDER[quantity] for quantity in self.quantities])
+        return np.array([ORDER[quantity] for quantity in self.quantities])
 
     @property
     def duration(self) -> float:
@@ -94,7 +95,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
                 f"record {number} must be sampled at {first.sampling_rate:g} Hz as record 1 is, "
                 f"got {record.sampling_rate:g} Hz; resample it"
             )
-    moving = [i for i, quantity in enumerate(first.quantities) if quantity in _ORDER]
+    moving = [i for i, quantity in enumerate(first.quantities) if quantity in ORDER]
     if not moving:
         raise InputError("`records` must hold displacement, velocity or acceleration, got forces only")
     channels = tuple(first.channels[i] for i in moving)
@@ -243,36 +244,6 @@ def window_hankels(
     for piece in windows:
         y = data.series[piece.record]
         yield window_hankel(y, piece.start, piece.stop, rows, columns, offset) / total
-
-
-def correlations(
-    records: TimeRecord | Sequence[TimeRecord] | Outputs, n_lags: int, fixed_window: bool = False
-) -> FloatArray:
-    """R_k for k = 0 .. n_lags - 1 of the scaled channels, (n_lags, n_channels, n_channels).
-
-    Parameters
-    ----------
-    n_lags : int
-        Lags wanted.
-    fixed_window : bool
-        Average the same instants t for every lag. Otherwise all pairs of samples count, with divisor N - k, which
-        is unbiased for stationary motion.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> record = TimeRecord(1.0, np.tile([[1.0], [-1.0]], (50, 1)), ("1Z",), ("velocity",))
-    >>> correlations(record, 3).ravel().tolist()
-    [1.0, -1.0, 1.0]
-    """
-    data = outputs(records)
-    require_length(data, n_lags, 0)
-    held = np.full(n_lags, n_lags - 1) if fixed_window else np.arange(n_lags)
-    total = np.sum(
-        [lag_sums(y, 0, n_lags, 0, len(y) - (n_lags - 1 if fixed_window else 0)) for y in data.series], axis=0
-    )
-    n_pairs = np.sum([len(y) - held for y in data.series], axis=0)
-    return np.asarray(total / n_pairs[:, None, None])
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:

@@ -22,7 +22,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.modal.identification import modal_identification
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import unit_largest
 from structid.records import TimeRecord
 from structid.records.record import Quantity
@@ -55,6 +55,12 @@ class SharedMotions:
     basis: FloatArray
     motions: FloatArray
     left_out: float
+
+    def record(self, sampling_rate: float, quantity: Quantity) -> TimeRecord:
+        """The motions as channels of a record."""
+        rank = self.motions.shape[1]
+        names = tuple(Dof(i + 1, "X") for i in range(rank))
+        return TimeRecord(sampling_rate, self.motions, names, (quantity,) * rank)
 
 
 def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray[np.floating]]]:
@@ -257,20 +263,19 @@ def full_field_modes(
     motions = shared_motions(values, rank)
     if len(channels) != len(motions.basis):
         raise InputError(f"`channels` must name all {len(motions.basis)} channels, got {len(channels)} names")
-    kept = motions.motions.shape[1]
-    names = tuple(Dof(i + 1, "X") for i in range(kept))
-    record = TimeRecord(sampling_rate, motions.motions, names, (quantity,) * kept)
-    found = modal_identification(record, method, options)
-    modes = found.modes
-    words = f"{len(channels)} channels by {kept} shared motions, which leave out {100 * motions.left_out:.2g} % of the power"
+    found = modal_identification(motions.record(sampling_rate, quantity), method, options)
+    return at_all_channels(found, motions, parse_dofs(channels))
+
+
+def at_all_channels(
+    found: ModalIdentification, motions: SharedMotions, channels: tuple[Dof, ...]
+) -> ModalIdentification:
+    """Modes of `SharedMotions.record` with shapes at the channels that share the motions."""
+    modes, rank = found.modes, motions.basis.shape[1]
+    words = f"{len(channels)} channels by {rank} shared motions, which leave out {100 * motions.left_out:.2g} % of the power"
+    shapes = unit_largest(motions.basis @ modes.mode_shapes)
+    source = f"{modes.source}; {words}"
     return replace(
         found,
-        modes=replace(
-            modes,
-            mode_shapes=unit_largest(motions.basis @ modes.mode_shapes),
-            channels=parse_dofs(channels),
-            shape_std=None,
-            changes=None,
-            source=f"{modes.source}; {words}",
-        ),
+        modes=replace(modes, mode_shapes=shapes, channels=channels, shape_std=None, changes=None, source=source),
     )

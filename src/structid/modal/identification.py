@@ -2,42 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from structid.errors import InputError
 from structid.modal.frf.modes import lscf
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
-from structid.modal.poles import HardCriteria
 from structid.modal.spectral.bayesian_fft import bayesian_fft
-from structid.modal.spectral.efdd import efdd
-from structid.modal.spectral.fdd import fdd_modes
+from structid.modal.spectral.fdd import fdd
 from structid.modal.subspace.modes import SUBSPACE_METHODS, subspace_modes
-from structid.modal.subspace.natural_excitation import natural_excitation
 from structid.records import FrfRecord, TimeRecord
 
-#: Methods for frequency response functions; all others take time records.
-FRF_METHODS: tuple[str, ...] = ("lscf",)
-#: Methods for ambient motion that look at its spectra.
-SPECTRAL_METHODS = {"fdd": fdd_modes, "efdd": efdd, "bayesian_fft": bayesian_fft}
-#: Names of all methods.
-METHODS: tuple[str, ...] = (*SUBSPACE_METHODS, "next_era", *SPECTRAL_METHODS, *FRF_METHODS)
-_NO_COVARIANCE = "no covariance: errors of correlation functions gather at the modes; ssi_cov and pencil give it"
+Records = TimeRecord | Sequence[TimeRecord] | FrfRecord
+
+
+@dataclass(frozen=True)
+class Method:
+    """One method: what finds the modes, and whether in FRFs or in time records."""
+
+    identify: Callable[[Any, ModalOptions], ModalIdentification]
+    of_frfs: bool = False
+
+
+#: All methods by name, the default of either kind of record first.
+METHODS: dict[str, Method] = {
+    **{name: Method(partial(subspace_modes, method=name)) for name in SUBSPACE_METHODS},
+    "fdd": Method(fdd),
+    "bayesian_fft": Method(bayesian_fft),
+    "lscf": Method(lscf, of_frfs=True),
+}
+_GONE = {
+    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too; or fdd for a first look",
+    "era": "pencil, which is ERA with data correlations, ends with maximum likelihood and has half the error",
+    "era_dc": "pencil, which is the same",
+    "itd": "pencil, which has half the error and needs no more",
+    "next_era": "ssi_cov or pencil, which take the same correlations, find more modes and give their uncertainty",
+}
 
 
 def identify_modes(
-    records: TimeRecord | Sequence[TimeRecord] | FrfRecord,
-    method: str | None = None,
-    orders: Sequence[int] | None = None,
-    block_rows: int | None = None,
-    criteria: HardCriteria | None = None,
-    frequencies: Sequence[float] | None = None,
-    n_pieces: int = 40,
-    segment: int | None = None,
-    bands: Sequence[tuple[float, float]] | None = None,
+    records: Records, method: str | None = None, *, options: ModalOptions | None = None, **settings: Any
 ) -> ModalRecord:
     """Frequencies, damping ratios and mode shapes of free motion, ambient motion or FRFs, with covariance.
 
@@ -48,22 +57,11 @@ def identify_modes(
         sampling rates agree between records. Records excited in different ways separate repeated modes.
     method : str, optional
         By default ``pencil`` for time records, which serves free and ambient motion alike, and ``lscf`` for FRFs.
-        ``era``, ``era_dc`` and ``itd`` are for free decays, ``ssi_cov`` and ``ssi_data`` for ambient motion, and
-        ``next_era`` for ERA of its correlations (`natural_excitation`), ``fdd`` (no damping), ``efdd`` and
-        ``bayesian_fft`` (close modes too) for its spectra.
-    orders : sequence of int, optional
-        Numbers of states to try; by default 2, 4, ... as far as channels and delays have room, at most 60. One
-        order only gives all its poles that meet `criteria`.
-    block_rows : int, optional
-        Delays on either side; by default 30, less for short records, more for few channels.
-    criteria : HardCriteria, optional
-        What poles must meet; by default a damping ratio from -1 % to 20 %.
-    frequencies : sequence of float, optional
-        Hz: the modes wanted, by hand. Each takes the nearest cluster of stable poles.
-    n_pieces : int
-        Pieces the record is cut into for the covariance; 0 or 1 for none.
-    segment, bands : optional
-        See `ModalOptions`; for ``fdd``, ``efdd`` and ``bayesian_fft``, and the bands also for ``lscf``.
+        ``ssi_cov`` and ``ssi_data`` are for ambient motion, and ``fdd`` (no damping) and ``bayesian_fft`` for its
+        spectra.
+    options : ModalOptions, optional
+    **settings
+        Fields of `ModalOptions` in place of `options`, as in ``orders=[4]``.
 
     Returns
     -------
@@ -75,17 +73,19 @@ def identify_modes(
     ------
     InputError
         If records do not fit together or to the method, a channel is dead, or the record is too short.
+    NoModesError
+        If no mode can be relied on.
 
     Notes
     -----
     Covariances are of first order and hold no bias. In ambient motion they come from pieces of the record, batches of
     which must be long against the memory of the slowest mode, 1 / (zeta omega). Free decays are refined by ``pencil``
     (`decay_fit`), with the covariance of that; for other methods it comes from the noise that the decay leaves (about
-    twice too wide for ``ssi_data``), and there is none for ``era`` and ``itd`` of other motion. For ``lscf`` see `lscf`.
+    twice too wide for ``ssi_data``). For ``lscf`` see `lscf`.
 
     References
     ----------
-    See `pencil`, `era`, `ssi_cov`, `stabilization` and `pole_uncertainty` in this package.
+    See `pencil`, `stabilization` and `pole_uncertainty` in this package.
 
     Examples
     --------
@@ -96,46 +96,37 @@ def identify_modes(
     >>> identify_modes(record, orders=[4]).omega.round(4).tolist()
     [2.0001, 5.0]
     """
-    options = ModalOptions(orders, block_rows, criteria or HardCriteria(), frequencies, n_pieces, segment, bands)
-    return modal_identification(records, method, options).modes
+    return modal_identification(records, method, replace(options or ModalOptions(), **settings)).modes
 
 
 def modal_identification(
-    records: TimeRecord | Sequence[TimeRecord] | FrfRecord,
-    method: str | None = None,
-    options: ModalOptions | None = None,
+    records: Records, method: str | None = None, options: ModalOptions | None = None
 ) -> ModalIdentification:
-    """As `identify_modes`, with the poles of all orders and their clusters, for a stabilization diagram.
-
-    Raises
-    ------
-    InputError
-        If `method` is unknown or does not suit the kind of record, and as `identify_modes` does.
-    """
+    """As `identify_modes`, with the poles of all orders and their clusters, for a stabilization diagram."""
     options = options or ModalOptions()
+    of_frfs = isinstance(records, FrfRecord)
     if method is None:
-        method = "lscf" if isinstance(records, FrfRecord) else "pencil"
+        method = next(name for name, known in METHODS.items() if known.of_frfs == of_frfs)
+    if method in _GONE:
+        raise InputError(f"`method` {method!r} is gone; use {_GONE[method]}")
     if method not in METHODS:
         raise InputError(f"`method` must be one of {', '.join(METHODS)}, got {method!r}")
-    if isinstance(records, FrfRecord):
-        if method not in FRF_METHODS:
-            raise InputError(
-                f"`method` must be {' or '.join(FRF_METHODS)} for an FrfRecord, got {method!r}, which needs time records"
-            )
-        return lscf(records, options)
-    if method in FRF_METHODS:
+    if METHODS[method].of_frfs and not of_frfs:
         raise InputError(
             f"method {method!r} needs FRFs, got time records; compute them with frf_from_time, which needs a force "
             "channel, or use pencil or ssi_cov, which need none"
         )
-    _require_below_nyquist(records, options)
-    if method in SPECTRAL_METHODS:
-        return SPECTRAL_METHODS[method](records, options)
-    if method == "next_era":
-        found = subspace_modes(natural_excitation(records), "era", options)
-        notes = found.modes.warnings if found.modes.covariance is not None else (*found.modes.warnings, _NO_COVARIANCE)
-        return replace(found, modes=replace(found.modes, warnings=notes), method=method)
-    return subspace_modes(records, method, options)
+    if of_frfs and not METHODS[method].of_frfs:
+        suits = " or ".join(name for name, known in METHODS.items() if known.of_frfs)
+        raise InputError(f"`method` must be {suits} for an FrfRecord, got {method!r}, which needs time records")
+    if not isinstance(records, FrfRecord):
+        _require_below_nyquist(records, options)
+    found = METHODS[method].identify(records, options)
+    if options.deviation is None:
+        return found
+    uncertain = found.modes.frequency_std > options.deviation * found.modes.frequency
+    words = f"modes with a standard deviation of frequency above {100 * options.deviation:g} % of it"
+    return found.kept(~uncertain, words)
 
 
 def _require_below_nyquist(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions) -> None:

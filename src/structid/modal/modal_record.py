@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,18 @@ class ModalRecord:
         return 2 * np.pi * self.frequency
 
     @property
+    def std(self) -> FloatArray:
+        """Standard deviations of frequencies (Hz), then damping ratios, (2 n_modes,); NaN where there are none."""
+        if self.covariance is None:
+            return np.full(2 * self.n_modes, np.nan)
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def frequency_std(self) -> FloatArray:
+        """The first half of `std`, Hz."""
+        return self.std[: self.n_modes]
+
+    @property
     def poles(self) -> ComplexArray:
         """-zeta omega + i omega sqrt(1 - zeta^2), rad/s; damping that is not known counts as none."""
         ratio = np.clip(np.nan_to_num(self.damping_ratio), -1.0, 1.0)
@@ -162,6 +174,50 @@ class ModalRecord:
             shape_std=None if self.shape_std is None else self.shape_std[rows],
             changes=own and ModalChanges(own.frequency, own.damping_ratio, own.mode_shapes[:, rows]),
         )
+
+
+def by_frequency(
+    frequency: FloatArray,
+    damping_ratio: FloatArray,
+    mode_shapes: NDArray[np.inexact],
+    channels: tuple[Dof, ...],
+    covariance: FloatArray | None = None,
+    shape_std: FloatArray | None = None,
+    **others: Any,
+) -> ModalRecord:
+    """A `ModalRecord` of modes in any order; `others` are its other fields."""
+    order = np.argsort(frequency, kind="stable")
+    both = np.concatenate([order, order + len(order)])
+    return ModalRecord(
+        frequency[order], damping_ratio[order], mode_shapes[:, order], channels,
+        None if covariance is None else covariance[np.ix_(both, both)],
+        None if shape_std is None else shape_std[:, order], **others,
+    )  # fmt: skip
+
+
+def joined(parts: Sequence[ModalRecord], warnings: Sequence[str], source: str) -> ModalRecord:
+    """Modes of several parts at the same channels as one record; errors of different parts count as independent."""
+    n = sum(part.n_modes for part in parts)
+    covariance, before = np.zeros((2, n, 2, n)), 0
+    for part in parts:
+        own = slice(before, before + part.n_modes)
+        if part.covariance is not None:
+            covariance[:, own, :, own] = part.covariance.reshape(2, part.n_modes, 2, part.n_modes)
+        before += part.n_modes
+    return by_frequency(
+        np.concatenate([part.frequency for part in parts]),
+        np.concatenate([part.damping_ratio for part in parts]),
+        np.concatenate([part.mode_shapes for part in parts], axis=1),
+        parts[0].channels,
+        None if any(part.covariance is None for part in parts) else covariance.reshape(2 * n, 2 * n),
+        _side_by_side([part.shape_std for part in parts]),
+        warnings=tuple(warnings), source=source, scaling=parts[0].scaling,
+    )  # fmt: skip
+
+
+def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known, axis=1) if len(known) == len(parts) else None
 
 
 def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:

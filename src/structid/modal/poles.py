@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.errors import InputError
@@ -71,7 +72,7 @@ class HardCriteria:
     frequency : (float, float)
         Least and greatest undamped frequency, Hz.
     damping_ratio : (float, float)
-        Least and greatest; a little below 0, for undamped motion in noise.
+        Least and greatest; a little below 0, for undamped free motion in noise. Ambient motion shows no mode below 0.
     mpc : float
         Least modal phase collinearity; 0 lets every shape pass.
     """
@@ -86,11 +87,20 @@ class HardCriteria:
             if not low < high:
                 raise InputError(f"`{name}` must be a range (least, greatest), got ({low!r}, {high!r})")
 
+    @property
+    def damped(self) -> HardCriteria:
+        """The same for modes of ambient motion, all of which have damping."""
+        low, high = self.damping_ratio
+        return replace(self, damping_ratio=(max(low, float(np.nextafter(0.0, 1.0))), high))
+
+    def meets(self, frequency: FloatArray, ratio: FloatArray) -> NDArray[np.bool_]:
+        """Which frequencies (Hz) with their damping ratios meet the first two criteria."""
+        good = (frequency >= self.frequency[0]) & (frequency <= self.frequency[1])
+        return np.asarray(good & (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1]))
+
     def indices(self, poles: Poles) -> IntArray:
         """Which of `poles` meet all criteria."""
-        frequency, ratio = poles.frequency, poles.damping_ratio
-        good = (frequency >= self.frequency[0]) & (frequency <= self.frequency[1])
-        good &= (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1])
+        good = self.meets(poles.frequency, poles.damping_ratio)
         if self.mpc > 0:
             good &= poles.mpc >= self.mpc
         return np.flatnonzero(good)
@@ -107,6 +117,16 @@ def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
     xx, yy, xy = (np.sum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
     total = xx + yy
     return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total > 0, total, 1.0) ** 2)
+
+
+def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
+    """Derivative of all |s| / 2 pi, then -Re s / |s|, by all Re s, then Im s, (2 n_poles, 2 n_poles)."""
+    size = np.abs(poles)
+    across = poles.imag / size**3
+    slope = np.block([[np.diag(poles.real / size), np.diag(poles.imag / size)],
+                      [np.diag(-poles.imag * across), np.diag(poles.real * across)]])  # fmt: skip
+    slope[: len(size)] /= 2 * np.pi
+    return slope
 
 
 def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float) -> Poles:

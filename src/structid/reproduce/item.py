@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
@@ -111,5 +112,27 @@ class Item:
         return float(np.nanmax(np.abs(self.tables[0].difference)))
 
 
+def unprinted(rows: tuple[str, ...], columns: tuple[str, ...], computed: FloatArray) -> Table:
+    """A table of which the dissertation prints nothing."""
+    return Table(rows, columns, np.full(np.shape(computed), np.nan), computed)
+
+
 #: Called with the name of the item in work and the part of the chapter that is done, 0 to 1.
 Progress = Callable[[str, float], None]
+#: The part of a chapter that is done before a step, its name, and what makes its items, told how to report its own part.
+Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[Item]]]
+
+
+def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
+    """The items of all steps in turn."""
+    found: list[Item] = []
+    report = progress or (lambda _name, _done: None)
+    for (begin, name, make), end in zip(steps, [*(step[0] for step in steps[1:]), 1.0], strict=True):
+        report(name, begin)
+        found += make(partial(_part, report, name, begin, end))
+    report(steps[-1][1], 1.0)
+    return tuple(found)
+
+
+def _part(report: Progress, name: str, begin: float, end: float, done: float) -> None:
+    report(name, begin + (end - begin) * done)

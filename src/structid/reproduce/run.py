@@ -34,31 +34,25 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
     InputError
         If `chapters` names none, or another one.
     """
+    known = ", ".join(map(str, CHAPTERS))
     wanted = sorted(set(chapters))
-    modules = [_module(chapter) for chapter in wanted]
-    if not modules:
-        raise InputError(f"`chapters` must name at least one of {_listed()}, got none")
+    for chapter in wanted:
+        if chapter not in CHAPTERS:
+            raise InputError(f"`chapter` must be one of {known}, got {chapter}")
+    if not wanted:
+        raise InputError(f"`chapters` must name at least one of {known}, got none")
     found: list[Item] = []
     with threadpool_limits(1, user_api="blas"):
-        for i, module in enumerate(modules):
-            found += module.items(_part(progress, i, len(modules)))
+        for i, module in enumerate(map(_module, wanted)):
+            found += module.items(_part(progress, i, len(wanted)))
     return tuple(found)
 
 
 def _module(chapter: int) -> ModuleType:
     """The module of one chapter."""
-    if chapter not in CHAPTERS:
-        raise InputError(f"`chapter` must be one of {_listed()}, got {chapter}")
     return importlib.import_module(f"structid.reproduce.chapter_{chapter}.chapter")
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
     """Progress of one chapter as a part of all of them."""
-    if progress is None:
-        return None
-    report = progress
-    return lambda name, done: report(name, (index + done) / count)
-
-
-def _listed() -> str:
-    return ", ".join(map(str, CHAPTERS))
+    return progress and (lambda name, done: progress(name, (index + done) / count))

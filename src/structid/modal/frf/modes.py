@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError, NoModesError
 from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined
 from structid.modal.frf.spread import DrivingPoint, FrfModes, frequency_damping_covariance, frf_modes, scaled_shapes
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
-from structid.modal.modal_record import ModalRecord
+from structid.modal.method import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalRecord, by_frequency, joined
 from structid.modal.poles import Poles
 from structid.modal.stabilization import Cluster
 from structid.modal.subspace.modes import picked_poles
@@ -66,13 +66,13 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
     then taken as noise. It holds no bias from what the model leaves out.
     """
     outcomes = [_of_band(record, low, high, options) for low, high in _bands(record, options)]
-    modes, notes = _modal_record(record, outcomes)
+    modes = _modal_record(record, outcomes)
     sweep = tuple(poles for outcome in outcomes for poles in outcome.sweep)
     found, before = [], 0
     for outcome in outcomes:
         found += [replace(cluster, number=cluster.number + before) for cluster in outcome.clusters]
         before += len(outcome.sweep)
-    return ModalIdentification(replace(modes, warnings=tuple(notes)), "lscf", sweep, tuple(found), options)
+    return ModalIdentification(modes, "lscf", sweep, tuple(found), options)
 
 
 def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
@@ -209,10 +209,9 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
 def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
     size = np.abs(at.poles)
-    ratio, frequency = -at.poles.real / size, size / (2 * np.pi)
-    low, high = options.criteria.damping_ratio
-    inside = (frequency > band.edges[0]) & (frequency < band.edges[1]) & (ratio >= low) & (ratio <= high)
-    return np.asarray(~inside | (at.poles.imag <= 0))
+    frequency, (low, high) = size / (2 * np.pi), band.edges
+    inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -at.poles.real / size)
+    return np.asarray(~(inside & (frequency > low) & (frequency < high)) | (at.poles.imag <= 0))
 
 
 def _excess(data: FrfData, at: PolesAndParticipation) -> float:
@@ -224,7 +223,7 @@ def _excess(data: FrfData, at: PolesAndParticipation) -> float:
     return ratio if ratio > 1 + 4 * np.sqrt(2 / freedom) else 1.0
 
 
-def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> tuple[ModalRecord, list[str]]:
+def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRecord:
     """Modes of all bands together; errors of different bands are independent, as their lines are."""
     driving = [
         DrivingPoint(o, i, out.sign * load.sign)
@@ -233,46 +232,34 @@ def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> tuple[Mo
         if out.unsigned == load.unsigned
     ]
     notes = [note for outcome in outcomes for note in outcome.notes]
-    s = np.concatenate([outcome.modes.at.poles for outcome in outcomes])
-    shapes, std = _shapes(outcomes, driving or None)
-    scaling = "mass" if driving else "unit_largest"
-    if driving and (words := _doubts(outcomes, driving, s)):
+    if driving and (words := _doubts(outcomes, driving)):
         notes.append(words)
-        (shapes, std), scaling = _shapes(outcomes, None), "unit_largest"
-    covariance = np.zeros((2, len(s), 2, len(s)))
-    before = 0
+        driving = []
+    parts = []
     for outcome in outcomes:
-        n = len(outcome.modes.at.poles)
-        own = frequency_damping_covariance(outcome.modes) if outcome.converged else np.full((2 * n, 2 * n), np.nan)
-        covariance[:, before : before + n, :, before : before + n] = own.reshape(2, n, 2, n)
-        before += n
-    order = np.argsort(np.abs(s), kind="stable")
-    s = s[order]
+        s = outcome.modes.at.poles
+        shapes, std, _ = scaled_shapes(outcome.modes, driving or None)
+        covariance = frequency_damping_covariance(outcome.modes)
+        if not outcome.converged:
+            covariance, std = np.full_like(covariance, np.nan), np.full_like(std, np.nan)
+        parts.append(
+            by_frequency(
+                np.abs(s) / (2 * np.pi), -s.real / np.abs(s), shapes, record.outputs, covariance, std,
+                scaling="mass" if driving else "unit_largest",
+            )
+        )  # fmt: skip
     lines = record.frequency
-    modes = ModalRecord(
-        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), shapes[:, order], record.outputs,
-        covariance=covariance[:, order][:, :, :, order].reshape(2 * len(s), -1), shape_std=std[:, order],
-        scaling="mass" if scaling == "mass" else "unit_largest",
-        source=f"poly-reference LSCF with refinement, {record.kind}, {len(lines)} lines to {lines[-1]:g} Hz",
-    )  # fmt: skip
-    return modes, notes
+    source = f"poly-reference LSCF with refinement, {record.kind}, {len(lines)} lines to {lines[-1]:g} Hz"
+    return joined(parts, notes, source)
 
 
-def _shapes(outcomes: Sequence[_BandModes], driving: list[DrivingPoint] | None) -> tuple[ComplexArray, FloatArray]:
-    each = [scaled_shapes(outcome.modes, driving) for outcome in outcomes]
-    std = [
-        one[1] if outcome.converged else np.full(one[1].shape, np.nan)
-        for one, outcome in zip(each, outcomes, strict=True)
-    ]
-    return np.concatenate([one[0] for one in each], axis=1), np.concatenate(std, axis=1)
-
-
-def _doubts(outcomes: Sequence[_BandModes], driving: list[DrivingPoint], s: ComplexArray) -> str:
+def _doubts(outcomes: Sequence[_BandModes], driving: list[DrivingPoint]) -> str:
     """Why shapes are not scaled to mass, or nothing."""
     doubt = np.concatenate([scaled_shapes(outcome.modes, driving)[2] for outcome in outcomes])
     still = np.flatnonzero(~(doubt <= _DOUBTFUL_SCALE))
     if not len(still):
         return ""
+    s = np.concatenate([outcome.modes.at.poles for outcome in outcomes])
     listed = ", ".join(f"{abs(s[m]) / (2 * np.pi):.4g}" for m in still)
     return (
         f"the driving point shows no mass for the mode at {listed} Hz, which hardly moves it: shapes have largest entry 1. "

@@ -19,6 +19,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks
+from structid.modal.poles import frequency_damping_slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +108,14 @@ def _inverse(normal: FloatArray) -> FloatArray:
 
 def frequency_damping_covariance(modes: FrfModes) -> FloatArray:
     """Of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
-    s, n = modes.at.poles, len(modes.at.poles)
-    size = np.abs(s)
-    jacobian = np.block(
-        [
-            [np.diag(s.real / size), np.diag(s.imag / size)],
-            [np.diag(-(s.imag**2) / size**3), np.diag(s.real * s.imag / size**3)],
-        ]
-    )
-    jacobian[:n] /= 2 * np.pi
+    slope, n = frequency_damping_slope(modes.at.poles), len(modes.at.poles)
     of_poles = np.full((2 * n, 2 * n), np.nan)
     own = modes.at.free[modes.at.free < 2 * n]
     of_poles[np.ix_(own, own)] = modes.covariance[: len(own), : len(own)]
     moving = np.tile(~modes.at.fixed, 2)
     found = np.full((2 * n, 2 * n), np.nan)
     inside = np.ix_(moving, moving)
-    found[inside] = jacobian[inside] @ of_poles[inside] @ jacobian[inside].T
+    found[inside] = slope[inside] @ of_poles[inside] @ slope[inside].T
     return found
 
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError
+from structid.modal.correlations import ORDER
 from structid.records import TimeRecord
 
 RULES = ("trapezoid", "left", "interior", "gregory")
 _GREGORY_ORDER = 7  # differences at each end; from order 8 on some weights are negative
-_ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
 def sample_weights(n_samples: int, rule: str) -> FloatArray:
@@ -120,15 +119,14 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
         See `sample_weights`.
     """
     channels = _channels(records, quantities)
-    steps = np.array([1 / record.sampling_rate for record in records])
+    parts = [_one_record(record, channels, quantities, rule) for record in records]
+    steps, durations = np.array([part.step for part in parts]), np.array([part.duration for part in parts])
     if len(quantities) == 1 and np.ptp(steps) > 1e-9 * steps.max():
         raise InputError(
             f"`records` must share one sampling step for second differences, got {steps.min():g} to {steps.max():g} s; "
             "resample them, or measure the derivative too"
         )
-    durations = steps * [len(record.values) - 1 for record in records]
     shares = durations / durations.sum()
-    parts = [_one_record(record, channels, quantities, rule) for record in records]
     return FreeMotion(
         channels,
         np.concatenate([part.base for part in parts]),
@@ -143,31 +141,22 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
     )
 
 
-class _Part(NamedTuple):
-    """One record's share of a `FreeMotion`."""
-
-    base: FloatArray
-    derivative: FloatArray
-    weights: FloatArray
-    smooth_weights: FloatArray
-    ends: FloatArray
-    inner: FloatArray
-    curvature: FloatArray
-
-
-def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> _Part:
+def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
+    """One record's motion, `ends` times its duration."""
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)
+    spans = step * (len(base) - 1), step
     if not measured:
         second = (2 * inner - base[2:] - base[:-2]) / step**2
         equal = np.full(len(inner), 1 / len(inner))
-        return _Part(inner, second, equal, equal, no_ends, inner, second)
+        return FreeMotion(channels, inner, second, equal, equal, no_ends, inner, second, *spans)
     derivative = measured[0]
     weights, smooth = sample_weights(len(base), rule), sample_weights(len(base), "gregory")
-    if _ORDERS[quantities[1]] - _ORDERS[quantities[0]] == 2:
-        return _Part(base, -derivative, weights, smooth, no_ends, base, -derivative)
+    if ORDER[quantities[1]] - ORDER[quantities[0]] == 2:
+        return FreeMotion(channels, base, -derivative, weights, smooth, no_ends, base, -derivative, *spans)
     ends = np.outer(derivative[-1], base[-1]) - np.outer(derivative[0], base[0])
-    return _Part(base, derivative, weights, smooth, ends, inner, (derivative[:-2] - derivative[2:]) / (2 * step))
+    curvature = (derivative[:-2] - derivative[2:]) / (2 * step)
+    return FreeMotion(channels, base, derivative, weights, smooth, ends, inner, curvature, *spans)
 
 
 def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple[Dof, ...]:

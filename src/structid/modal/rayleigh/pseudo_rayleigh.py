@@ -22,7 +22,6 @@ from structid.dof import Dof
 from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.rayleigh.free_motion import RULES, FreeMotion, free_motion
-from structid.modal.rayleigh.warnings import checked_quantities, quotient_warnings, require_oscillation
 from structid.records import TimeRecord
 
 Form = Literal["as_printed", "symmetric_acceleration", "exact", "end_corrected", "second_difference"]
@@ -32,6 +31,23 @@ Pair = Literal[
 ]  # fmt: skip
 Rule = Literal["trapezoid", "left", "interior", "gregory"]
 
+#: Quantities by the name of their pair.
+PAIRS: dict[str, tuple[str, ...]] = {
+    "displacement-velocity": ("displacement", "velocity"),
+    "velocity-acceleration": ("velocity", "acceleration"),
+    "displacement-acceleration": ("displacement", "acceleration"),
+    "displacement": ("displacement",),
+    "velocity": ("velocity",),
+    "acceleration": ("acceleration",),
+}
+_NEEDS = {
+    "as_printed": ("displacement-velocity", "velocity-acceleration"),
+    "end_corrected": ("displacement-velocity", "velocity-acceleration"),
+    "symmetric_acceleration": ("displacement-acceleration",),
+    "exact": ("displacement-acceleration",),
+    "second_difference": tuple(PAIRS),
+}
+_MISFIT = 0.1
 _SYMMETRIC = ("as_printed", "symmetric_acceleration")
 
 
@@ -134,12 +150,10 @@ def pseudo_rayleigh(
     found = stationary_values(records, pair, form, rule, n_modes, tolerance)
     shapes = found.mode_shapes if mass is None else _by_mass(mass, found.mode_shapes)
     omega, kept, notes = _omega(found.eigenvalues, found.motion.step if form == "second_difference" else 0.0)
-    require_oscillation(omega, found.motion.duration, pair)
+    _require_oscillation(omega, found.motion.duration, pair)
     order = np.flatnonzero(kept)[np.argsort(omega[kept], kind="stable")]
     omega = omega[order]
-    apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
-    gram, rank = found.gram_eigenvalues, len(found.eigenvalues)
-    notes += quotient_warnings(omega, apart, gram, rank, found.motion, pair, form, n_modes)
+    notes += _doubts(found, omega, pair, form, n_modes)
     source = f"pseudo-Rayleigh quotient, {form}, {pair}, {found.motion.duration:g} s"
     return ModalRecord(
         omega / (2 * np.pi), np.full(len(omega), np.nan), unit_largest(shapes[:, order]), found.motion.channels,
@@ -160,7 +174,7 @@ def stationary_values(
     y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
     samples; A itself, whose condition number is the square of theirs, is never formed.
     """
-    quantities = checked_quantities(pair, form)
+    quantities = _checked_quantities(pair, form)
     chosen = rule or ("gregory" if form == "end_corrected" else "trapezoid")
     if chosen not in RULES or (form == "second_difference" and rule not in (None, "interior")):
         words = "'interior' for second differences" if form == "second_difference" else ", ".join(RULES)
@@ -279,3 +293,95 @@ def _by_mass(mass: ArrayLike, shapes: NDArray[np.inexact]) -> NDArray[np.inexact
     if np.linalg.cond(product) > 1e12:
         raise InputError("`mass` must be positive for every motion of the channels; give no `mass` where it is not")
     return shapes @ np.linalg.inv(product)
+
+
+def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
+    """The quantities that `form` takes from `pair`.
+
+    Raises
+    ------
+    InputError
+        If either is unknown, or the pair does not hold the derivative that the form needs.
+    """
+    if form not in _NEEDS:
+        raise InputError(f"`form` must be one of {', '.join(_NEEDS)}, got {form!r}")
+    if pair not in PAIRS:
+        raise InputError(f"`pair` must be one of {', '.join(PAIRS)}, got {pair!r}")
+    if pair not in _NEEDS[form]:
+        raise InputError(
+            f"`form` {form!r} needs `pair` {' or '.join(map(repr, _NEEDS[form]))}, got {pair!r}; "
+            "without these quantities use form='second_difference'"
+        )
+    return PAIRS[pair][:1] if form == "second_difference" else PAIRS[pair]
+
+
+def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
+    """Refuse a response in which no mode turns by half a period."""
+    if omega.max(initial=0.0) * duration >= np.pi:
+        return
+    other = "" if pair == "velocity-acceleration" else ", measuring velocity and acceleration if it is free to drift"
+    raise InputError(
+        f"`records` hold no oscillation: the fastest motion turns by {omega.max(initial=0.0) * duration:.2g} rad in "
+        f"{duration:g} s. A rigid-body motion carries no natural frequency: excite the structure so that it deforms"
+        f"{other}; or measure longer"
+    )
+
+
+def _doubts(found: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None) -> tuple[str, ...]:
+    """What makes the modes doubtful; `omega` holds the circular frequencies identified, increasing."""
+    motion, gram, rank = found.motion, found.gram_eigenvalues, len(found.eigenvalues)
+    # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
+    apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
+    notes = []
+    if rank < len(gram):
+        cause = (
+            "as `n_modes` asks"
+            if n_modes is not None
+            else "so only as many modes are given. A repeated frequency excited once, and a mode that is not excited, "
+            "cannot be seen: add a record with another excitation, or leave out sensors"
+        )
+        largest = f"the first eigenvalue of A left out is {gram[rank]:.1e} of the largest"
+        notes.append(f"{len(gram)} channels reduced to {rank} independent motions ({largest}), {cause}")
+    notes += _slow_modes(omega, motion.duration, pair)
+    notes += _close_modes(apart, motion.duration, form)
+    misfit = motion.misfit
+    if misfit > _MISFIT:
+        notes.append(
+            f"{100 * misfit:.0f} % of the acceleration is not a constant matrix times the motion of the "
+            f"{len(gram)} channels: more modes than sensors (several share one shape at the sensors, and their "
+            "frequencies mix), heavy damping, or noise. Add sensors, low-pass filter, or use a method with delayed "
+            "channels"
+        )
+    return tuple(notes)
+
+
+def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
+    """Modes of less than half a period, except those at rest in the quotient of velocity and acceleration."""
+    at_rest = omega <= 1e-6 * omega.max()
+    slow = np.flatnonzero((omega * duration < np.pi) & ~(at_rest & pair.startswith(("velocity", "acceleration"))))
+    if not len(slow):
+        return []
+    listed = ", ".join(str(i + 1) for i in slow)
+    return [
+        f"mode {listed} turns less than half a period in {duration:g} s: a rigid-body motion, for which the pair "
+        "'velocity-acceleration' is meant, or a record too short for it"
+    ]
+
+
+def _close_modes(apart: FloatArray, duration: float, form: str) -> list[str]:
+    effect = (
+        "their frequencies are pushed apart and their shapes mixed; use the form 'end_corrected' or 'exact', and measure"
+        if form in _SYMMETRIC
+        else "the smallest noise mixes their shapes; measure"
+    )
+    gaps = np.diff(apart)
+    notes = []
+    for i in np.flatnonzero(gaps * duration < np.pi):
+        enough = (
+            f"for at least {np.pi / gaps[i]:.3g} s" if gaps[i] > 1e-9 * apart[-1] else "after other excitations too"
+        )
+        notes.append(
+            f"modes {i + 1} and {i + 2} (near {apart[i]:.5g} and {apart[i + 1]:.5g} rad/s) have T x gap / pi = "
+            f"{gaps[i] * duration / np.pi:.2g}, below 1: {effect} {enough}"
+        )
+    return notes

@@ -9,6 +9,7 @@ Operational Modal Analysis, Springer.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,8 +18,8 @@ from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
-from structid.modal.modal_record import ModalRecord
+from structid.modal.method import ModalIdentification, ModalOptions
+from structid.modal.modal_record import ModalRecord, by_frequency, joined
 from structid.modal.spectral.bayesian_fft_likelihood import BandLines
 from structid.modal.spectral.bayesian_fft_search import Posterior, posterior
 from structid.modal.spectral.peaks import (
@@ -27,9 +28,9 @@ from structid.modal.spectral.peaks import (
     automatic_bands,
     automatic_peaks,
     centred,
+    chosen_peaks,
     default_segment,
     mode_places,
-    peaks_by_hand,
     singular_spectrum,
 )
 from structid.records import TimeRecord
@@ -132,21 +133,13 @@ def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple
 
 def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
     """Bands given, or around peaks, with the places of their modes; says which."""
-    spectrum = singular_spectrum(data, options.segment or default_segment(data))
     if options.bands is not None:
+        spectrum = singular_spectrum(data, options.segment or default_segment(data))
         for (_, high), (low, _) in pairwise(sorted((float(low), float(high)) for low, high in options.bands)):
             if low < high:
                 raise InputError(f"`bands` must not overlap, got one to {high:g} Hz and one from {low:g} Hz; join them")
         return tuple(_given_band(spectrum, float(low), float(high), options, notes) for low, high in options.bands)
-    by_hand = options.frequencies is not None
-    peaks = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
-    low, high = options.criteria.frequency
-    peaks = peaks[(spectrum.frequency[peaks] >= low) & (spectrum.frequency[peaks] <= high)]
-    if not len(peaks):
-        raise NoModesError(
-            "`records` show no peak of the first singular value that stands out of its errors; give `bands` or "
-            "`frequencies`, or measure longer"
-        )
+    spectrum, peaks = chosen_peaks(data, options)
     bands = automatic_bands(spectrum, peaks.tolist())
     listed = ", ".join(f"{b.low:.4g}-{b.high:.4g} Hz ({b.n_modes})" for b in bands)
     notes.append(f"bands (number of modes): {listed}; chosen from the singular spectra. Give `bands` to set them")
@@ -197,30 +190,20 @@ def _modal_record(
     found: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
 ) -> ModalRecord:
     """All bands together, by frequency."""
-    frequency = np.concatenate([one.modes.frequency for one in found])
-    ratio = np.concatenate([one.modes.damping_ratio for one in found])
-    shapes = np.concatenate([one.modes.shapes for one in found], axis=1)
-    spreads = np.concatenate([one.shape_covariance for one in found])
-    total, n = np.zeros((2 * len(frequency),) * 2), len(frequency)
-    start = 0
+    parts = []
     for one in found:
-        m = one.modes.n_modes
-        own = np.concatenate([np.arange(start, start + m), n + np.arange(start, start + m)])
-        total[np.ix_(own, own)] = one.covariance
-        start += m
-    low, high = options.criteria.frequency
-    least, greatest = options.criteria.damping_ratio
-    good = (frequency >= low) & (frequency <= high) & (ratio >= least) & (ratio <= greatest)
+        unit, std = _unit_largest(one.modes.shapes, one.shape_covariance)
+        parts.append(by_frequency(one.modes.frequency, one.modes.damping_ratio, unit, places, one.covariance, std))
+    modes = joined(parts, (), source)
+    good = options.criteria.meets(modes.frequency, modes.damping_ratio)
     if not good.any():
         raise NoModesError("`records` show no mode that meets `criteria`; widen them, or change `bands`")
-    notes += [f"the mode at {frequency[k]:.4g} Hz, damping ratio {ratio[k]:.3g}, does not meet `criteria`: left out"
-              for k in np.flatnonzero(~good)]  # fmt: skip
-    order = np.flatnonzero(good)
-    order = order[np.argsort(frequency[order], kind="stable")]
-    both = np.concatenate([order, n + order])
-    unit, std = _unit_largest(shapes[:, order], spreads[order])
-    return ModalRecord(frequency[order], ratio[order], unit, places, total[np.ix_(both, both)], std,
-                       tuple(notes), source)  # fmt: skip
+    notes += [
+        f"the mode at {modes.frequency[k]:.4g} Hz, damping ratio {modes.damping_ratio[k]:.3g}, does not meet `criteria`:"
+        " left out"
+        for k in np.flatnonzero(~good)
+    ]
+    return replace(modes.some_modes(np.flatnonzero(good)), warnings=tuple(notes))
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,6 @@ from structid.modal.spectral.bayesian_fft_likelihood import (
 
 _DAMPING = (0.003, 0.01, 0.03)
 _DAMPING_LIMITS = (1e-5, 0.5)
-_FAR = 15.0  # bound of steps in coordinates of order 1, for the search only
 _SEARCH_LINES = 200
 _SEARCHES = 2
 _SEARCH_STEPS = 20
@@ -57,16 +56,16 @@ class Posterior:
 def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
     """Most probable modes near `places` (Hz, one a mode), and their covariance from the Hessian there.
 
-    Several modes are searched from several starts, with a part of the lines and in the directions in which the band
-    has most power; the best goes on with all lines and channels.
+    They are searched from several starts, with a part of the lines and in the directions in which the band has most
+    power; the best goes on with all lines and channels.
     """
-    if len(places) == 1:
-        return _refined(data, separate_mode(data, places[0]))
     every = max(1, len(data.frequency) // _SEARCH_LINES)
     kept = min(data.n_channels, 2 * len(places) + 2)
     basis = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1][:, :kept]
     part = replace(data, frequency=data.frequency[::every], lines=data.lines[::every] @ basis)
-    likely = sorted(starts(part, places), key=lambda modes: negative_log_likelihood(part, modes))[:_SEARCHES]
+    likely = sorted(starts(part, places), key=lambda modes: negative_log_likelihood(part, modes))[
+        : min(len(places), _SEARCHES)
+    ]
     searched = [_newton(part, modes, _SEARCH_STEPS)[0].centre for modes in likely]
     best = min(searched, key=lambda modes: negative_log_likelihood(part, modes))
     return _refined(data, replace(best, shapes=basis @ best.shapes))
@@ -162,61 +161,16 @@ def _inverse(curvature: FloatArray) -> FloatArray | None:
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def separate_mode(data: BandLines, place: float) -> BandModes:
-    """The only mode of a band: four unknowns, since the shape is the principal eigenvector of a weighted spectrum.
-
-    Au (2011), Eqs. (22) to (27): with w_k = S |h_k|^2 / (S |h_k|^2 + S_e) the likelihood is greatest for the
-    principal eigenvector of the sum of w_k Re(F_k F_k^*).
-    """
-    from scipy.optimize import minimize
-
-    tried = [_rough(data, [place], [zeta], None) for zeta in _DAMPING]
-    start = min(tried, key=lambda modes: negative_log_likelihood(data, modes))
-    x = np.array([0.0, 0.0, np.log(start.force[0, 0].real), np.log(start.noise)])
-    low, high = x - _FAR, x + _FAR
-    low[:2], high[:2] = _limits(data, start)
-    bounds = np.stack([low, high], axis=1)
-    found = minimize(lambda x: profiled(data, start, x), x, jac=True, method="L-BFGS-B", bounds=bounds)
-    return _profiled_modes(data, start, found.x)
-
-
-def _profiled_modes(data: BandLines, start: BandModes, x: FloatArray) -> BandModes:
-    """One mode at the four coordinates, with the shape that suits them best."""
-    modes = replace(
-        start,
-        frequency=start.frequency * np.exp(start.damping_ratio * x[0]),
-        damping_ratio=start.damping_ratio * np.exp(x[1]),
-        force=np.array([[np.exp(x[2]) + 0j]]),
-        noise=float(np.exp(x[3])),
-    )
-    spectrum = modes.force[0, 0].real * np.abs(transfer(data, modes)[0][:, 0]) ** 2
-    weight = spectrum / (spectrum + modes.noise)
-    matrix = (data.lines.T @ (weight[:, None] * data.lines.conj())).real
-    return replace(modes, shapes=np.linalg.eigh(matrix)[1][:, -1:])
-
-
-def profiled(data: BandLines, start: BandModes, x: FloatArray) -> tuple[float, FloatArray]:
-    """Negative log-likelihood of one mode with the best shape, and its gradient to ln f, ln zeta, ln S and ln S_e.
-
-    The shape is best, so that its own change does not enter the gradient.
-    """
-    modes = _profiled_modes(data, start, x)
-    value, slope = gradient(data, at := chart(modes), coordinates(at))
-    n = data.n_channels
-    scale = start.damping_ratio[0] / modes.damping_ratio[0]  # coordinates of x count in the damping of the start
-    return value, np.array([slope[0] * scale, slope[1], slope[n + 1] / 2, slope[n + 2]])
-
-
 def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
-    """Where the search for several modes begins: shapes from the lines near each place, and from the whole band."""
+    """Where the search begins: shapes from the lines near each place, and from the whole band."""
     m, n = len(places), data.n_channels
     whole = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1]
     basis = whole[:, : min(m, n)]
     basis = basis[:, np.arange(m) % basis.shape[1]]
     turned = basis + np.roll(basis, 1, axis=1) * np.array([1.0 if r % 2 else -1.0 for r in range(m)])
-    turned = turned / np.maximum(np.linalg.norm(turned, axis=0), 1e-12) if n > 1 else basis
+    turned = turned / np.maximum(np.linalg.norm(turned, axis=0), 1e-12)
     choices = [_local_shapes(data, places)]
-    for shapes in (basis, turned):
+    for shapes in (basis, turned) if min(m, n) > 1 else (basis,):
         orders = list(permutations(range(m))) if m <= 3 else [tuple(range(m))]
         choices += [shapes[:, list(order)] for order in orders]
     found = []
@@ -238,15 +192,13 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
     return np.stack(shapes, axis=1)
 
 
-def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray | None) -> BandModes:
+def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
     """Spectral densities that go with frequencies, damping ratios and shapes, in powers over the band."""
     m, n = len(places), data.n_channels
     frequency = np.array(places, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike
         frequency[r] = max(frequency[r], frequency[r - 1] * (1 + 0.2 * zetas[r]))
-    values, vectors = np.linalg.eigh((data.lines.T @ data.lines.conj()).real / len(data.lines))
-    if shapes is None:
-        shapes = vectors[:, ::-1][:, :m]
+    values = np.linalg.eigvalsh((data.lines.T @ data.lines.conj()).real / len(data.lines))
     power = np.sort(np.sum(np.abs(data.lines) ** 2, axis=1))
     noise = float(np.mean(values[: n - m])) if n > m else float(power[len(power) // 10]) / (10 * n)
     noise = max(noise, 1e-12 * float(values[-1]))

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.errors import InputError
-from structid.modal.correlations import Outputs, outputs
-from structid.records import TimeRecord
+from structid.errors import InputError, NoModesError
+from structid.modal.correlations import Outputs
+from structid.modal.method import ModalOptions
 
 #: Modal coherence that a peak must have.
 COHERENCE = 0.8
@@ -114,34 +114,6 @@ def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
     return Spectrum(frequency, values, vectors, float(averages), segment)
 
 
-def singular_spectra(
-    records: TimeRecord | Sequence[TimeRecord], segment: int = 2048
-) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Singular values and vectors of the spectral matrix of the channels, each scaled by its root mean square.
-
-    Parameters
-    ----------
-    segment : int
-        Samples of each segment, Hann-windowed, half of them overlapping.
-
-    Returns
-    -------
-    (n_lines,) float array
-        Frequency, Hz.
-    (n_lines, n_channels) float array
-        Singular values, greatest first, 1/Hz.
-    (n_lines, n_channels, n_channels) complex array
-        Singular vectors in the columns.
-
-    Raises
-    ------
-    InputError
-        If the segment is shorter than 8 samples or longer than the shortest record.
-    """
-    found = singular_spectrum(outputs(records), segment)
-    return found.frequency, found.values, found.vectors
-
-
 def coherence(spectrum: Spectrum, line: int) -> float:
     """Mean MAC of the first singular vector of `line` with those of the two lines on one side, the better one.
 
@@ -199,6 +171,29 @@ def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     if len(set(chosen)) < len(chosen):
         raise InputError("`frequencies` must belong to different peaks; lengthen `segment`, or leave one out")
     return np.array(sorted(chosen), dtype=int)
+
+
+def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArray]:
+    """The singular spectrum, and the lines of its peaks within the criteria: by hand, or automatic, lowest first.
+
+    Raises
+    ------
+    InputError
+        As `peaks_by_hand` does.
+    NoModesError
+        If no peak stands out.
+    """
+    spectrum = singular_spectrum(data, options.segment or default_segment(data))
+    by_hand = options.frequencies is not None
+    lines = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
+    low, high = options.criteria.frequency
+    lines = lines[(spectrum.frequency[lines] >= low) & (spectrum.frequency[lines] <= high)]
+    if not len(lines):
+        raise NoModesError(
+            "`records` show no peak of the first singular value that stands out of its errors and meets `criteria`; give "
+            "`bands` or `frequencies`, or measure longer"
+        )
+    return spectrum, lines
 
 
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:

@@ -7,15 +7,12 @@ themselves. Compare such groups with `structid.subspace_angles`, not with MAC, m
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.modal.correlations import Outputs
 from structid.modal.modal_record import ModalRecord
-from structid.modal.subspace.pole_uncertainty import free_decay_fit, is_free_decay
 
 #: Standard deviations of a 95 % interval: a gap below it is not told from none.
 NOT_TOLD_APART = 1.96
@@ -55,11 +52,6 @@ def is_close(modes: ModalRecord) -> np.ndarray:
 def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
     """Numbers of the modes (from 0) of every group, single modes included, by frequency; see `is_close`."""
     return tuple(np.split(np.arange(modes.n_modes), np.flatnonzero(~is_close(modes)) + 1))
-
-
-def multiplicity(modes: ModalRecord) -> IntArray:
-    """How many modes the group of each mode has, (n_modes,): 1 for a mode that stands alone."""
-    return np.concatenate([np.full(len(group), len(group)) for group in close_groups(modes)]).astype(int)
 
 
 def close_mode_notes(
@@ -122,10 +114,3 @@ def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bo
     pairs = group[:-1]
     gaps = modes.frequency[pairs + 1] - modes.frequency[pairs]
     return (gaps > NOT_TOLD_APART * np.nan_to_num(std[pairs])).tolist()
-
-
-def with_close_mode_notes(data: Outputs, modes: ModalRecord) -> ModalRecord:
-    """`modes` with `close_mode_notes` on them, identified from the records `data`."""
-    is_free = bool(is_close(modes).any()) and is_free_decay(data, free_decay_fit(data, modes.poles)[1], modes.poles)
-    notes = close_mode_notes(modes, data.duration, len(data.series), is_free)
-    return replace(modes, warnings=(*modes.warnings, *notes)) if notes else modes

@@ -22,9 +22,13 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.modal.correlations import Outputs
+from structid.modal.correlations import Outputs, displacement_rows
+from structid.modal.modal_record import ModalRecord, by_frequency
+from structid.modal.poles import frequency_damping_slope
 
 _MAX_STEPS = 50
+_SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up
+_FAR = 0.05  # of its size: a pole that moves further has left its mode
 _GROWTH = 20.0  # exponent that a growing pole may reach
 _ROUNDING = 1e-10  # residual, as a part of the rms, below which there is no noise to average
 
@@ -100,6 +104,17 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
         poles, parts = found
         sigma = _noise(parts)
     return _with_covariance(data, poles, parts)
+
+
+def energy_shares(data: Outputs, poles: ComplexArray) -> FloatArray:
+    """Energy of the decay of each mode over that of the records, (n_modes,), each channel scaled to the same power."""
+    n, found = len(poles), np.zeros(len(poles))
+    for p in _projected(data, poles):
+        gram = p.triangle.T @ p.triangle
+        for k in range(n):
+            own = p.coefficients[[k, n + k]]
+            found[k] += np.sum(own * (gram[np.ix_([k, n + k], [k, n + k])] @ own))
+    return found / sum(float(np.sum(y**2)) for y in data.series)
 
 
 def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
@@ -302,3 +317,54 @@ def decay_shapes(fit: DecayFit, scale: FloatArray, merge: ComplexArray) -> tuple
             variance = variance + np.einsum("idc,ij,jdc,c->d", part, spread[k], part, fit.noise[:, k] ** 2)
         std[:, k] = np.sqrt(variance)
     return shapes, std
+
+
+def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
+    """`modes` of free decays with those of them that stand out of the noise refined by maximum likelihood (`decay_fit`).
+
+    Parameters
+    ----------
+    data : Outputs
+        Records that `modes` come from.
+    modes : ModalRecord
+        By a subspace method; its frequencies, damping ratios, shapes and their covariance are replaced.
+
+    Returns
+    -------
+    ModalRecord
+        `modes` itself where the search does not end near its start.
+    """
+    poles = modes.poles
+    strong = np.flatnonzero(stands_out(data, poles))
+    fit = decay_fit(data, poles[strong]) if len(strong) else None
+    if fit is None or (np.abs(fit.poles - poles[strong]) > _FAR * np.abs(poles[strong])).any():
+        return modes
+    s = fit.poles
+    _, merge = displacement_rows(data, s)
+    shapes, std = decay_shapes(fit, data.scale, merge)
+    frequency, ratio = modes.frequency.copy(), modes.damping_ratio.copy()
+    all_shapes = np.array(modes.mode_shapes)
+    frequency[strong], ratio[strong], all_shapes[:, strong] = np.abs(s) / (2 * np.pi), -s.real / np.abs(s), shapes
+    covariance, shape_std = modes.covariance, modes.shape_std
+    if covariance is not None and shape_std is not None:
+        covariance, shape_std = covariance.copy(), shape_std.copy()
+        own = np.concatenate([strong, modes.n_modes + strong])
+        covariance[own, :], covariance[:, own] = 0.0, 0.0
+        slope = frequency_damping_slope(s)
+        covariance[np.ix_(own, own)] = slope @ fit.pole_covariance @ slope.T
+        shape_std[:, strong] = std
+    return by_frequency(
+        frequency, ratio, all_shapes, modes.channels, covariance, shape_std,
+        warnings=(*modes.warnings, *_shown_decay(data, s)),
+        source=f"{modes.source}, refined by maximum likelihood of the free decay",
+    )  # fmt: skip
+
+
+def _shown_decay(data: Outputs, s: ComplexArray) -> tuple[str, ...]:
+    """A word where the records are too short to show that their motion dies out."""
+    if float(np.max(-s.real)) * data.duration > _SHOWN:
+        return ()
+    return (
+        f"no mode dies out in {data.duration:.3g} s, and the motion is taken as free: if forces kept it up, standard "
+        "deviations are far too small; then measure longer",
+    )

@@ -45,8 +45,6 @@ class Subspace:
         The pieces.
     method : str
         Name of the method.
-    samples : (n_rows_of_triangle, n_delays * n_channels) float array, or None
-        Where the matrix holds the samples themselves instead of their products: `delayed_triangle` of them.
     """
 
     data: Outputs
@@ -58,7 +56,6 @@ class Subspace:
     parts: Parts | None
     windows: tuple[Piece, ...]
     method: str
-    samples: FloatArray | None = None
 
     @property
     def max_order(self) -> int:
@@ -120,21 +117,3 @@ def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tup
             )
     rate = subspace.data.sampling_rate
     return tuple(state_poles(subspace.transition(int(n)), subspace.output(int(n)), rate) for n in orders)
-
-
-def delayed_triangle(data: Outputs, rows: int) -> FloatArray:
-    """R of the QR decomposition of all instants' [y(t), ..., y(t + rows - 1)], in chunks.
-
-    Returns
-    -------
-    (rows * n_channels, rows * n_channels) float array
-    """
-    width = rows * data.n_channels
-    triangle = np.zeros((0, width))
-    for y in data.series:
-        delayed = np.lib.stride_tricks.sliding_window_view(y, rows, axis=0).transpose(0, 2, 1)
-        size = max(4 * width, 1024)
-        for start in range(0, len(delayed), size):
-            chunk = delayed[start : start + size].reshape(-1, width)
-            triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, chunk]), mode="r"))
-    return triangle

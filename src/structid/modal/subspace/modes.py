@@ -10,45 +10,35 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
-from structid.modal.modal_identification import ModalIdentification, ModalOptions
+from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
-from structid.modal.poles import Poles
+from structid.modal.poles import Poles, frequency_damping_slope
 from structid.modal.stabilization import Cluster, clusters
-from structid.modal.subspace.close_modes import with_close_mode_notes
-from structid.modal.subspace.decay_fit import stands_out
-from structid.modal.subspace.decay_modes import decay_modes
-from structid.modal.subspace.era import era, era_dc
-from structid.modal.subspace.itd import itd
+from structid.modal.subspace.close_modes import close_mode_notes
+from structid.modal.subspace.decay_fit import decay_modes, energy_shares, stands_out
 from structid.modal.subspace.kernel import Subspace, poles_of_orders
-from structid.modal.subspace.pencil import pencil
+from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (
     Deviations,
+    FreeDecay,
     deviations,
-    free_decay_fit,
-    is_free_decay,
-    is_mostly_explained,
+    free_decay,
     overlapping_batches,
     pole_deviations,
 )
-from structid.modal.subspace.ssi import ssi_cov, ssi_data
 from structid.records import TimeRecord
 
-SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {
-    "pencil": pencil,
-    "era": era,
-    "era_dc": era_dc,
-    "ssi_cov": ssi_cov,
-    "ssi_data": ssi_data,
-    "itd": itd,
-}
+SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_cov": ssi_cov, "ssi_data": ssi_data}
 _REFINED = ("pencil",)
-_FREE_DECAYS_ONLY = ("era", "itd")
 _MAX_ORDER = 60
 _BLOCK_ROWS = 30
+_CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
+_SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
+_STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
 def subspace_modes(
-    records: TimeRecord | Sequence[TimeRecord], method: str, options: ModalOptions
+    records: TimeRecord | Sequence[TimeRecord], options: ModalOptions, method: str
 ) -> ModalIdentification:
     """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
     data = outputs(records)
@@ -63,69 +53,77 @@ def subspace_modes(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
             "`block_rows` or the greatest order, or measure longer"
         )
-    if found and options.frequencies is None:
-        picked, found, left_out = _standing_out(data, sweep, picked, found)
-        notes += left_out
-    if method in _FREE_DECAYS_ONLY:
-        notes += _no_free_decay(data, np.array([sweep[k].poles[i] for k, i in picked]), method)
-    modes = _modal_record(subspace, sweep, picked, notes)
-    if method in _REFINED and options.refine:
+    motion = free_decay(data, _poles(sweep, picked))
+    if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
+        options = replace(options, criteria=options.criteria.damped)
+        picked, found, notes = _damped(sweep, data.scale, options, _poles(sweep, picked))
+        motion = free_decay(data, _poles(sweep, picked))
+    automatic = bool(found) and options.frequencies is None
+    if automatic and motion.explains_all:
+        picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
+    modes = _modal_record(subspace, sweep, picked, motion, notes)
+    if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
-    if found and options.frequencies is None:
-        modes, found = _resolved(data, modes, found)
-    modes = with_close_mode_notes(data, modes)
-    return ModalIdentification(modes, method, sweep, found, options)
+    result = ModalIdentification(modes, method, sweep, found, options)
+    if automatic:
+        result = _worthy(data, result, motion)
+    more = close_mode_notes(result.modes, data.duration, len(data.series), motion.explains_all)
+    return replace(result, modes=replace(result.modes, warnings=(*result.modes.warnings, *more)))
 
 
-def _resolved(data: Outputs, modes: ModalRecord, found: tuple[Cluster, ...]) -> tuple[ModalRecord, tuple[Cluster, ...]]:
-    """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
+def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
+    return np.array([sweep[k].poles[i] for k, i in picked])
 
-    Stable poles of mere noise seldom are.
-    """
-    if modes.covariance is None:
-        return modes, found
-    std = np.sqrt(np.diag(modes.covariance)[: modes.n_modes])
-    keep = ~(std > 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration))
-    if keep.all():
-        return modes, found
-    listed = ", ".join(f"{f:.4g} \u00b1 {e:.2g}" for f, e in zip(modes.frequency[~keep], std[~keep], strict=True))
-    words = f"stable poles whose frequency is less certain than their bandwidth are left out: {listed} Hz"
-    if not keep.any():
-        raise NoModesError(
-            f"`records` show no mode that stands out of the noise; {words}. Measure longer, or give `frequencies`"
-        )
-    kept = np.flatnonzero(keep)
-    modes = modes.some_modes(kept)
-    return replace(modes, warnings=(*modes.warnings, words)), tuple(found[i] for i in kept)
+
+def _damped(
+    sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions, before: ComplexArray
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+    """`picked_poles` of ambient motion without undamped ones, and words on those of `before` that this leaves out."""
+    picked, found, notes = picked_poles(sweep, scale, options)
+    omega, undamped = np.abs(_poles(sweep, picked)), np.abs(before[before.real >= 0])
+    lost = [w for w in undamped if not (np.abs(omega / w - 1) < _SAME).any()]
+    listed = ", ".join(f"{w / (2 * np.pi):.4g}" for w in sorted(lost))
+    words = (
+        f"poles without damping, which in ambient motion are noise or the tone of a machine, are left out: {listed} Hz"
+    )
+    if not picked:
+        raise NoModesError(f"`records` show no mode; {words}. Measure longer, or choose another method")
+    return picked, found, [*notes, words] if lost else notes
 
 
 def _standing_out(
-    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...]
-) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
-    """Modes of a free decay without stable poles of the noise, and words on those; all modes of other motion."""
-    s = np.array([sweep[k].poles[i] for k, i in picked])
-    if not is_free_decay(data, free_decay_fit(data, s)[1], s):
-        return picked, found, []
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
+    notes: list[str],
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
+    """Modes of a free decay without stable poles of the noise, and words on those."""
+    s = _poles(sweep, picked)
     keep = stands_out(data, s)
     if keep.all() or not keep.any():
-        return picked, found, []
+        return picked, found, motion
     listed = ", ".join(f"{f:.4g}" for f in np.sort(np.abs(s[~keep])) / (2 * np.pi))
+    notes.append(f"stable poles that do not stand out of the noise of the decay are left out: {listed} Hz")
     kept = np.flatnonzero(keep)
-    return (
-        [picked[i] for i in kept],
-        tuple(found[i] for i in kept),
-        [f"stable poles that do not stand out of the noise of the decay are left out: {listed} Hz"],
+    return [picked[i] for i in kept], tuple(found[i] for i in kept), free_decay(data, s[kept])
+
+
+def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
+    """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
+
+    Stable poles of mere noise seldom are. In free decays modes must also be certain to `_CERTAIN`, or hold `_STRONG` of
+    the energy.
+    """
+    modes, std = found.modes, found.modes.frequency_std
+    width = 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
+    found = found.kept(~(std > width), "stable poles whose frequency is less certain than their bandwidth")
+    modes = found.modes
+    if not motion.explains_most or found.options.deviation is not None:
+        return found
+    weak = (modes.frequency_std > _CERTAIN * modes.frequency) & (energy_shares(data, modes.poles) < _STRONG)
+    words = (
+        f"modes of the decay with a standard deviation of frequency above {100 * _CERTAIN:g} % and less than"
+        f" {100 * _STRONG:g} % of the energy"
     )
-
-
-def _no_free_decay(data: Outputs, s: ComplexArray, method: str) -> list[str]:
-    """A word where the modes explain less than half of the motion as a free decay."""
-    if is_mostly_explained(data, free_decay_fit(data, s)[1]):
-        return []
-    return [
-        f"the record is no free decay of these modes, as {method} assumes: no covariance, and poles are biased. For ambient "
-        "motion use next_era, pencil or ssi_cov, or give the records that natural_excitation makes of it"
-    ]
+    return found.kept(~weak, words)
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:
@@ -186,10 +184,10 @@ def picked_poles(
 
 
 def _modal_record(
-    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], notes: list[str]
+    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay, notes: list[str]
 ) -> ModalRecord:
     data = subspace.data
-    s = np.array([sweep[k].poles[i] for k, i in picked])
+    s = _poles(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     order = np.argsort(np.abs(s), kind="stable")
     s, raw, picked = s[order], raw[:, order], [picked[i] for i in order]
@@ -198,19 +196,20 @@ def _modal_record(
     largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
     unit = shapes / shapes[largest]
     covariance = std = changes = None
-    spread = deviations(subspace, max(sweep[k].order for k, _ in picked), s)
+    spread = deviations(subspace, max(sweep[k].order for k, _ in picked), motion, len(s))
     if spread is not None:
         ds, draw = _all_deviations(subspace, spread, sweep, picked)
-        if not spread.free:
+        if not motion.explains_all:
             piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
             ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
         dshape = np.einsum("cdm,bdm->bcm", merge, draw)
         top = dshape[:, largest[0], largest[1]]
         dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
-        changes = ModalChanges(*frequency_damping_changes(s, ds), dunit)
+        moved = np.concatenate([ds.real, ds.imag], axis=1) @ frequency_damping_slope(s).T
+        changes = ModalChanges(moved[:, : len(s)], moved[:, len(s) :], dunit)
         covariance = frequency_damping_covariance(changes, notes)
         std = np.sqrt(np.sum(dunit.real**2, axis=0))
-    notes += _warnings(data, s, len(subspace.windows) if spread is not None and not spread.free else 0)
+    notes += _warnings(data, s, len(subspace.windows) if spread is not None and not motion.explains_all else 0)
     return ModalRecord(
         np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
         covariance=covariance, shape_std=std, warnings=tuple(notes), changes=changes,
@@ -237,13 +236,6 @@ def _all_deviations(
             subspace, spread, sweep[k].order, [picked[m][1] for m in modes]
         )
     return ds, dshape
-
-
-def frequency_damping_changes(s: ComplexArray, ds: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Changes of |s| / 2 pi and of -Re s / |s| with those of s, (n_changes, n_modes) each."""
-    size = np.abs(s)
-    dsize = (s.conj() * ds).real / size
-    return dsize / (2 * np.pi), np.asarray(-ds.real / size + s.real * dsize / size**2)
 
 
 def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:

@@ -14,7 +14,7 @@ uncertainty computation for stochastic subspace identification, Mech. Syst. Sign
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,57 +40,51 @@ class Deviations:
         d_b V.
     left : (n_changes, n_columns, max_order) float array
         d_b' U.
-    free : bool
-        From the noise of a free decay; otherwise from the spread over pieces.
-    moved, gram : (n_changes, max_order, max_order) float arrays, or None
-        For ITD, changes of U' Y1 Y0' U and of U' Y0 Y0' U at constant U.
     """
 
     right: FloatArray
     left: FloatArray
-    free: bool = False
-    moved: FloatArray | None = None
-    gram: FloatArray | None = None
 
 
-def deviations(subspace: Subspace, max_order: int, poles: ComplexArray) -> Deviations | None:
-    """The changes that suit the motion; None where there are none, or fewer than two pieces are asked for.
+@dataclass(frozen=True, eq=False)
+class FreeDecay:
+    """Records taken as one free decay each.
 
-    Methods whose matrix holds the samples themselves have changes for free decays only, as they are made for them;
-    `ssi_data` has none where its past is singular.
-
-    Parameters
+    Attributes
     ----------
-    poles : (n_modes,) complex array
-        Identified. Motion of which they explain more than half as one free decay is taken for a free decay.
+    decay, rest : lists of (n_times, n_channels) float arrays
+        The least-squares decay of every record, and the rest, scaled by its degrees of freedom.
+    explains_most : bool
+        Whether less than half of the power of the records is left.
+    explains_all : bool
+        Whether, besides, no peaks are left around the modes: what ambient forces add in the course of the record gathers
+        there, while sensors' noise does not. Around each mode, the spectrum of the rest must stay below four times its
+        median.
     """
-    if len(subspace.windows) < 2 or (subspace.parts is None and subspace.samples is None):
-        return None
-    decay, noise = free_decay_fit(subspace.data, poles)
-    n_changes = max(len(subspace.windows), 4 * len(poles))
-    if not is_free_decay(subspace.data, noise, poles):
-        return None if subspace.parts is None else piece_deviations(subspace, max_order)
-    if subspace.parts is None:
-        return sample_deviations(subspace, max_order, noise, n_changes)
-    return noise_deviations(subspace, max_order, decay, noise, n_changes)
+
+    decay: list[FloatArray]
+    rest: list[FloatArray]
+    explains_most: bool
+    explains_all: bool
 
 
-def is_mostly_explained(data: Outputs, rest: Sequence[FloatArray]) -> bool:
-    """Whether `rest` holds less than half of the power of the records."""
-    total = sum(float(np.sum(np.square(y))) for y in data.series)
-    return sum(float(np.sum(np.square(y))) for y in rest) < 0.5 * total
-
-
-def is_free_decay(data: Outputs, rest: Sequence[FloatArray], poles: ComplexArray) -> bool:
-    """Whether one free decay with `poles` explains the records, but for `rest`.
-
-    It must leave less than half of their power, and no peaks around the modes: what ambient forces add in the course
-    of the record gathers there, while sensors' noise does not. Around each mode, the spectrum of what is left must stay
-    below four times its median.
-    """
-    return is_mostly_explained(data, rest) and all(
-        _peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL
-    )
+def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
+    """The records as free decays with `poles`."""
+    decay, rest = [], []
+    for y in data.series:
+        time = np.arange(len(y)) / data.sampling_rate
+        start = np.where(poles.real > 0, time[-1], 0.0)  # growing poles count back from the end
+        motion = np.exp(poles * (time[:, None] - start))
+        basis = np.concatenate([motion.real, motion.imag], axis=1)
+        basis = basis / np.linalg.norm(basis, axis=0)
+        q = np.linalg.qr(basis)[0]
+        fitted = q @ (q.T @ y)
+        decay.append(fitted)
+        rest.append((y - fitted) * np.sqrt(len(y) / max(len(y) - basis.shape[1], 1)))
+    left, total = (sum(float(np.sum(np.square(y))) for y in part) for part in (rest, data.series))
+    explains_most = left < 0.5 * total
+    still = [_peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL]
+    return FreeDecay(decay, rest, explains_most, explains_most and all(still))
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
@@ -104,6 +98,15 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
     level = np.median(lines)
     at = np.interp(poles.imag / (2 * np.pi), np.fft.rfftfreq(n, 1 / sampling_rate), smooth)
     return float(at.max(initial=0.0) / level) if level > 0 else 0.0
+
+
+def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> Deviations | None:
+    """The changes that suit the motion; None where the method has no parts, or fewer than two pieces are asked for."""
+    if len(subspace.windows) < 2 or subspace.parts is None:
+        return None
+    if not motion.explains_all:
+        return piece_deviations(subspace, max_order)
+    return noise_deviations(subspace, max_order, motion, max(len(subspace.windows), 4 * n_modes))
 
 
 def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
@@ -156,9 +159,7 @@ def overlapping_batches(
     return sums(ds), sums(dshape)
 
 
-def noise_deviations(
-    subspace: Subspace, max_order: int, decay: Sequence[FloatArray], noise: Sequence[FloatArray], n_changes: int
-) -> Deviations:
+def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> Deviations:
     """What noise like the residual of a free decay does to G: the residual, shifted in time by various steps.
 
     Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
@@ -171,66 +172,14 @@ def noise_deviations(
         assert subspace.parts is not None
         return np.asarray(np.sum(list(subspace.parts(replace(subspace.data, series=tuple(series)), whole)), axis=0))
 
-    clean, right, left = matrix(decay), [], []
+    clean, right, left = matrix(motion.decay), [], []
     for k in range(n_changes):
-        drawn = [y + e for y, e in zip(decay, shifted(noise, (k + 0.5) / n_changes), strict=True)]
+        noise = [np.roll(e, round((k + 0.5) / n_changes * len(e)), axis=0) for e in motion.rest]
+        drawn = [y + e for y, e in zip(motion.decay, noise, strict=True)]
         change = (matrix(drawn) - clean) / np.sqrt(n_changes)
         right.append(change @ v)
         left.append(change.T @ u)
-    return Deviations(np.array(right), np.array(left), free=True)
-
-
-def shifted(noise: Sequence[FloatArray], part: float) -> list[FloatArray]:
-    """Each series by that part of its length later, its end at its start."""
-    return [np.roll(e, round(part * len(e)), axis=0) for e in noise]
-
-
-def sample_deviations(subspace: Subspace, max_order: int, noise: Sequence[FloatArray], n_changes: int) -> Deviations:
-    """As `noise_deviations` for a matrix Y of delayed samples, to first order: all that counts is Y d' for noise d.
-
-    d V = (Y d')' U / S and V' d' U = U' (Y d') U / S need no right singular vector, of which there would be one entry
-    for each instant.
-    """
-    assert subspace.samples is not None
-    m, rows = subspace.data.n_channels, len(subspace.left)
-    n_delays = subspace.samples.shape[1] // m
-    u, s = subspace.left, subspace.singular
-    known = s > np.finfo(float).eps * len(u) * s[0]
-    over = np.where(known, 1 / np.where(known, s, 1.0), 0.0)
-    right, left, moved, gram = [], [], [], []
-    for k in range(n_changes):
-        drawn = shifted(noise, (k + 0.5) / n_changes)
-        cross = sum(delayed_product(y, e, n_delays) for y, e in zip(subspace.data.series, drawn, strict=True))
-        cross = np.asarray(cross) / np.sqrt(n_changes)
-        own = cross[:rows, :rows]
-        right.append(own.T @ u[:, :max_order] * over[:max_order])
-        left.append(subspace.right @ (over[:, None] * (u.T @ (own @ u[:, :max_order]))))
-        if len(cross) > rows:
-            leading = u[:, :max_order]
-            moved.append(leading.T @ (cross[m:, :rows] + cross[:rows, m:].T) @ leading)
-            gram.append(leading.T @ (own + own.T) @ leading)
-    found = Deviations(np.array(right), np.array(left), free=True)
-    return replace(found, moved=np.array(moved), gram=np.array(gram)) if moved else found
-
-
-def delayed_product(y: FloatArray, e: FloatArray, rows: int) -> FloatArray:
-    """Sum over t of [y(t); ...; y(t+rows-1)] [e(t); ...; e(t+rows-1)]', each lag one product, as `window_hankel`.
-
-    Returns
-    -------
-    (rows * n_channels, rows * n_channels) float array
-    """
-    m, n = y.shape[1], len(y) - rows + 1
-    blocks = np.empty((rows, m, rows, m))
-    for lag in range(1 - rows, rows):
-        r, c = max(lag, 0), max(-lag, 0)
-        block = y[r : r + n].T @ e[c : c + n]
-        blocks[r, :, c] = block
-        for step in range(1, rows - abs(lag)):
-            gone, new = step - 1, n + step - 1
-            block = block - np.outer(y[r + gone], e[c + gone]) + np.outer(y[r + new], e[c + new])
-            blocks[r + step, :, c + step] = block
-    return blocks.reshape(rows * m, rows * m)
+    return Deviations(np.array(right), np.array(left))
 
 
 def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
@@ -241,30 +190,6 @@ def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
         ends = min(p.start for p in own), max(p.stop for p in own)
         found.append(Piece(number, *ends, sum(p.part for p in own)))
     return tuple(found)
-
-
-def free_decay_fit(data: Outputs, poles: ComplexArray) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Least-squares free decay with `poles` of every record, and the rest, scaled by its degrees of freedom.
-
-    Returns
-    -------
-    list of (n_times, n_channels) float arrays
-        The decay of each record.
-    list of (n_times, n_channels) float arrays
-        Records less decay.
-    """
-    decay, rest = [], []
-    for y in data.series:
-        time = np.arange(len(y)) / data.sampling_rate
-        start = np.where(poles.real > 0, time[-1], 0.0)  # growing poles count back from the end
-        motion = np.exp(poles * (time[:, None] - start))
-        basis = np.concatenate([motion.real, motion.imag], axis=1)
-        basis = basis / np.linalg.norm(basis, axis=0)
-        q = np.linalg.qr(basis)[0]
-        fitted = q @ (q.T @ y)
-        decay.append(fitted)
-        rest.append((y - fitted) * np.sqrt(len(y) / max(len(y) - basis.shape[1], 1)))
-    return decay, rest
 
 
 def pole_deviations(
@@ -289,11 +214,13 @@ def pole_deviations(
     values, vectors = np.linalg.eig(a)
     duals = np.linalg.inv(vectors)
     index = oscillating(values, subspace.data.sampling_rate)[list(chosen)]
-    transition_change = _regressed(subspace, spread, a) if spread.moved is not None else _shift_invariant(u, a, m)
+    up, down = u[:-m], u[m:]
+    gram, residual = up.T @ up, down - up @ a
     changed_poles, changed_shapes = [], []
-    for k, (right, left) in enumerate(zip(spread.right, spread.left, strict=True)):
+    for right, left in zip(spread.right, spread.left, strict=True):
         du = _left_change(subspace, right[:, :order], left[:, :order], order)
-        coupling = duals @ transition_change(k, du) @ vectors[:, index]
+        da = np.linalg.solve(gram, up.T @ (du[m:] - du[:-m] @ a) + du[:-m].T @ residual)
+        coupling = duals @ da @ vectors[:, index]
         change = coupling[index, np.arange(len(index))]
         gaps = values[None, index] - values[:, None]
         weights = np.where(gaps == 0, 0.0, coupling / np.where(gaps == 0, 1.0, gaps))
@@ -301,34 +228,6 @@ def pole_deviations(
         changed_shapes.append(shapes + c @ (vectors @ weights))
         changed_poles.append(change / values[index] * subspace.data.sampling_rate)
     return np.array(changed_poles), np.array(changed_shapes)
-
-
-def _shift_invariant(u: FloatArray, a: FloatArray, m: int) -> Callable[[int, FloatArray], FloatArray]:
-    """From dU to dA of A = U(without the last block row)^+ U(without the first)."""
-    up, down = u[:-m], u[m:]
-    gram, residual = up.T @ up, down - up @ a
-
-    def change(_: int, du: FloatArray) -> FloatArray:
-        return np.asarray(np.linalg.solve(gram, up.T @ (du[m:] - du[:-m] @ a) + du[:-m].T @ residual))
-
-    return change
-
-
-def _regressed(subspace: Subspace, spread: Deviations, a: FloatArray) -> Callable[[int, FloatArray], FloatArray]:
-    """The same of A = U' Y1 Y0' U (U' Y0 Y0' U)^-1, where dU is orthogonal to U."""
-    assert subspace.samples is not None
-    assert spread.moved is not None
-    assert spread.gram is not None
-    n, m, rows = len(a), subspace.data.n_channels, len(subspace.left)
-    u, moved, gram = subspace.left[:, :n], spread.moved, spread.gram
-    later, now = subspace.samples[:, m:], subspace.samples[:, :rows]
-    ahead, behind = later.T @ (now @ u), (u.T @ later.T) @ now
-    power = subspace.singular[:n] ** 2
-
-    def change(k: int, du: FloatArray) -> FloatArray:
-        return np.asarray((du.T @ ahead + behind @ du + moved[k, :n, :n] - a @ gram[k, :n, :n]) / power)
-
-    return change
 
 
 def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:

@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, IntArray
-from structid.modal import ModalIdentification, ModalRecord, Poles
-from structid.modal.spectral.fdd import singular_spectra
+from structid.modal.correlations import outputs
+from structid.modal.method import ModalIdentification
+from structid.modal.modal_record import ModalRecord
+from structid.modal.modal_record import joined as joined_modes
+from structid.modal.poles import Poles
+from structid.modal.spectral.peaks import singular_spectrum
 from structid.modal.stabilization import Cluster
 from structid.records import TimeRecord
 
@@ -30,8 +32,8 @@ def lower_rate(record: TimeRecord) -> float | None:
 
     n = len(record.values)
     segment = min(4096, 2 ** int(np.log2(max(n // _SEGMENTS, 8))))
-    frequency, values, _ = singular_spectra(record, segment)
-    level = np.log10(np.maximum(values[:, 0], 1e-300))
+    spectrum = singular_spectrum(outputs(record), segment)
+    frequency, level = spectrum.frequency, np.log10(np.maximum(spectrum.values[:, 0], 1e-300))
     smooth = np.convolve(np.pad(level, 1, mode="edge"), np.full(3, 1 / 3), mode="valid")
     peaks, _ = find_peaks(smooth, prominence=_DECADES)
     low = [frequency[i] for i in peaks if i >= 3 and frequency[i] < record.sampling_rate / _FEW_SAMPLES]
@@ -55,80 +57,38 @@ def joined(low: ModalIdentification, high: ModalIdentification, frequency: float
 
     The covariance between the two is left out: it is 0 in the result, and a warning says so.
     """
-    below, above = low.modes.frequency < frequency, high.modes.frequency >= frequency
-    orders = sorted({p.order for p in low.sweep} | {p.order for p in high.sweep})
-    sweep, shifts = [], {}
-    for order in orders:
-        first = _of_order(low, order, 0.0, frequency)
-        second = _of_order(high, order, frequency, np.inf)
-        parts = [poles for poles, _ in (first, second) if poles is not None]
-        shifts[order] = (0 if first[0] is None else len(first[0].poles)) - second[1]
-        sweep.append(
-            Poles(np.concatenate([p.poles for p in parts]), np.concatenate([p.shapes for p in parts], axis=1), order)
+    low, high = _limited(low, 0.0, frequency), _limited(high, frequency, np.inf)
+    parts = [found.modes for found in (low, high)]
+    warnings = [*dict.fromkeys(words for part in parts if part.n_modes for words in part.warnings)]
+    if all(part.n_modes and part.covariance is not None for part in parts):
+        warnings.append(
+            f"modes below and above {frequency:.4g} Hz come from the record at two sampling rates: how their errors"
+            " move together is left out; give a sampling rate (--rate) to look once"
         )
-    found = [*_clusters(low, orders, 0.0, frequency, None), *_clusters(high, orders, frequency, np.inf, shifts)]
-    modes = _joined_modes(low.modes, below, high.modes, above, frequency)
-    return replace(high, modes=modes, sweep=tuple(sweep), clusters=tuple(found))
+    source = f"below {frequency:.4g} Hz: {low.modes.source}; above: {high.modes.source}"
+    later = [replace(cluster, number=cluster.number + len(low.sweep)) for cluster in high.clusters]
+    return replace(
+        high,
+        modes=joined_modes(parts, warnings, source),
+        sweep=(*low.sweep, *high.sweep),
+        clusters=(*low.clusters, *later),
+    )
 
 
-def _of_order(found: ModalIdentification, order: int, least: float, greatest: float) -> tuple[Poles | None, int]:
-    """The poles of `order` in a range, and how many lie below it."""
-    for poles in found.sweep:
-        if poles.order == order:
-            keep = (poles.frequency >= least) & (poles.frequency < greatest)
-            return Poles(poles.poles[keep], poles.shapes[:, keep], order), int((poles.frequency < least).sum())
-    return None, 0
-
-
-def _clusters(
-    found: ModalIdentification, orders: list[int], least: float, greatest: float, shifts: dict[int, int] | None
-) -> list[Cluster]:
-    """Clusters in a range, counted in the joined sweep."""
-    kept = []
+def _limited(found: ModalIdentification, least: float, greatest: float) -> ModalIdentification:
+    """The modes, poles and clusters from `least` to below `greatest`, Hz."""
+    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]
+    sweep = tuple(Poles(p.poles[keep], p.shapes[:, keep], p.order) for p, keep in zip(found.sweep, inside, strict=True))
+    clusters = []
     for cluster in found.clusters:
-        middle = cluster.frequency[cluster.chosen]
-        if not least <= middle < greatest:
+        if not least <= cluster.frequency[cluster.chosen] < greatest:
             continue
         keep = np.flatnonzero((cluster.frequency >= least) & (cluster.frequency < greatest))
-        own = [found.sweep[number].order for number in cluster.number[keep]]
-        number: IntArray = np.array([orders.index(order) for order in own])
-        index = cluster.index[keep] + np.array([0 if shifts is None else shifts[order] for order in own])
+        pairs = zip(cluster.number[keep].tolist(), cluster.index[keep].tolist(), strict=True)
+        index = np.array([int(inside[number][:i].sum()) for number, i in pairs])
         chosen = int(np.flatnonzero(keep == cluster.chosen)[0])
-        kept.append(Cluster(number, index, cluster.frequency[keep], cluster.damping_ratio[keep], chosen))
-    return kept
-
-
-def _joined_modes(
-    low: ModalRecord, below: NDArray[np.bool_], high: ModalRecord, above: NDArray[np.bool_], frequency: float
-) -> ModalRecord:
-    parts = ((low, np.flatnonzero(below)), (high, np.flatnonzero(above)))
-    covariance = shape_std = None
-    warnings = [*dict.fromkeys(w for part, keep in parts for w in part.warnings if len(keep))]
-    if low.covariance is not None and high.covariance is not None:
-        covariance = _joined_covariance(parts)
-        if all(len(keep) for _, keep in parts):
-            warnings.append(
-                f"modes below and above {frequency:.4g} Hz come from the record at two sampling rates: how their errors"
-                " move together is left out; give a sampling rate (--rate) to look once"
-            )
-    if low.shape_std is not None and high.shape_std is not None:
-        shape_std = np.concatenate([part.shape_std[:, keep] for part, keep in parts], axis=1)  # type: ignore[index]
-    return ModalRecord(
-        np.concatenate([part.frequency[keep] for part, keep in parts]),
-        np.concatenate([part.damping_ratio[keep] for part, keep in parts]),
-        np.concatenate([part.mode_shapes[:, keep] for part, keep in parts], axis=1),
-        low.channels, covariance=covariance, shape_std=shape_std, warnings=tuple(warnings),
-        source=f"below {frequency:.4g} Hz: {low.source}; above: {high.source}",
-    )  # fmt: skip
-
-
-def _joined_covariance(parts: tuple[tuple[ModalRecord, IntArray], ...]) -> FloatArray:
-    """Of frequencies, then damping ratios, each those of the first part before those of the second."""
-    n = sum(len(keep) for _, keep in parts)
-    covariance, start = np.zeros((2 * n, 2 * n)), 0
-    for part, keep in parts:
-        here = np.concatenate([start + np.arange(len(keep)), n + start + np.arange(len(keep))])
-        own = np.concatenate([keep, part.n_modes + keep])
-        covariance[np.ix_(here, here)] = np.asarray(part.covariance)[np.ix_(own, own)]
-        start += len(keep)
-    return covariance
+        kept = cluster.number[keep], index, cluster.frequency[keep], cluster.damping_ratio[keep]
+        clusters.append(Cluster(*kept, chosen))
+    modes = found.modes
+    own = np.flatnonzero((modes.frequency >= least) & (modes.frequency < greatest))
+    return replace(found, modes=modes.some_modes(own), sweep=sweep, clusters=tuple(clusters))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,19 @@ import scipy
 
 from structid._version import __version__
 from structid.arrays import FloatArray
+from structid.dof import Dof
 from structid.errors import InputError, NoModesError
 from structid.files import digest
-from structid.modal import HardCriteria, ModalIdentification, ModalOptions, ModalRecord, modal_identification
-from structid.modal.spectral.fdd import singular_spectra
-from structid.modal.survey.geometry import record_geometry
+from structid.modal.correlations import outputs
+from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
+from structid.modal.identification import modal_identification
+from structid.modal.merging import merged_setups
+from structid.modal.method import ModalIdentification
+from structid.modal.modal_record import ModalRecord
+from structid.modal.spectral.peaks import singular_spectrum
+from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
+from structid.modal.window_damping import without_window_damping
 from structid.provenance import Provenance
 from structid.records import (
     Finding,
@@ -30,8 +37,11 @@ from structid.records import (
     TimeRecord,
     harmonic_indicator,
     prepare,
+    read_geometry,
     read_record,
 )
+from structid.records.io.uff.blocks import dataset_lines
+from structid.records.io.uff.uff import SUFFIXES
 
 #: Name of the page that is written beside modes.json.
 MODES_PAGE = "report.html"
@@ -39,45 +49,8 @@ MODES_PAGE = "report.html"
 HARDLY_DAMPED = 1e-3
 _SHORTEST_SEGMENT, _LONGEST_SEGMENT, _SEGMENTS = 512, 4096, 8
 _RATE_OVER_BAND, _FEWEST_SAMPLES = 4.0, 500
-
-
-@dataclass(frozen=True)
-class ModesOptions:
-    """What the user asks for; every default serves without a look at the record.
-
-    Parameters
-    ----------
-    method : str, optional
-        One of `structid.modal.METHODS`; by default the one that fits the kind of record.
-    band : (float, float), optional
-        Least and greatest frequency of modes, Hz.
-    frequencies : tuple of float, optional
-        Hz: the modes wanted, by hand.
-    orders : tuple of int, optional
-        Numbers of states to try.
-    rate : float, optional
-        Hz: sampling rate to which time histories are decimated. By default that of the record; lower where `band` or
-        `frequencies` lie far below it; and for its low modes, where the spectrum shows any, a second look at a lower one.
-    detrend : str or int
-        What is taken off each time history; see `Preparation`.
-    """
-
-    method: str | None = None
-    band: tuple[float, float] | None = None
-    frequencies: tuple[float, ...] | None = None
-    orders: tuple[int, ...] | None = None
-    rate: float | None = None
-    detrend: str | int = "mean"
-
-    def __post_init__(self) -> None:
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(
-                f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
-            )
-        if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
-            raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
-        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"`rate` must be greater than 0 Hz, got {self.rate:g}")
+#: Channels from which on those are looked at that they share, and how many of these at most.
+_MANY_CHANNELS, _SHARED = 200, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,10 +115,8 @@ class ModesResult:
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviations of frequencies (Hz), then damping ratios, (2 n_modes,); NaN where there are none."""
-        if self.modes.covariance is None:
-            return np.full(2 * self.modes.n_modes, np.nan)
-        return np.asarray(np.sqrt(np.diag(self.modes.covariance)))
+        """`ModalRecord.std` of the modes."""
+        return self.modes.std
 
     @property
     def is_determined(self) -> bool:
@@ -201,35 +172,91 @@ def modes_of_file(
     record = read_record(path, read)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
-    identification, more = _identified(ready, options)
-    inputs = {Path(p).name: digest(p) for p in (path, geometry) if p is not None}
+    looked_at, motions = _shared(ready)
+    identification, more = _identified(looked_at, options)
+    kurtosis = _tone_kurtosis(looked_at, identification.modes)
+    if motions is not None and isinstance(ready, TimeRecord):
+        identification = at_all_channels(identification, motions, ready.channels)
+    if options.window is not None and isinstance(ready, TimeRecord):
+        modes = without_window_damping(identification.modes, 1 / options.window)
+        identification = replace(identification, modes=modes)
     return ModesResult(
         title=path.name,
         record=ready,
         identification=identification,
-        spectra=mode_spectra(ready),
+        spectra=mode_spectra(looked_at),
         geometry=places,
-        provenance=_provenance(inputs, options, read),
+        provenance=_provenance((path, geometry), options, read),
         steps=(*steps, *more),
         findings=findings,
         options=options,
-        kurtosis=_tone_kurtosis(ready, identification.modes),
+        kurtosis=kurtosis,
+    )
+
+
+def modes_of_setups(
+    paths: Sequence[str | Path],
+    options: ModesOptions | None = None,
+    read: ReadOptions | None = None,
+    geometry: str | Path | None = None,
+) -> ModesResult:
+    """The modes of one structure from several set-ups with common reference sensors, each as `modes_of_file`, merged.
+
+    The record and the spectra of the result are those of the first set-up.
+
+    Raises
+    ------
+    InputError
+        As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
+    """
+    each = [modes_of_file(path, options, read, geometry) for path in paths]
+    first, merging = each[0], merged_setups([one.modes for one in each])
+    found = ModalIdentification(merging.modes, first.identification.method, options=first.identification.options)
+    return replace(
+        first,
+        title=", ".join(one.title for one in each),
+        identification=found,
+        spectra=replace(first.spectra, name=f"{first.spectra.name}, of {first.title}"),
+        geometry=next((one.geometry for one in each if one.geometry is not None), None),
+        provenance=_provenance((*paths, geometry), first.options, read),
+        steps=tuple(f"{one.title}: {words}" for one in each for words in (*one.steps, f"{one.modes.n_modes} modes")),
+        findings=tuple(replace(f, words=f"{one.title}: {f.words}") for one in each for f in one.findings),
+        kurtosis=np.full(merging.modes.n_modes, np.nan),
     )
 
 
 def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
     """The record made ready, what was done, and what is doubtful about it."""
+    steps: list[str] = []
+    if options.window is not None:
+        steps.append(f"damping of an exponential window of {options.window:g} s taken off the modes")
     if isinstance(record, FrfRecord):
         if options.rate is not None:
             raise InputError("`rate` is for time histories, but the record holds FRFs; leave it out, or give `band`")
-        if options.band is None:
-            return record, (), ()
-        kept = record.band(*options.band)
-        low, high = options.band
-        return kept, (f"{len(kept.frequency)} of {len(record.frequency)} lines kept, {low:g}-{high:g} Hz",), ()
+        kept = record if options.band is None else record.band(*options.band)
+        if options.band is not None:
+            low, high = options.band
+            steps.append(f"{len(kept.frequency)} of {len(record.frequency)} lines kept, {low:g}-{high:g} Hz")
+        if options.window is not None:
+            kept = replace(kept, decay=np.full(len(kept.frequency), 1 / options.window))
+        return kept, tuple(steps), ()
     _require_below_nyquist(record, options)
     ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=_rate(record, options)))
-    return ready.record, ready.steps, ready.findings
+    return ready.record, (*ready.steps, *steps), ready.findings
+
+
+def _shared(record: Record) -> tuple[Record, SharedMotions | None]:
+    """The motions that very many channels share, in the place of the record."""
+    if not isinstance(record, TimeRecord) or len(record.channels) <= min(_MANY_CHANNELS, len(record.values)):
+        return record, None
+    quantity = record.quantities[0]
+    if set(record.quantities) != {quantity}:
+        kinds = ", ".join(dict.fromkeys(record.quantities))
+        raise InputError(
+            f"{len(record.channels)} channels must be of one quantity, got {kinds}; choose with `channels`"
+        )
+    motions = shared_motions(record.values, min(_SHARED, *record.values.shape))
+    return motions.record(record.sampling_rate, quantity), motions
 
 
 def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
@@ -255,31 +282,24 @@ def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
 
 def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
     """The modes, and words on a second look at a lower rate."""
-    criteria = HardCriteria() if options.band is None else HardCriteria(frequency=options.band)
-    settings = ModalOptions(options.orders, None, criteria, options.frequencies)
+    settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
-        return _by_method(record, options.method, settings), ()
+        return modal_identification(record, options.method, settings), ()
     rate = lower_rate(record)
     if rate is None:
-        return _by_method(record, None, settings), ()
+        return modal_identification(record, None, settings), ()
     slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
-    low = _by_method(slow.record, None, settings)
+    low = modal_identification(slow.record, None, settings)
     if not low.sweep:  # the method looks at frequencies one by one, where the rate does not matter
-        return _by_method(record, None, settings), ()
+        return modal_identification(record, None, settings), ()
     try:
-        high = _by_method(record, None, settings)
+        high = modal_identification(record, None, settings)
     except NoModesError:
         return low, slow.steps
     split = join_frequency(low.modes, high.modes, rate)
     words = f"modes below {split:.4g} Hz from a second look: {'; '.join(slow.steps)}"
     return joined(low, high, split), (words,)
-
-
-def _by_method(record: Record, method: str | None, settings: ModalOptions) -> ModalIdentification:
-    if method is None:
-        return modal_identification(record, options=settings)
-    return modal_identification(record, method, settings)
 
 
 def _tone_kurtosis(record: Record, modes: ModalRecord) -> FloatArray:
@@ -300,14 +320,45 @@ def mode_spectra(record: Record) -> ModeSpectra:
         return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit)
     n = len(record.values)
     segment = min(n, 2 ** int(np.log2(np.clip(n // _SEGMENTS, _SHORTEST_SEGMENT, _LONGEST_SEGMENT))))
-    frequency, values, _ = singular_spectra(record, segment)
+    found = singular_spectrum(outputs(record), segment)
     name = "singular values of the spectral matrix, channels scaled to equal power"
-    return ModeSpectra(frequency[1:], values[1:], name, "1/Hz")
+    return ModeSpectra(found.frequency[1:], found.values[1:], name, "1/Hz")
 
 
-def _provenance(inputs: Mapping[str, str], options: ModesOptions, read: ReadOptions | None) -> Provenance:
+def _provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
+    inputs = {Path(path).name: digest(path) for path in paths if path is not None}
     given: dict[str, Any] = {} if read is None else {name: getattr(read, name) for name in read.given()}
     return Provenance(
         structid=__version__, numpy=np.__version__, scipy=scipy.__version__, python=platform.python_version(),
         inputs=inputs, seed=None, settings={**asdict(options), **given},
     )  # fmt: skip
+
+
+def record_geometry(path: Path, record: Record, given: Path | None) -> Geometry | None:
+    """The geometry in the file `given`, or else in the record's file `path`; None where there is none.
+
+    Raises
+    ------
+    FileError
+        If a geometry is there and damaged.
+    InputError
+        If the file that was given lacks a node with a sensor.
+    """
+    if given is None:
+        own = path.suffix.lower() in SUFFIXES and any(dataset_lines(path, number) for number in (15, 2411))
+        found = read_geometry(path) if own else None
+        return found if found is not None and not _missing(record, found) else None
+    geometry = read_geometry(given)
+    missing = _missing(record, geometry)
+    if missing:
+        known = ", ".join(str(node) for node in list(geometry.nodes)[:12])
+        raise InputError(
+            f"{given}: has no node {missing[0].node}, where {missing[0]} is measured; its nodes are {known}"
+        )
+    return geometry
+
+
+def _missing(record: Record, geometry: Geometry) -> list[Dof]:
+    """Sensors at nodes that have no position."""
+    sensors = record.outputs if isinstance(record, FrfRecord) else record.channels
+    return [dof for dof in sensors if dof.node not in geometry.nodes]

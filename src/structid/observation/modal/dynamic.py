@@ -46,6 +46,8 @@ def dynamic_residual(
     ----------
     Norris (1986), Eqs. (4.20) to (4.26), for a free vibration; Kaufman (1975), BIT 15, 49-57.
     """
+    turn = _independent(sensors)
+    sensors, shape = sensors @ turn, turn.T @ shape
     values, first = slopes.parameters.values(physical), slopes.parameters.values(start)
     stiffness, mass = (structure.matrix(law, values).toarray() for law in ("elastic", "inertia"))
     stiffness_0, mass_0 = (structure.matrix(law, first).toarray() for law in ("elastic", "inertia"))
@@ -63,7 +65,16 @@ def dynamic_residual(
     size = float(np.linalg.norm(inertia))
     toward = (inertia / (size * weight))[None, :, None]
     growth = omega**2 * slopes.products(physical, ("inertia",), toward, field_0[None, :, None])["inertia"][0, 0, 0]
-    return error / size, change / size - np.outer(error, growth) / size**2
+    return turn @ (error / size), turn @ (change / size - np.outer(error, growth) / size**2)
+
+
+def _independent(sensors: FloatArray) -> FloatArray:
+    """Orthonormal combinations of sensors that see different motions, (n_channels, rank): what more sensors than degrees of
+    freedom say is met in the sense of least squares.
+    """
+    _, singular, rows = np.linalg.svd(sensors, full_matrices=False)
+    rank = int(np.sum(singular > 1e-12 * singular.max(initial=0.0)))
+    return np.eye(sensors.shape[1]) if rank == sensors.shape[1] else rows[:rank].T
 
 
 def _expanded(

@@ -17,7 +17,8 @@ _LISTS = ("channels", "quantities", "units", "outputs", "inputs")
 class ReadOptions:
     """What is needed to read arrays that do not describe themselves, or a part of a file that does.
 
-    A list may also be given as one text with commas: ``channels="1Z+, 2Z+"``.
+    A list may also be given as one text with commas: ``channels="1Z+, 2Z+"``. Every field is a flag of the commands that
+    read a record, and a key of ``[record]``.
     In a file that describes itself `outputs`, `inputs` and `channels` choose; the other options must
     agree with the file where they are given.
 
@@ -26,18 +27,21 @@ class ReadOptions:
     sampling_rate : float, optional
         Samples per second of a bare time array.
     channels : tuple of str
-        Degree of freedom of each column of a bare time array, such as ``12Z+``.
+        Degrees of freedom of the columns of a bare time array, as in ``1X+,2X+``; else those to use.
     quantities : tuple of str
-        ``displacement``, ``velocity``, ``acceleration`` or ``force`` of each channel, or one for all.
+        ``displacement``, ``velocity``, ``acceleration`` or ``force`` of each channel, as in ``acceleration,force``, or
+        one for all.
     units : tuple of str
-        Unit of each channel, such as ``mm/s^2``, or one for all; says the quantity too. SI if not given.
+        Unit of each time channel, as in ``g,N`` or ``mm/s^2``, or one for all; says the quantity too. SI if not given.
     array : str
         Name of the array (NPZ, MAT, HDF5); in a UFF file with both, ``frf`` or ``time``.
     frequency_array : str
         Name of the array of frequencies in Hz that belongs to a bare FRF array.
-    outputs, inputs : tuple of str
-        Degrees of freedom of a bare FRF array, shape (n_frequencies, n_outputs, n_inputs), or
-        (n_frequencies, n_outputs) with one input.
+    outputs : tuple of str
+        Sensors of a bare FRF array, as in ``1X-,2X+``, shape (n_frequencies, n_outputs, n_inputs), or
+        (n_frequencies, n_outputs) with one input; else those to use.
+    inputs : tuple of str
+        Loads of a bare FRF array, as in ``3X+``; else those to use.
     kind : str
         ``receptance``, ``mobility`` or ``accelerance`` of a bare FRF array.
     unit : str
@@ -46,8 +50,10 @@ class ReadOptions:
         Name of an array of coherences of the same shape.
     averages : int, optional
         Number of independent averages behind each FRF value.
-    start, stop : float, optional
-        Time in s of the first and last sample read of time histories; the rest of the file may hold gaps.
+    start : float, optional
+        Time in s of the first sample read of time histories; the rest of the file may hold gaps.
+    stop : float, optional
+        Time in s of the last sample read.
     longest_gap : int, optional
         Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
         interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.records.quality.findings import Finding
+from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.linear_phase import (
     PASS,
     Fir,
@@ -20,8 +20,8 @@ from structid.records.quality.linear_phase import (
     filtered,
     rate_ratio,
 )
-from structid.records.quality.repairs import repaired
-from structid.records.quality.signal_checks import signal_checks
+from structid.records.quality.sample_faults import filled, spikes
+from structid.records.quality.signal_checks import lost_samples, signal_checks
 from structid.records.record import TimeRecord
 
 Repair = Literal["report", "replace", "none"]
@@ -51,10 +51,6 @@ class Preparation:
         Samples of the longest drop-out that is replaced; longer ones stay and are named.
     edges : {"drop", "keep"}
         Samples within half a filter of either end, which hold the motion cut off there as if it were 0.
-    exponential_window : float, optional
-        Time constant in s of an exponential window that lies on the record, e^(-t / constant). The samples stay as they
-        are (to divide by the window blows up the noise); the decay it adds is handed on in `Prepared.window_decay`, for
-        `structid.modal.without_window_damping`.
 
     Raises
     ------
@@ -71,7 +67,6 @@ class Preparation:
     dropouts: Repair = "report"
     longest_gap: int = 10
     edges: Literal["drop", "keep"] = "drop"
-    exponential_window: float | None = None
 
     def __post_init__(self) -> None:
         degree = self.detrend
@@ -89,8 +84,6 @@ class Preparation:
                 raise InputError(f"`{name}` must be two numbers that increase, None for an open end, got {ends!r}")
         if self.band is not None and any(f is not None and not f > 0 for f in self.band):
             raise InputError(f"`band` must be above 0 Hz, got {self.band!r}; write None for an open end")
-        if self.exponential_window is not None and not self.exponential_window > 0:
-            raise InputError(f"`exponential_window` must be a positive time in s, got {self.exponential_window!r}")
         if self.longest_gap < 1:
             raise InputError(f"`longest_gap` must be at least 1 sample, got {self.longest_gap!r}")
 
@@ -106,14 +99,11 @@ class Prepared:
         What was done, in order, in words with numbers.
     findings : tuple of Finding
         What was wrong with the record as given (after `interval` and `channels`), and what the filters do.
-    window_decay : float
-        Decay in 1/s that an exponential window added to every pole; 0 without.
     """
 
     record: TimeRecord
     steps: tuple[str, ...]
     findings: tuple[Finding, ...]
-    window_decay: float = 0.0
 
 
 def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepared:
@@ -168,14 +158,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     result = _detrended(result, wanted.detrend, steps)
     result = _decimated(result, wanted, steps)
     result = _filtered(result, wanted, steps, found)
-    decay = 0.0
-    if wanted.exponential_window is not None:
-        decay = 1 / wanted.exponential_window
-        steps.append(
-            f"exponential window of {wanted.exponential_window:g} s left on the record: it adds a decay of {decay:.6g} 1/s "
-            "to every pole; take it off the modes with `without_window_damping`"
-        )
-    return Prepared(result, tuple(steps), tuple(found), decay)
+    return Prepared(result, tuple(steps), tuple(found))
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
@@ -233,6 +216,38 @@ def _cut(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecor
     first, last = time[keep[0]], time[keep[-1]]
     steps.append(f"cut to {first:g}-{last:g} s, {len(keep)} of {len(time)} samples")
     return replace(record, values=record.values[keep], start=float(first))
+
+
+def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10) -> tuple[TimeRecord, list[str]]:
+    """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics; and what was done.
+
+    Spikes in force channels stay: impacts look alike.
+    """
+    values, steps = np.array(record.values), []
+    for i in range(len(record.channels)):
+        name, n = channel_name(record, i), len(values)
+        if dropouts and np.ptp(values[:, i]):
+            lost = lost_samples(record, i)
+            flags = np.zeros(n, dtype=bool)
+            for start, stop in lost:
+                flags[start:stop] = stop - start <= longest_gap
+            if flags.any():
+                values[:, i] = filled(values[:, i], flags)
+                steps.append(
+                    f"{flags.sum()} of {n} samples of channel {name} invented: drop-outs, by cubic interpolation"
+                )
+            long = [part for part in lost if part[1] - part[0] > longest_gap]
+            if long:
+                steps.append(
+                    f"{len(long)} drop-outs of channel {name} left as they are, {sum(b - a for a, b in long)} samples: "
+                    f"longer than {longest_gap} samples each; cut them with `interval`"
+                )
+        if outliers and record.quantities[i] != "force":
+            flags = spikes(values[:, i])
+            if flags.any():
+                values[:, i] = filled(values[:, i], flags)
+                steps.append(f"{flags.sum()} of {n} samples of channel {name} invented: spikes, by cubic interpolation")
+    return (replace(record, values=values) if steps else record), steps
 
 
 def _detrended(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:

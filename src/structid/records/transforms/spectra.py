@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records.record import FrfKind, FrfRecord, Quantity, TimeRecord
-from structid.records.transforms.frf_estimators import Estimator, Spectra, estimated
-from structid.records.transforms.segments import (
-    Detrend,
-    effective_averages,
-    require_alike,
-    segment_count,
-    segment_step,
-    segment_transforms,
-    window_weights,
-)
 
+Estimator = Literal["H1", "H2", "Hv"]
+Detrend = Literal["constant", "linear", "none"]
 _KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 #: Largest condition number of the input spectra (each input scaled to 1) that counts as separable.
 _SEPARABLE = 1e8
+
+
+class Spectra(NamedTuple):
+    """Averaged spectra: inputs (F, I, I), outputs by inputs (F, O, I), outputs (F, O)."""
+
+    inputs: ComplexArray
+    cross: ComplexArray
+    outputs: FloatArray
 
 
 def frf_from_time(
@@ -191,3 +191,157 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     if condition.max() > _SEPARABLE:
         at = frequency[int(np.argmax(condition))]
         raise InputError(f"the inputs cannot be told apart at {at:g} Hz, they are coherent; drive them independently")
+
+
+def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) -> float:
+    """Number of independent segments with the same variance of a spectrum as the overlapping ones.
+
+    For K segments: K / (1 + 2 sum_j (1 - j / K) r_j), r_j = (sum_k w_k w_(k + j step))^2 / (sum_k w_k^2)^2.
+
+    Parameters
+    ----------
+    weights : (segment_length,) float array
+        Window.
+    step : int
+        Samples between the starts of segments.
+    segments : sequence of int
+        Number of segments in each record; records are independent.
+
+    References
+    ----------
+    Welch (1967), IEEE Trans. Audio Electroacoust. 15, 70-73.
+    """
+    lags = range(step, weights.size, step)
+    shared = np.array([np.dot(weights[lag:], weights[:-lag]) for lag in lags]) / np.dot(weights, weights)
+    total = 0.0
+    for count in segments:
+        j = np.arange(1, min(count, shared.size + 1))
+        total += count / (1 + 2 * float(np.sum((1 - j / count) * shared[: j.size] ** 2)))
+    return total
+
+
+def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
+    """Refuse repeats that differ in channels, rate, or (without a segment length) in length."""
+    if not records:
+        raise InputError("`records` must hold at least one time record, got none")
+    first = records[0]
+    for other in records[1:]:
+        same_channels = other.channels == first.channels and other.quantities == first.quantities
+        if not same_channels or other.sampling_rate != first.sampling_rate:
+            raise InputError(f"repeated records must share channels and sampling rate; {other.source!r} differs")
+    if segment_length is not None:
+        return
+    if len(records) == 1:
+        raise InputError(
+            "`segment_length` must be given for one record; choose it several times the decay of the response"
+        )
+    if any(record.values.shape != first.values.shape for record in records):
+        raise InputError("`segment_length` must be given for records of different lengths")
+
+
+def segment_step(length: int, overlap: float) -> int:
+    """Samples from the start of a segment to that of the next."""
+    if length < 2:
+        raise InputError(f"`segment_length` must be at least 2 samples, got {length}")
+    if not 0 <= overlap < 1:
+        raise InputError(f"`overlap` must be from 0 to less than 1, got {overlap}")
+    return max(length - int(overlap * length), 1)
+
+
+def window_weights(window: str | tuple[Any, ...], length: int) -> FloatArray:
+    """Window as `scipy.signal.get_window` knows it, (length,)."""
+    from scipy.signal import get_window
+
+    try:
+        weights = np.asarray(get_window(window, length), dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"`window` must be one of scipy.signal.get_window, got {window!r} ({error})") from error
+    return weights
+
+
+def segment_count(record: TimeRecord, length: int, step: int) -> int:
+    """Number of whole segments in `record`."""
+    return max((record.values.shape[0] - length) // step + 1, 0)
+
+
+def segment_transforms(
+    records: list[TimeRecord], weights: FloatArray, step: int, detrend: Detrend
+) -> Iterator[ComplexArray]:
+    """Fourier transform (F, n_channels) of every windowed segment."""
+    from scipy.signal import detrend as without_trend
+
+    length = weights.size
+    for record in records:
+        for i in range(segment_count(record, length, step)):
+            part = record.values[i * step : i * step + length]
+            if detrend != "none":
+                part = without_trend(part, axis=0, type=detrend)
+            yield np.fft.rfft(part * weights[:, None], axis=0)
+
+
+def estimated(
+    spectra: Spectra, estimator: Estimator, averages: float
+) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
+    """Values, coherence and variance (None with too few averages), each (F, O, I).
+
+    The variance is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n averages and q inputs; see `frf_from_time`.
+
+    Raises
+    ------
+    InputError
+        If the estimator is not known or cannot be formed from these spectra.
+    """
+    xx, yx, yy = spectra
+    count = xx.shape[1]
+    inverse = np.linalg.inv(xx)
+    h1 = yx @ inverse
+    explained = np.einsum("foi,foi->fo", h1, yx.conj()).real
+    ratio = np.divide(explained, yy, out=np.zeros_like(yy), where=yy > 0)
+    coherence = np.repeat(np.clip(ratio, 0.0, 1.0)[:, :, None], count, axis=2)
+    values = _values(h1, spectra, estimator)
+    variance = None
+    if averages > count:
+        gain = np.einsum("fii->fi", inverse).real[:, None, :]
+        variance = (1 - coherence) * yy[:, :, None] * gain / (averages - count)
+        if estimator != "H1":
+            h1_power = np.abs(h1) ** 2
+            relative = np.divide(variance, h1_power, out=np.zeros_like(variance), where=h1_power > 0)
+            variance = np.where(h1_power > 0, relative * np.abs(values) ** 2, variance)
+    return values, coherence, variance
+
+
+def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
+    if estimator == "H1":
+        return h1
+    if estimator == "Hv":
+        return _total_least_squares(spectra)
+    if estimator != "H2":
+        raise InputError(f"`estimator` must be H1, H2 or Hv, got {estimator!r}")
+    if h1.shape[2] != 1:
+        raise InputError(f"H2 takes one input, got {h1.shape[2]}; use H1 or Hv for several")
+    xy = spectra.cross.conj()
+    if (np.abs(xy) == 0).any():
+        raise InputError("H2 divides by the cross spectrum, which is 0 at a line; use H1 or check that output")
+    return spectra.outputs[:, :, None] / xy
+
+
+def _total_least_squares(spectra: Spectra) -> ComplexArray:
+    """Hv: from the smallest eigenvector of the spectra of inputs and one output, each scaled to unit power."""
+    xx, yx, yy = spectra
+    lines, outputs, inputs = yx.shape
+    values = np.zeros_like(yx)
+    for o in range(outputs):
+        joint = np.empty((lines, inputs + 1, inputs + 1), dtype=np.complex128)
+        joint[:, :inputs, :inputs] = xx
+        joint[:, inputs, :inputs] = yx[:, o]
+        joint[:, :inputs, inputs] = yx[:, o].conj()
+        joint[:, inputs, inputs] = yy[:, o]
+        scale = np.sqrt(np.einsum("fii->fi", joint).real)
+        if (scale[:, inputs] == 0).any():
+            raise InputError("Hv needs power on every output at every line; use H1 or check the silent output")
+        vector = np.linalg.eigh(joint / (scale[:, :, None] * scale[:, None, :]))[1][:, :, 0]
+        weight = vector.conj() / scale
+        if (weight[:, inputs] == 0).any():
+            raise InputError("Hv cannot be formed at a line where the output is not in the balance; use H1")
+        values[:, o] = -weight[:, :inputs] / weight[:, inputs, None]
+    return values

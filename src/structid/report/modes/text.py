@@ -33,7 +33,7 @@ def mode_table(result: ModesResult) -> Table:
     for k in range(n):
         count, spread = "", ""
         if len(clusters) == n:
-            count = f"{clusters[k].size} in {counted(len(result.identification.sweep), 'order')}"
+            count = f"{clusters[k].size} in {counted(len(result.identification.orders), 'order')}"
             spread = with_std(float(clusters[k].frequency.mean()), clusters[k].frequency_spread)
         rows.append(
             (
@@ -91,9 +91,10 @@ def record_words(result: ModesResult) -> str:
         )
     kinds = ", ".join(dict.fromkeys(record.quantities))
     seconds = len(record.values) / record.sampling_rate
+    of_several = not {dof.unsigned for dof in result.modes.channels} <= {dof.unsigned for dof in record.channels}
     return (
-        f"{counted(len(record.channels), 'channel')} of {kinds}, {len(record.values)} samples at"
-        f" {exact(record.sampling_rate)} Hz, {exact(seconds)} s"
+        f"{'first set-up: ' if of_several else ''}{counted(len(record.channels), 'channel')} of {kinds},"
+        f" {len(record.values)} samples at {exact(record.sampling_rate)} Hz, {exact(seconds)} s"
     )
 
 
@@ -102,7 +103,7 @@ def method_words(result: ModesResult) -> str:
     found = result.identification
     words = f"method {found.method}"
     if found.sweep:
-        orders = [poles.order for poles in found.sweep]
+        orders = found.orders
         words += f", orders {orders[0]} to {orders[-1]}" if len(orders) > 1 else f", order {orders[0]}"
         low, high = found.options.criteria.damping_ratio
         words += f", poles with damping ratios from {percent(low, signed=False)} to {percent(high, signed=False)}"

@@ -25,8 +25,8 @@ from structid.reproduce.chapter_3.data import (
     sampling_times,
     unknown_values,
 )
-from structid.reproduce.chapter_3.noisy_tables import claims, noisy_table
-from structid.reproduce.item import Curve, Item, Panel, Progress, Table, Verdict
+from structid.reproduce.chapter_3.noise import claims, noisy_table
+from structid.reproduce.item import Curve, Item, Panel, Progress, Step, Table, Verdict, made, unprinted
 from structid.structure import Structure
 
 #: Seeds 0, 1, ... of the random studies of Tables 3.2 and 3.3.
@@ -38,29 +38,16 @@ _HALF_A_DIGIT = 5e-7
 def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Item, ...]:
     """Tables 3.1 to 3.4 and Figures 3.1 and 3.2 beside what is printed, and the text's claims on noise.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the item in work and the part of the chapter that is done.
-    n_seeds : int
-        Random studies use the seeds 0 to n_seeds - 1; those of long records a part of them, which their notes state.
+    Random studies use the seeds 0 to n_seeds - 1; those of long records a part of them, which their notes state.
     """
-
-    def report(name: str, done: float) -> None:
-        if progress is not None:
-            progress(name, done)
-
-    report("Table 3.1", 0.0)
-    found = [table_3_1()]
-    for n_samples, name, done in ((4, "Table 3.2", 0.05), (8, "Table 3.3", 0.2)):
-        report(name, done)
-        found.append(noisy_table(name, n_samples, n_seeds))
-    report("Table 3.4", 0.4)
-    found += [table_3_4(), figure_3_1(), figure_3_2()]
-    report("Claims on noise", 0.45)
-    found.append(claims(n_seeds, lambda part: report("Claims on noise", 0.45 + 0.55 * part)))
-    report("Claims on noise", 1.0)
-    return tuple(found)
+    steps: tuple[Step, ...] = (
+        (0.0, "Table 3.1", lambda _: [table_3_1()]),
+        (0.05, "Table 3.2", lambda _: [noisy_table("Table 3.2", 4, n_seeds)]),
+        (0.2, "Table 3.3", lambda _: [noisy_table("Table 3.3", 8, n_seeds)]),
+        (0.4, "Table 3.4", lambda _: [table_3_4(), figure_3_1(), figure_3_2()]),
+        (0.45, "Claims on noise", lambda report: [claims(n_seeds, report)]),
+    )
+    return made(steps, progress)
 
 
 def table_3_1() -> Item:
@@ -91,7 +78,7 @@ def table_3_1() -> Item:
         " the numbers are the same, and k = EI / h^3 equals EI.",
         tables=(
             Table(_elements(), columns, ACTUAL.reshape(2, -1).T, computed.reshape(2, -1).T),
-            Table(tuple(rows), supporting, np.full((len(rows), 3), np.nan), np.array(results)),
+            unprinted(tuple(rows), supporting, np.array(results)),
         ),
     )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray, locked
+from structid.arrays import FloatArray
 from structid.dof import parse_dofs
 from structid.errors import SingularModelError
 from structid.observation import FrfProblem, one_step_values
@@ -47,10 +47,6 @@ class Case:
     name: str
     actual: FloatArray
     postulated: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in ("actual", "postulated"):
-            object.__setattr__(self, name, locked(getattr(self, name), np.float64))
 
     @property
     def relative_error(self) -> FloatArray:
@@ -101,6 +97,12 @@ def in_rad_per_s(*omega: float) -> tuple[float, ...]:
 GRID = tuple(0.5 * e for e in range(1, 13))
 ALL_MOTIONS = tuple(f"{node}{direction}" for node in range(1, N_ELEMENTS + 1) for direction in ("Y+", "RZ+"))
 DEFLECTIONS = tuple(f"{node}Y+" for node in range(1, N_ELEMENTS + 1))
+ALL_AT_HALF = Reading("all 12 motions, 0.5 rad/s", in_rad_per_s(GRID[0]), ALL_MOTIONS)
+ALL_AT_ALL = Reading("all 12 motions, 0.5 to 6 rad/s", in_rad_per_s(*GRID), ALL_MOTIONS)
+TIP_PRINTED = Reading("tip deflection, 0.5 to 6 rad/s (as printed)", in_rad_per_s(*GRID), (TIP,))
+TIP_IN_HZ = Reading("tip deflection, 0.5 to 6 Hz", GRID, (TIP,))
+TIP_NODE = Reading("tip deflection and rotation, 0.5 to 6 rad/s", in_rad_per_s(*GRID), (TIP, "6RZ+"))
+TWO_DEFLECTIONS = Reading("deflections of nodes 1 and 6, 0.5 to 6 rad/s", in_rad_per_s(*GRID), ("1Y+", TIP))
 
 
 def cantilever(values: FloatArray) -> Structure:

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.reproduce.chapter_4.cantilever import CASE_1, CASE_2, Case, Reading
-from structid.reproduce.chapter_4.exact import (
+from structid.records import FrfRecord
+from structid.reproduce.chapter_4.cantilever import (
     ALL_AT_ALL,
     ALL_AT_HALF,
+    CASE_1,
+    CASE_2,
+    N_ELEMENTS,
     TIP_IN_HZ,
     TIP_NODE,
     TIP_PRINTED,
     TWO_DEFLECTIONS,
+    Case,
+    Reading,
+    classical_errors,
+    exact_record,
+    relative_jacobian,
 )
-from structid.reproduce.chapter_4.sensor_noise import Noise, cramer_rao, noisy_errors, quantiles
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict
+from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
 
 _N_ITERATIONS = 5
 _COLUMNS = (
@@ -34,6 +41,26 @@ _MODEL = (
     " Noise is Gaussian: a relative error of each sensor, independent of all others, and relative errors of amplitude"
     " and frequency of the excitation at each frequency, of which the identification is given the nominal values."
 )
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Relative standard deviations of Gaussian errors.
+
+    Attributes
+    ----------
+    sensors : float
+        Of each sensor at each frequency, all independent.
+    amplitude, frequency : float
+        Of the excitation at each frequency; the identification is given the nominal ones.
+    gain : float
+        One error common to all sensors and frequencies.
+    """
+
+    sensors: float = 0.0
+    amplitude: float = 0.0
+    frequency: float = 0.0
+    gain: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,9 +122,9 @@ STUDIES_2 = (
 )
 
 
-def figure_4_4(seeds: range, progress: Callable[[float], None] | None = None) -> Item:
+def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
     """All motions measured with noise: which noise the iteration survives."""
-    found = outcomes(STUDIES_1, seeds, progress)
+    found = outcomes(STUDIES_1, seeds, report)
     printed, everywhere = found[0], found[-1]
     excitation, gain = found[4], found[5]
     return Item(
@@ -121,9 +148,9 @@ def figure_4_4(seeds: range, progress: Callable[[float], None] | None = None) ->
     )
 
 
-def figure_4_5(seeds: range, progress: Callable[[float], None] | None = None) -> Item:
+def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
     """One motion measured with noise: hopeless in rad/s, as described in Hz."""
-    found = outcomes(STUDIES_2, seeds, progress)
+    found = outcomes(STUDIES_2, seeds, report)
     printed, in_hz, typo, node, two = found
     verdict = Verdict.READING if _improves(in_hz) else Verdict.REFUTED
     return Item(
@@ -145,14 +172,11 @@ def figure_4_5(seeds: range, progress: Callable[[float], None] | None = None) ->
     )
 
 
-def outcomes(
-    studies: Sequence[Study], seeds: range, progress: Callable[[float], None] | None = None
-) -> tuple[Outcome, ...]:
+def outcomes(studies: Sequence[Study], seeds: range, report: Callable[[float], None]) -> tuple[Outcome, ...]:
     """The outcome of each study over all seeds."""
     found = []
     for i, study in enumerate(studies):
-        if progress is not None:
-            progress(i / len(studies))
+        report(i / len(studies))
         errors = noisy_errors(study.case, study.reading, study.noise, seeds, _N_ITERATIONS)
         alone = Noise(study.noise.sensors)
         bounds = [cramer_rao(study.case, study.reading, n) if n != Noise() else 0.0 for n in (alone, study.noise)]
@@ -165,9 +189,62 @@ def _improves(outcome: Outcome) -> bool:
 
 
 def _table(found: Sequence[Outcome]) -> Table:
-    computed = np.array([outcome.row for outcome in found])
-    return Table(tuple(o.study.label for o in found), _COLUMNS, np.full(computed.shape, np.nan), computed)
+    return unprinted(tuple(o.study.label for o in found), _COLUMNS, np.array([o.row for o in found]))
 
 
 def _panel(title: str, found: Sequence[Outcome]) -> Panel:
     return Panel(title, "iteration", "RMS of relative errors", tuple(o.curve for o in found), log_y=True)
+
+
+def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Generator) -> FrfRecord:
+    """What sensors with `noise` show of the actual structure, taken to be at the nominal excitation."""
+    nominal = np.array(reading.frequency)
+    frequency = nominal * (1 + noise.frequency * rng.standard_normal(len(nominal)))
+    amplitude = 1 + noise.amplitude * rng.standard_normal((len(nominal), 1, 1))
+    gain = 1 + noise.gain * rng.standard_normal()
+    record = exact_record(case.actual, replace(reading, frequency=tuple(frequency)))
+    sensors = 1 + noise.sensors * rng.standard_normal(record.values.shape)
+    return replace(record, frequency=nominal, values=record.values * (amplitude * gain * sensors))
+
+
+def noisy_errors(case: Case, reading: Reading, noise: Noise, seeds: range, n_iterations: int = 5) -> FloatArray:
+    """RMS errors along the classical iteration for each seed, (n_seeds, n_iterations + 1)."""
+    return np.array(
+        [
+            classical_errors(case, noisy_record(case, reading, noise, np.random.default_rng(seed)), n_iterations)
+            for seed in seeds
+        ]
+    )
+
+
+def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """5 %, median and 95 % over seeds, each an error that occurred, so that diverged runs count as the largest."""
+    low, middle, high = np.quantile(errors, [0.05, 0.5, 0.95], axis=0, method="inverted_cdf")
+    return low, middle, high
+
+
+def cramer_rao(case: Case, reading: Reading, noise: Noise) -> float:
+    """Smallest RMS relative standard deviation of an unbiased estimate of all parameters.
+
+    With J the relative Jacobian and S the covariance of the relative data, the root of the mean diagonal entry of
+    (J' S^-1 J)^-1. Amplitude errors a of the excitation change all values of a line by 1 + a. Frequency errors f
+    act as mass errors 2 f, since the structure has no damping: the columns of the masses give their effect.
+    """
+    jacobian = relative_jacobian(case, reading)
+    n_data, n_params = jacobian.shape
+    lines = np.repeat(np.eye(len(reading.frequency)), len(reading.outputs), axis=0)
+    per_frequency = 2 * jacobian[:, :N_ELEMENTS].sum(axis=1)
+    effects = np.hstack(
+        [
+            noise.sensors * np.eye(n_data),
+            noise.amplitude * lines,
+            noise.frequency * per_frequency[:, None] * lines,
+            np.full((n_data, 1), noise.gain),
+        ]
+    )
+    if n_data == n_params:  # the data determine the parameters one by one, whatever the rank of the noise
+        spread = np.linalg.solve(jacobian, effects)
+        return float(np.sqrt(np.sum(spread**2) / n_params))
+    factor = np.linalg.cholesky(effects @ effects.T)
+    whitened = np.linalg.solve(factor, jacobian)
+    return float(np.sqrt(np.sum(np.linalg.pinv(whitened) ** 2) / n_params))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.modal.files.files import modal_fields, write_modes
 from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord
@@ -60,7 +59,7 @@ def _clusters(result: ModesResult) -> dict[str, Any]:
         return dict.fromkeys(names)
     columns = (
         [c.size for c in clusters],
-        len(result.identification.sweep),
+        len(result.identification.orders),
         [float(c.frequency.mean()) for c in clusters],
         [c.frequency_spread for c in clusters],
         [float(c.damping_ratio.mean()) for c in clusters],
@@ -74,7 +73,7 @@ def options_used(result: ModesResult) -> dict[str, Any]:
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:
-        used["orders"] = [poles.order for poles in result.identification.sweep]
+        used["orders"] = list(result.identification.orders)
     low, high = options.criteria.frequency
     used["criteria"]["frequency"] = [low, high if np.isfinite(high) else None]
     return used
@@ -93,39 +92,3 @@ def _record(result: ModesResult) -> dict[str, Any]:
         "duration_s": len(record.values) / record.sampling_rate,
         "channels": [str(dof) for dof in record.channels], "quantities": record.quantities,
     }  # fmt: skip
-
-
-def parse_orders(text: str) -> tuple[int, ...] | None:
-    """Numbers of states from ``10,20,30``, ``2:60`` (in steps of 2) or ``4:80:4``; None from an empty text.
-
-    Raises
-    ------
-    InputError
-        If `text` is none of these.
-    """
-    if not text.strip():
-        return None
-    try:
-        if ":" not in text:
-            return tuple(int(word) for word in text.split(",") if word.strip())
-        first, last, *step = (int(word) for word in text.split(":"))
-        found = tuple(range(first, last + 1, *(step or [2])))
-    except (ValueError, TypeError) as error:
-        raise InputError(f"`orders` must be numbers as in 10,20,30, or a range as in 2:60, got {text!r}") from error
-    if not found:
-        raise InputError(f"`orders` must hold at least one number, got {text!r}; write least:greatest")
-    return found
-
-
-def parse_numbers(name: str, text: str) -> tuple[float, ...] | None:
-    """Numbers from a text with commas; None from an empty one.
-
-    Raises
-    ------
-    InputError
-        If a word is no number.
-    """
-    try:
-        return tuple(float(word) for word in text.split(",") if word.strip()) or None
-    except ValueError as error:
-        raise InputError(f"`{name}` must be numbers with commas, as in 1.9,2.4, got {text!r}") from error

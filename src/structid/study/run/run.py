@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import ComplexArray
-from structid.errors import InputError, SingularModelError, StructidError
+from structid.errors import InputError, NoAnswerError, SingularModelError
 from structid.estimation.estimate import StageProgress
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.checks import require_sound_model, unit_warnings
@@ -48,7 +48,7 @@ __all__ = [
 ]
 
 
-class SearchFailedError(StructidError):
+class SearchFailedError(NoAnswerError):
     """The search came to where the model cannot be evaluated; there is no estimate."""
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from structid.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles import HardCriteria, Poles
 from structid.modal.stabilization import Cluster
@@ -18,13 +21,14 @@ class ModalOptions:
     Parameters
     ----------
     orders : sequence of int, optional
-        Numbers of states to try.
+        Numbers of states to try; by default 2, 4, ... as far as channels and delays have room, at most 60. One
+        order only gives all its poles that meet `criteria`.
     block_rows : int, optional
-        Delays on either side of a block Hankel matrix.
+        Delays on either side of a block Hankel matrix; by default 30, less for short records, more for few channels.
     criteria : HardCriteria
-        What poles must meet.
+        What poles must meet; by default a damping ratio from -1 % to 20 %, above 0 in ambient motion.
     frequencies : sequence of float, optional
-        Hz: the modes wanted, by hand.
+        Hz: the modes wanted, by hand. Each takes the nearest cluster of stable poles, or the nearest peak.
     n_pieces : int
         Pieces the record is cut into for the covariance; 0 or 1 for none.
     segment : int, optional
@@ -33,6 +37,9 @@ class ModalOptions:
         Hz: the bands that methods in the frequency domain look at, one after another.
     refine : bool
         Whether ``pencil`` ends with maximum likelihood where the record is a free decay of the modes found.
+    deviation : float, optional
+        Greatest standard deviation of a frequency over the frequency. By default 0.005 in free decays, except for modes
+        with a hundredth of the record's energy or more; none in other motion.
     """
 
     orders: Sequence[int] | None = None
@@ -43,11 +50,14 @@ class ModalOptions:
     segment: int | None = None
     bands: Sequence[tuple[float, float]] | None = None
     refine: bool = True
+    deviation: float | None = None
 
     def __post_init__(self) -> None:
         for low, high in self.bands or ():
             if not 0 <= low < high:
                 raise InputError(f"`bands` must be ranges (least, greatest) in Hz, got ({low!r}, {high!r})")
+        if self.deviation is not None and not self.deviation > 0:
+            raise InputError(f"`deviation` must be greater than 0, got {self.deviation!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +83,32 @@ class ModalIdentification:
     sweep: tuple[Poles, ...] = ()
     clusters: tuple[Cluster, ...] = ()
     options: ModalOptions = field(default_factory=ModalOptions)
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Numbers of states that were tried, increasing."""
+        return tuple(sorted({poles.order for poles in self.sweep}))
+
+    def kept(self, keep: NDArray[np.bool_], words: str) -> ModalIdentification:
+        """With the modes where `keep` is true; `words` say why the others are left out, which are then listed.
+
+        Raises
+        ------
+        NoModesError
+            If none is left.
+        """
+        if keep.all():
+            return self
+        modes, std = self.modes, self.modes.frequency_std
+        listed = ", ".join(
+            f"{f:.4g}" + (f" \u00b1 {e:.2g}" if np.isfinite(e) else "")
+            for f, e in zip(modes.frequency[~keep], std[~keep], strict=True)
+        )
+        words = f"{words} are left out: {listed} Hz"
+        if not keep.any():
+            raise NoModesError(
+                f"`records` show no mode that stands out of the noise; {words}. Measure longer, or give `frequencies`"
+            )
+        few = modes.some_modes(np.flatnonzero(keep))
+        clusters = tuple(self.clusters[i] for i in np.flatnonzero(keep)) if self.clusters else ()
+        return replace(self, modes=replace(few, warnings=(*modes.warnings, words)), clusters=clusters)

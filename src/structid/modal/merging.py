@@ -14,12 +14,13 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.modal.merging.shape_merging import merged_shape
-from structid.modal.modal_record import ModalRecord
+from structid.modal.modal_record import ModalRecord, by_frequency
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.similarity import mac
 
 _DOUBT = 0.01
+_LEAST_WORTH = 0.5  # of a pair of modes
+_SWEEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,14 @@ class Merging:
 
 
 def merge_modes(
-    setups: Sequence[ModalRecord], references: Sequence[Dof | str] | None = None, frequency_guard: float = 0.1
+    setups: Sequence[ModalRecord], references: Sequence[Dof | str] | None = None, frequency_guard: float = 0.05
 ) -> ModalRecord:
     """Modes of all set-ups as one record; see `merged_setups`."""
     return merged_setups(setups, references, frequency_guard).modes
 
 
 def merged_setups(
-    setups: Sequence[ModalRecord], references: Sequence[Dof | str] | None = None, frequency_guard: float = 0.1
+    setups: Sequence[ModalRecord], references: Sequence[Dof | str] | None = None, frequency_guard: float = 0.05
 ) -> Merging:
     """Modes that all set-ups have, with shapes at all sensors.
 
@@ -83,7 +84,7 @@ def merged_setups(
     Merging
         The covariance of frequencies and damping ratios follows from those of the set-ups; that of a mode whose
         set-ups disagree (probability below 1 % for all modes together) is multiplied by chi-square over its degrees of
-        freedom, and a warning names the mode.
+        freedom, and a warning names the mode. The first warning says which modes are lost, and why.
 
     Raises
     ------
@@ -104,7 +105,9 @@ def merged_setups(
             "`setups` have no mode in common: no MAC at the references with a frequency nearby; check the senses of the"
             " references, add references where the modes move, or widen `frequency_guard`"
         )
-    return _merged(setups, members)
+    notes = _losses(setups, members, shared, frequency_guard)
+    notes += [f"set-up {i}: {words}" for i, setup in enumerate(setups, 1) for words in setup.warnings]
+    return _merged(setups, members, notes)
 
 
 def common_sensors(channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None = None) -> tuple[Dof, ...]:
@@ -132,6 +135,15 @@ def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
     return np.asarray(setup.mode_shapes[rows] * sign[:, None], dtype=np.complex128)
 
 
+def _worth(
+    first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
+) -> tuple[FloatArray, FloatArray]:
+    """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
+    distance = np.log(second.frequency[None, :] / first.frequency[:, None]) / guard
+    likeness = mac(_rows(first, shared), _rows(second, shared))
+    return likeness, likeness / (1 + distance**2)
+
+
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
     """Numbers of the modes that all set-ups have, (n_setups, n_modes)."""
     from scipy.optimize import linear_sum_assignment
@@ -139,15 +151,44 @@ def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float)
     first = setups[0]
     pairs = [{i: i for i in range(first.n_modes)}]
     for setup in setups[1:]:
-        distance = np.log(setup.frequency[None, :] / first.frequency[:, None]) / guard
-        worth = mac(_rows(first, shared), _rows(setup, shared)) / (1 + distance**2)
+        worth = _worth(first, setup, shared, guard)[1]
         chosen = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
-        pairs.append({int(i): int(j) for i, j in chosen if worth[i, j] >= 0.5})
+        pairs.append({int(i): int(j) for i, j in chosen if worth[i, j] >= _LEAST_WORTH})
     kept = [i for i in range(first.n_modes) if all(i in own for own in pairs)]
     return np.array([[own[i] for i in kept] for own in pairs], dtype=int)
 
 
-def _merged(setups: Sequence[ModalRecord], members: IntArray) -> Merging:
+def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
+    """How many modes of how many set-ups are lost, which, and why."""
+    lost = []
+    for number, (setup, own) in enumerate(zip(setups, members, strict=True)):
+        for mode in np.setdiff1d(np.arange(setup.n_modes), own).tolist():
+            why = _why_lost(setups, number, mode, shared, guard)
+            lost.append(f"set-up {number + 1}: {setup.frequency[mode]:.4g} Hz ({why})")
+    if not lost:
+        return []
+    whole, touched = sum(setup.n_modes for setup in setups), len({words.split(":")[0] for words in lost})
+    return [
+        f"merging loses {len(lost)} of {whole} modes, of {touched} of {len(setups)} set-ups, since not all set-ups have"
+        f" such a mode: {'; '.join(lost)}"
+    ]
+
+
+def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
+    """The set-ups that lack a mode like this, and how near their nearest comes."""
+    reasons = []
+    for other, setup in enumerate(setups):
+        if other == number or not setup.n_modes:
+            continue
+        likeness, worth = (part[mode] for part in _worth(setups[number], setup, shared, guard))
+        best = int(worth.argmax())
+        if worth[best] < _LEAST_WORTH:
+            near = f"nearest {setup.frequency[best]:.4g} Hz with a MAC of {likeness[best]:.2f} at the references"
+            reasons.append(f"none in set-up {other + 1}, {near}")
+    return ", ".join(reasons) or "its like is paired with another mode"
+
+
+def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
     n_setups, n_modes = members.shape
     frequency = np.array([s.frequency[m] for s, m in zip(setups, members, strict=True)])
     damping = np.array([s.damping_ratio[m] for s, m in zip(setups, members, strict=True)])
@@ -155,7 +196,6 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray) -> Merging:
     covariances = _covariances(setups, members)
     mean, covariance = _weighted_mean(values, covariances)
     chi_square, probability = _agreement(values[:, :n_modes], mean[:n_modes], covariances)
-    notes = _notes(setups, members, frequency)
     doubtful = np.flatnonzero(np.nan_to_num(probability, nan=1.0) < _DOUBT / n_modes)
     if covariance is not None and doubtful.size:
         factor = np.ones(2 * n_modes)
@@ -165,11 +205,9 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray) -> Merging:
         notes += [_disagreement(i, frequency[:, i], probability[i], factor[i]) for i in doubtful.tolist()]
     order = np.argsort(mean[:n_modes], kind="stable")
     shapes, std, channels = _shapes(setups, members)
-    both = np.concatenate([order, order + n_modes])
-    modes = ModalRecord(
-        mean[:n_modes][order], mean[n_modes:][order], shapes[:, order], channels,
-        None if covariance is None else covariance[np.ix_(both, both)], None if std is None else std[:, order],
-        tuple(notes), f"{n_setups} set-ups merged after identification: {setups[0].source}",
+    modes = by_frequency(
+        mean[:n_modes], mean[n_modes:], shapes, channels, covariance, std, warnings=tuple(notes),
+        source=f"{n_setups} set-ups merged after identification: {setups[0].source}",
     )  # fmt: skip
     return Merging(
         modes, members[:, order], frequency[:, order], damping[:, order], frequency[:, order].std(axis=0, ddof=1),
@@ -224,17 +262,6 @@ def _disagreement(mode: int, frequency: FloatArray, probability: float, factor: 
     )
 
 
-def _notes(setups: Sequence[ModalRecord], members: IntArray, frequency: FloatArray) -> list[str]:
-    """Modes left out, and what the set-ups warn of."""
-    notes = [f"set-up {i}: {words}" for i, setup in enumerate(setups, 1) for words in setup.warnings]
-    for number, (setup, own) in enumerate(zip(setups, members, strict=True), 1):
-        lost = np.delete(setup.frequency, own)
-        if lost.size:
-            listed = ", ".join(f"{f:.4g}" for f in lost)
-            notes.append(f"set-up {number}: {listed} Hz are left out, since not all set-ups have such a mode")
-    return notes
-
-
 def _shapes(
     setups: Sequence[ModalRecord], members: IntArray
 ) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...]]:
@@ -262,3 +289,108 @@ def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
     largest = np.abs(shape).max()
     freed = unscaled_shape_std(shape / largest, setup.shape_std[:, [mode]] / largest)[:, 0] * largest
     return np.asarray(freed if (freed > 0).all() else np.ones(len(freed)))
+
+
+def merged_shape(
+    parts: Sequence[ComplexArray], errors: Sequence[FloatArray], index: Sequence[IntArray], n_channels: int
+) -> tuple[ComplexArray, FloatArray]:
+    """The shape psi and factors c_s that make the sum of |part_s - c_s psi|^2 / error_s^2 least.
+
+    Parameters
+    ----------
+    parts : sequence of (n_own,) complex arrays
+    errors : sequence of (n_own,) float arrays
+        Standard deviation of real and imaginary part of each entry.
+    index : sequence of (n_own,) int arrays
+        Which channel of all each entry is.
+    n_channels : int
+
+    Returns
+    -------
+    (n_channels,) complex array
+        Largest entry 1.
+    (n_channels,) float array
+        Standard deviation of the real part of every entry, from the information matrix of shape and factors; 0 at the
+        largest.
+
+    Notes
+    -----
+    Alternating least squares, which the references drive: an entry of one part alone fits its part exactly.
+    """
+    factors = np.ones(len(parts), dtype=np.complex128)
+    shape: ComplexArray = np.zeros(n_channels, dtype=np.complex128)
+    done: list[int] = []
+    for s in _order(index):  # a first shape: each part scaled to those before it
+        own = np.isin(index[s], done)
+        if own.any():
+            there, weight = shape[index[s][own]], 1 / errors[s][own] ** 2
+            factors[s] = np.sum(weight * there.conj() * parts[s][own]) / np.sum(weight * np.abs(there) ** 2)
+        new = ~own
+        shape[index[s][new]] = parts[s][new] / factors[s]
+        done += index[s][new].tolist()
+    for _ in range(_SWEEPS):
+        before = shape
+        shape = _best_shape(parts, errors, index, factors, n_channels)
+        factors = np.array([_best_factor(p, e, shape[i]) for p, e, i in zip(parts, errors, index, strict=True)])
+        if np.abs(shape - before).max() <= 1e-12 * np.abs(shape).max():
+            break
+    largest = int(np.abs(shape).argmax())
+    std = _deviation(errors, index, shape, factors, largest)
+    return shape / shape[largest], std
+
+
+def _order(index: Sequence[IntArray]) -> list[int]:
+    """Parts so that each has a channel in common with those before it."""
+    order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
+    while rest:
+        s = next((s for s in rest if seen & set(index[s].tolist())), None)
+        if s is None:
+            raise InputError("`setups` must be linked by common sensors, got parts that share none")
+        rest.remove(s)
+        order.append(s)
+        seen |= set(index[s].tolist())
+    return order
+
+
+def _best_shape(
+    parts: Sequence[ComplexArray],
+    errors: Sequence[FloatArray],
+    index: Sequence[IntArray],
+    factors: ComplexArray,
+    n_channels: int,
+) -> ComplexArray:
+    top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
+    for part, error, own, factor in zip(parts, errors, index, factors, strict=True):
+        np.add.at(top, own, factor.conj() * part / error**2)
+        np.add.at(bottom, own, np.abs(factor) ** 2 / error**2)
+    return np.asarray(top / bottom)
+
+
+def _best_factor(part: ComplexArray, error: FloatArray, shape: ComplexArray) -> complex:
+    weight = 1 / error**2
+    return complex(np.sum(weight * shape.conj() * part) / np.sum(weight * np.abs(shape) ** 2))
+
+
+def _deviation(
+    errors: Sequence[FloatArray], index: Sequence[IntArray], shape: ComplexArray, factors: ComplexArray, largest: int
+) -> FloatArray:
+    """Of the real part of shape / shape[largest]: covariance by a real Jacobian, the first factor held.
+
+    Errors of real and imaginary parts are alike, so that complex least squares does: J = d(c psi) has columns c (shape)
+    and psi (factors), and (J^H W J)^-1 is the covariance of either part of the unknowns.
+    """
+    n, m = len(shape), len(factors)
+    rows = []
+    for s, (error, own) in enumerate(zip(errors, index, strict=True)):
+        block = np.zeros((len(own), n + m), dtype=np.complex128)
+        block[np.arange(len(own)), own] = factors[s]
+        block[:, n + s] = shape[own]
+        rows.append(block / error[:, None])
+    jacobian = np.delete(np.concatenate(rows), n, axis=1)
+    covariance = np.linalg.inv(jacobian.conj().T @ jacobian)[:n, :n]
+    unit = shape / shape[largest]
+    change = np.eye(n, dtype=np.complex128) / shape[largest]
+    change[:, largest] -= unit / shape[largest]
+    variance = np.einsum("ij,jk,ik->i", change, covariance, change.conj()).real
+    variance[largest] = 0.0
+    return np.sqrt(np.maximum(variance, 0.0))

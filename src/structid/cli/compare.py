@@ -1,0 +1,50 @@
+"""The command `structid compare`: what changed between two states of a structure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
+from structid.cli.progress import run_progress
+from structid.cli.tables import show
+from structid.comparison import comparing
+from structid.report.comparison.text import comparison_text
+from structid.study.results.folder import json_text, staged_folder
+
+
+def compare(
+    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Study file, or results folder of identify.")],
+    later: Annotated[Path, typer.Argument(metavar="LATER", help="The same of the later state.")],
+    options: comparing.CompareOptions,
+    out: Annotated[Path | None, results_folder("<later>_comparison")] = None,
+    report: Report = True,
+    png: Png = False,
+) -> None:
+    """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.
+
+    Every change is tested, corrected for their number. Exit code 1: a state is not determined (results are written).
+
+    \b
+    Examples:
+      structid compare before.toml after.toml --unchanged mass
+      structid compare before_results after_results --level 0.01
+      structid compare before_results after.toml --unchanged mass --out damage
+    """
+    check_png(report, png)
+    with run_progress(100) as progress:
+        found = comparing.compare(baseline, later, options, progress.search)
+    folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
+    name = "compare.json"
+    with staged_folder(folder, comparing.COMPARE_PAGE) as staged:
+        (staged / name).write_text(json_text(comparing.comparison_summary(found)), encoding="utf-8")
+        if report:
+            from structid.report.comparison.page import comparison_page  # so that nothing else waits for it
+
+            name = comparison_page(found).write(staged, png).name
+    show(comparison_text(found))
+    typer.echo(str(folder / name))
+    if not found.comparison.is_complete:
+        fail("the data do not determine every change; see the warnings", NOT_DETERMINED)

@@ -1,0 +1,44 @@
+"""The command `structid convert`: a record from one format to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.errors import FileError
+from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Record: NPZ, NPY, HDF5, CSV, MAT or UFF.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; the suffix gives the format.")],
+    read: ReadOptions,
+) -> None:
+    """Read a record and write it in another format, in SI units; the suffix of each file gives its format.
+
+    \b
+    Examples:
+      structid convert measured.uff measured.h5
+      structid convert impact.npy impact.csv --sampling-rate 1024 --channels 1X+,2X+ --units g,N
+      structid convert frf.npz frf.uff --array accelerance --frequency-array freq_hz
+          --outputs 1X-,2X+ --inputs 1X+ --kind accelerance
+    """
+    if target.exists() and source.exists() and target.samefile(source):
+        raise FileError(f"{target}: is the file that is read; write to another one")
+    record = read_record(source, read)
+    write_record(target, record)
+    typer.echo(_summary(record, target))
+
+
+def _summary(record: Record, path: Path) -> str:
+    """One line on a record that was written."""
+    if isinstance(record, FrfRecord):
+        size = (
+            f"{record.kind}, {len(record.frequency)} lines, {len(record.outputs)} outputs, {len(record.inputs)} inputs"
+        )
+    else:
+        size = f"time histories, {record.values.shape[0]} samples at {record.sampling_rate:g} Hz"
+        size += f", {len(record.channels)} channels"
+    return f"{path}: {size}"

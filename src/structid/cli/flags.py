@@ -1,0 +1,78 @@
+"""Commands from functions: each parameter that is a dataclass of options becomes one flag for each of its fields.
+
+A flag is named after its field, and its help is what the docstring of the dataclass says of it. Fields that hold lists are
+given as one text, which the dataclass takes apart.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from structid.cli.base import reported
+
+_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
+_PAIR = tuple[float, float] | None
+#: Flags by another name than that of their field.
+_NAMES = {
+    "quantities": ("--quantity", "--quantities"),
+    **{f"n_{name}": (f"--{name}",) for name in ("sensors", "loads", "frequencies")},
+}
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """`function` as typer takes it, with what a user can cause reported as one message and an exit code."""
+    signature = inspect.signature(function, eval_str=True)
+    options: dict[str, Any] = {
+        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    }
+    groups = {name: list(_flags(kind)) for name, kind in options.items()}
+
+    def run(**given: Any) -> None:
+        with reported():
+            for name, flags in groups.items():
+                values = {flag.name: given.pop(flag.name) for flag in flags}
+                told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
+                given[name] = options[name](**told)
+            function(**given)
+
+    parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
+    keyword_only = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
+    run.__name__, run.__doc__ = function.__name__, function.__doc__
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    vars(run)["__signature__"] = signature.replace(parameters=keyword_only)
+    return run
+
+
+def _flags(options: Any) -> Iterator[inspect.Parameter]:
+    """One parameter for each field of a dataclass."""
+    kinds, words = get_type_hints(options), _words(options)
+    for field in fields(options):
+        kind, default = kinds[field.name], None if field.default is MISSING else field.default
+        if kind not in (*_AS_THEY_ARE, _PAIR):
+            kind, default = str, str(default) if default else ""
+        names = _NAMES.get(field.name, (f"--{field.name.replace('_', '-')}",))
+        option = typer.Option(*names, help=words[field.name], metavar="LOW HIGH" if kind == _PAIR else None)
+        yield inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
+        )
+
+
+def _words(options: Any) -> dict[str, str]:
+    """What the docstring of a dataclass says of each field."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in inspect.cleandoc(options.__doc__ or "").splitlines():
+        head = re.match(r"([a-z_, ]+) : ", line)
+        if head:
+            names = head[1].split(", ")
+        elif line.startswith("    "):
+            found.update({name: f"{found.get(name, '')} {line.strip()}".strip() for name in names})
+        else:
+            names = []
+    return {name: text.replace("`", "") for name, text in found.items()}

@@ -1,0 +1,77 @@
+"""The command `structid plan`: what a test will tell before it is run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
+from structid.cli.tables import show
+from structid.report.planning.text import plan_text
+from structid.study.results.folder import staged_folder
+from structid.study.results.plan import PLAN_PAGE, write_plan
+from structid.study.run.plan import planned
+from structid.study.schema.plan import load_plan
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What takes the place of [plan] in the study.
+
+    Parameters
+    ----------
+    n_sensors : int, optional
+        How many sensors to choose.
+    n_loads : int, optional
+        How many loads to choose.
+    n_frequencies : int, optional
+        How many lines to choose [default: all are used].
+    criterion : str, optional
+        d (determinant) or a (trace) [default: d].
+    target : float, optional
+        Wanted relative standard deviation, as in 0.02.
+    """
+
+    n_sensors: int | None = None
+    n_loads: int | None = None
+    n_frequencies: int | None = None
+    criterion: str | None = None
+    target: float | None = None
+
+
+def plan(
+    study: StudyPath,
+    wanted: Wanted,
+    out: Annotated[Path | None, results_folder("<study name>_plan")] = None,
+    report: Report = True,
+    png: Png = False,
+) -> None:
+    """Predict what a test will tell before it is run, and choose its sensors, loads and lines; write plan.json.
+
+    Options left out come from [plan] in the study, or from its record; neither is needed. The exit code is 1 where
+    even all candidates together do not determine every parameter.
+
+    \b
+    Examples:
+      structid plan frame.toml --sensors 4
+      structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
+    """
+    check_png(report, png)
+    read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
+    found = planned(read)
+    folder, name = out if out is not None else Path(f"{study.stem}_plan"), "plan.json"
+    with staged_folder(folder, PLAN_PAGE) as staged:
+        write_plan(found, read, staged)
+        if report:
+            from structid.report.planning.page import (
+                plan_page,  # imported here, so that nothing else waits for it
+            )
+
+            name = plan_page(found, read.title, read.notes).write(staged, png).name
+    show(plan_text(found, read.title, read.notes))
+    typer.echo(str(folder / name))
+    if not found.determined:
+        fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)

@@ -1,0 +1,48 @@
+"""The command `structid reproduce`: the dissertation's tables and figures beside computed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import RenderableType
+
+from structid.cli.base import Png
+from structid.cli.progress import run_progress
+from structid.cli.tables import new_table, number, show
+from structid.report.reproduce.page import write_reproduction
+from structid.reproduce import run
+from structid.reproduce.item import Item
+
+
+def reproduce(
+    chapter: Annotated[int | None, typer.Option("--chapter", metavar="N", help="3, 4 or 5 [default: all].")] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results folder.")] = Path("reproduction"),
+    png: Png = False,
+) -> None:
+    """Compute the tables and figures of the dissertation beside the printed numbers, with a verdict for each.
+
+    Writes reproduction.html and reproduction.json. It takes a few minutes.
+
+    \b
+    Examples:
+      structid reproduce
+      structid reproduce --chapter 4 --out chapter_4
+    """
+    with run_progress(0) as progress:
+        chapters = run.CHAPTERS if chapter is None else (chapter,)
+        items = run.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
+    page = write_reproduction(items, out, png)
+    show(_summary(items))
+    typer.echo(str(page))
+
+
+def _summary(items: Iterable[Item]) -> list[RenderableType]:
+    """Verdict and largest difference of every table and figure."""
+    table = new_table("item", "verdict", "largest difference", "title")
+    for item in items:
+        largest = item.max_abs_difference
+        table.add_row(item.name, item.verdict.value, "-" if largest is None else number(largest, 2), item.title)
+    return [table]

@@ -1,0 +1,47 @@
+"""How the command line prints: rich text and tables on standard output, and numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from structid.estimation import Identifiability
+
+_WIDTH_OF_FILES = 1000
+_MOST_GROUPS = 3
+
+
+def show(parts: Iterable[RenderableType]) -> None:
+    """Print `parts`, as wide as the terminal, and so wide that no line is broken where there is none."""
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
+    for part in parts:
+        console.print(part)
+
+
+def number(value: float, digits: int = 5) -> str:
+    """A number of `digits` significant digits; a dash where there is none."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
+
+
+def heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
+    """Title and warnings."""
+    return [Text(title, style="bold"), *(Text(f"warning: {warning}", style="yellow") for warning in warnings)]
+
+
+def new_table(*columns: str) -> Table:
+    """A table without lines; its first column is never cut."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for i, column in enumerate(columns):
+        table.add_column(column, overflow="fold" if i == 0 else "ellipsis")
+    return table
+
+
+def groups(found: Identifiability) -> list[RenderableType]:
+    """The groups of parameters that the data see together, the worst determined ones, in words."""
+    return [Text(group.words) for group in found.groups[:_MOST_GROUPS]]

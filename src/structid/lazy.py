@@ -1,0 +1,44 @@
+"""Public names of a package that load on first use, so that importing the package costs next to nothing (PEP 562)."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+
+def lazy(
+    package: str, file: str, gone: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package from its stub, which type checkers read as well.
+
+    Parameters
+    ----------
+    package, file : str
+        `__name__` and `__file__` of the package. Beside the file is its stub, with one line
+        ``from module import name as name`` for every public name.
+    gone : mapping of str to str
+        What takes the place of names that were public once.
+    """
+    stub = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    places = {alias.name: str(node.module) for node in imports for alias in node.names}
+    names = sorted(places)
+
+    def load(name: str) -> Any:
+        if name in places:
+            found = getattr(import_module(places[name]), name)
+            setattr(sys.modules[package], name, found)
+            return found
+        if not name.startswith("_") and find_spec(f"{package}.{name}") is not None:
+            return import_module(f"{package}.{name}")
+        if name in gone:
+            raise ImportError(f"`{package}.{name}` is gone; use {gone[name]}")
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    return load, lambda: names, names

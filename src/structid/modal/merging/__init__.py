@@ -1,1 +1,0 @@
-"""Modes of several set-ups as one."""

@@ -1,0 +1,140 @@
+"""The subspace methods: each forms a matrix whose columns span the observability matrix, whatever moves the structure.
+
+``pencil``: with F(t) = [y(t+1); ...; y(t+i)] and P(t) = [y(t); ...; y(t-i+1)], G = sum of F P' over one window for all
+lags has the column space of the observability matrix whatever P is: free decays are exact with damping and with more modes
+than channels, and ambient motion is treated as by covariance-driven subspace identification. Lag zero, which holds white
+measurement noise, is left out. It is the eigensystem realization algorithm with data correlations (ERA/DC). With i = 1, an
+offset of 0 and a second difference for the shift it is Norris's quotient.
+
+``ssi_cov``: block Hankel matrix of R_1 .. R_(2i-1), each with divisor N - k, for stationary motion; a free decay is
+biased by it, since each lag has another window. ``ssi_data``: future samples projected on past ones, unweighted.
+
+References
+----------
+Juang, Cooper and Wright (1988), An eigensystem realization algorithm using data correlations (ERA/DC), Control
+Theory Adv. Technol. 4; Norris (1986), Eqs. (5.10) to (5.33), for its limit; Van Overschee and De Moor (1996), Subspace
+identification for linear systems, chapter 3; Peeters and De Roeck (1999), Reference-based stochastic subspace
+identification for output-only modal analysis, Mech. Syst. Signal Process. 13.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+from scipy import linalg
+
+from structid.arrays import FloatArray
+from structid.modal.correlations import (
+    Outputs,
+    Piece,
+    lag_hankels,
+    pieces,
+    require_length,
+    window_hankel,
+    window_hankels,
+)
+from structid.modal.subspace.kernel import Subspace, shift_invariant
+
+_REGULAR = 1e-4
+
+
+def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+    """Covariance pencil.
+
+    Parameters
+    ----------
+    data : Outputs
+        Free decays or ambient motion; covariances of several records add up, which separates repeated modes.
+    block_rows : int
+        Delays i on either side, at least 2.
+    max_order : int
+        Greatest number of states wanted.
+    n_pieces : int
+        Pieces for the covariance of the result.
+    """
+    require_length(data, 2 * block_rows + 1, max_order)
+    windows = pieces(data, block_rows - 1, block_rows, n_pieces)
+    parts = partial(window_hankels, rows=block_rows, columns=block_rows, offset=1)
+    matrix = np.sum(list(parts(data, windows)), axis=0)
+    return shift_invariant(matrix, data, "covariance pencil", max_order, parts, windows)
+
+
+def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+    """Covariance-driven stochastic subspace identification; see `pencil`."""
+    require_length(data, 2 * block_rows, max_order)
+    windows = pieces(data, 0, 2 * block_rows, n_pieces)
+    parts = partial(lag_hankels, rows=block_rows, columns=block_rows, offset=1)
+    matrix = np.sum(list(parts(data, windows)), axis=0)
+    return shift_invariant(matrix, data, "covariance-driven SSI", max_order, parts, windows)
+
+
+def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+    """Data-driven stochastic subspace identification; see `pencil`.
+
+    With L L' the sum of P P' over the window, the projection is the pencil's sum of F P' times L^-T. Where the past
+    is too close to singular for that (L's diagonal spans more than four decades, as in motion without noise), it
+    comes from a QR decomposition of all samples, which costs 8 i^2 n^2 N for i delays and n channels. `parts` are
+    weighted by L^-T in turn; they are None where the past is singular.
+    """
+    require_length(data, 2 * block_rows, max_order)
+    windows = pieces(data, block_rows - 1, block_rows, n_pieces)
+    whole = pieces(data, block_rows - 1, block_rows)
+    gram = np.zeros((block_rows * data.n_channels,) * 2)
+    for piece in whole:
+        lagged = window_hankel(
+            data.series[piece.record], piece.start, piece.stop, block_rows, block_rows, 1 - block_rows
+        )
+        gram += _forward(lagged, block_rows)
+    past, matrix = _cholesky(gram, _REGULAR), None
+    if past is None:
+        width = len(gram)
+        triangle = delayed_triangle(data, 2 * block_rows)
+        past, matrix = triangle[:width, :width], triangle[:width, width:].T
+        size = np.abs(np.diag(past))
+        if len(triangle) < 2 * width or size.min() <= 1e-10 * size.max():
+            return shift_invariant(matrix, data, "data-driven SSI", max_order)
+    parts = partial(_projected, rows=block_rows, past=past)
+    matrix = np.sum(list(parts(data, whole)), axis=0) if matrix is None else matrix
+    return shift_invariant(matrix, data, "data-driven SSI", max_order, parts, windows)
+
+
+def _forward(matrix: FloatArray, rows: int) -> FloatArray:
+    """Columns of a past that runs backwards in time, as the pencil's does, in order of time."""
+    return np.asarray(matrix.reshape(len(matrix), rows, -1)[:, ::-1].reshape(len(matrix), -1))
+
+
+def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
+    """Upper triangle R with R' R = `gram`; None where its diagonal spans more than 1 / `least`."""
+    try:
+        triangle = np.asarray(linalg.cholesky(gram))
+    except np.linalg.LinAlgError:
+        return None
+    size = np.diag(triangle)
+    return triangle if size.min() > least * size.max() else None
+
+
+def _projected(data: Outputs, windows: Sequence[Piece], rows: int, past: FloatArray) -> Iterator[FloatArray]:
+    """Parts of the projection: sums of F P' of every piece, times the inverse of the past's triangle."""
+    total = sum(piece.stop - piece.start for piece in windows)
+    for part in window_hankels(data, windows, rows, rows, 1):
+        yield total * linalg.solve_triangular(past.T, _forward(part, rows).T, lower=True).T
+
+
+def delayed_triangle(data: Outputs, rows: int) -> FloatArray:
+    """R of the QR decomposition of all instants' [y(t), ..., y(t + rows - 1)], in chunks.
+
+    Returns
+    -------
+    (rows * n_channels, rows * n_channels) float array
+    """
+    width = rows * data.n_channels
+    triangle = np.zeros((0, width))
+    for y in data.series:
+        delayed = np.lib.stride_tricks.sliding_window_view(y, rows, axis=0).transpose(0, 2, 1)
+        size = max(4 * width, 1024)
+        for start in range(0, len(delayed), size):
+            chunk = delayed[start : start + size].reshape(-1, width)
+            triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, chunk]), mode="r"))
+    return triangle

@@ -1,0 +1,97 @@
+"""What the user of `structid modes` asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.modal.method import ModalOptions
+from structid.modal.poles import HardCriteria
+
+
+@dataclass(frozen=True)
+class ModesOptions:
+    """What the user asks for; every default serves without a look at the record. Every field is a flag of the command.
+
+    Lists may be given as one text: ``frequencies="1.9,2.4"``; ``orders="10,20,30"``, ``"2:60"`` (in steps of 2) or
+    ``"4:80:4"``.
+
+    Parameters
+    ----------
+    method : str, optional
+        pencil, ssi_cov, ssi_data, fdd, bayesian_fft or lscf, see docs/modes.md [default: by the kind of record].
+    band : (float, float), optional
+        Hz: look for modes there only.
+    frequencies : tuple of float, optional
+        Hz: the modes wanted, by hand, as in 1.9,2.4.
+    orders : tuple of int, optional
+        Numbers of states to try, as in 2:60 or 20,30,40.
+    rate : float, optional
+        Hz: decimate time histories to this sampling rate [default: lower where the band or the frequencies lie far below
+        it; and a second look at a lower one for low modes, where the spectrum shows any].
+    detrend : str or int
+        Taken off each time history: mean, linear, none or a degree.
+    damping : (float, float), optional
+        Least and greatest damping ratio of modes [default: -0.01 0.2, above 0 in ambient motion].
+    deviation : float, optional
+        Greatest standard deviation of a frequency over the frequency [default: 0.005 in free decays, except for modes with
+        1 % of the energy or more; none in other motion].
+    window : float, optional
+        s: time constant of an exponential window that lies on the record, whose damping is taken off the modes.
+    """
+
+    method: str | None = None
+    band: tuple[float, float] | None = None
+    frequencies: tuple[float, ...] | None = None
+    orders: tuple[int, ...] | None = None
+    rate: float | None = None
+    detrend: str | int = "mean"
+    damping: tuple[float, float] | None = None
+    deviation: float | None = None
+    window: float | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.frequencies, str):
+            object.__setattr__(self, "frequencies", _numbers(self.frequencies))
+        if isinstance(self.orders, str):
+            object.__setattr__(self, "orders", _orders(self.orders))
+        if isinstance(self.detrend, str) and self.detrend.isdigit():
+            object.__setattr__(self, "detrend", int(self.detrend))
+        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
+            raise InputError(
+                f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
+            )
+        if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
+            raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
+        for name, unit in (("rate", " Hz"), ("deviation", ""), ("window", " s")):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"`{name}` must be greater than 0{unit}, got {value:g}")
+
+    @property
+    def modal(self) -> ModalOptions:
+        """What a method of modal identification is told."""
+        band, damping = self.band or (0.0, np.inf), self.damping or HardCriteria().damping_ratio
+        return ModalOptions(self.orders, None, HardCriteria(band, damping), self.frequencies, deviation=self.deviation)
+
+
+def _orders(text: str) -> tuple[int, ...]:
+    try:
+        if ":" not in text:
+            return tuple(int(word) for word in text.split(",") if word.strip())
+        first, last, *step = (int(word) for word in text.split(":"))
+        found = tuple(range(first, last + 1, *(step or [2])))
+    except (ValueError, TypeError) as error:
+        raise InputError(f"`orders` must be numbers as in 10,20,30, or a range as in 2:60, got {text!r}") from error
+    if not found:
+        raise InputError(f"`orders` must hold at least one number, got {text!r}; write least:greatest")
+    return found
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.split(",") if word.strip())
+    except ValueError as error:
+        raise InputError(f"`frequencies` must be numbers with commas, as in 1.9,2.4, got {text!r}") from error

@@ -1,0 +1,97 @@
+"""Flags made from dataclasses of options: every field is one, with its words, and comes back in its place."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from structid.cli.app import COMMANDS, app
+from structid.cli.base import EXIT_CODES
+from structid.cli.flags import command
+from structid.errors import InputError, NoModesError
+from structid.modal.survey.options import ModesOptions
+from structid.records import ReadOptions
+
+RUN = CliRunner()
+
+
+@dataclass(frozen=True)
+class Options:
+    """Some options.
+
+    Parameters
+    ----------
+    size : float
+        How large `it` is,
+        in m.
+    band : (float, float), optional
+        From where to where.
+    names, marks : tuple of str
+        As in a,b.
+    """
+
+    size: float = 2.5
+    band: tuple[float, float] | None = None
+    names: tuple[str, ...] = ()
+    marks: str | int = "none"
+
+    def __post_init__(self) -> None:
+        if self.size < 0:
+            raise InputError("`size` must be at least 0")
+
+
+def called(*words: str):
+    found = []
+
+    def look(place: str, options: Options, loud: bool = False) -> None:
+        """Look."""
+        if place == "nowhere":
+            raise NoModesError("nothing there")
+        found.append((place, options, loud))
+
+    alone = typer.Typer()
+    alone.command()(command(look))
+    done = RUN.invoke(alone, list(words))
+    return done, found
+
+
+def test_flags_arrive_as_the_dataclass():
+    done, found = called("here")
+    assert (done.exit_code, found) == (0, [("here", Options(), False)])
+    _, found = called("here", "--size", "3", "--band", "1", "4.5", "--names", "a,b", "--marks", "7", "--loud")
+    assert found == [("here", Options(3.0, (1.0, 4.5), "a,b", "7"), True)]
+
+
+def test_help_is_what_the_docstring_says():
+    text = re.sub(r"[\s│]+", " ", called("--help")[0].output)
+    for words in ("How large it is, in m.", "From where to where.", "LOW HIGH", "default: 2.5", "default: none"):
+        assert words in text
+    assert text.count("As in a,b.") == 2
+
+
+def test_options_that_cannot_be_used_are_one_message_and_a_code():
+    done, _ = called("here", "--size", "-1")
+    assert (done.exit_code, done.stderr) == (2, "error: `size` must be at least 0\n")
+    done, _ = called("nowhere")
+    assert (done.exit_code, done.stderr) == (1, "error: nothing there\n")
+
+
+@pytest.mark.parametrize("name, options", [("convert", ReadOptions), ("modes", ReadOptions), ("modes", ModesOptions)])
+def test_every_field_is_a_flag(name, options):
+    text = RUN.invoke(app, [name, "--help"]).output
+    for field in fields(options):
+        assert f"--{field.name.replace('_', '-')} " in text
+
+
+def test_the_help_names_every_command_and_exit_code():
+    text = " ".join(RUN.invoke(app, ["--help"]).output.split())
+    for code, words in EXIT_CODES.items():
+        assert f"{code} {words}" in text
+    for name in COMMANDS:
+        own = " ".join(RUN.invoke(app, [name, "--help"]).output.split("\n\n")[1].split())
+        assert f"{name} {own}" in text
+    assert "Did you mean 'modes'?" in RUN.invoke(app, ["mods"]).output

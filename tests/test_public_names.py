@@ -1,0 +1,85 @@
+"""Public names load on first use, and what is loaded when: nothing is timed."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+from study_cases import write_chain
+
+PACKAGES = ("structid", "structid.records", "structid.modal")
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+
+
+def modules_after(statement: str, **options) -> set[str]:
+    code = f"import sys; before = set(sys.modules); {statement}; print('loaded', *(set(sys.modules) - before))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, check=True, **options
+    )
+    return set(done.stdout.split("loaded ")[-1].split())
+
+
+def called(*words: str) -> str:
+    return (
+        f"from typer.testing import CliRunner; from structid.cli.app import app; CliRunner().invoke(app, {list(words)})"
+    )
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_is_there(package):
+    module = importlib.import_module(package)
+    assert len(module.__all__) > 10
+    assert dir(module) == module.__all__
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        module.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_hides_a_public_name(package):
+    """`import structid.plan` would put a module in the place of the function `plan`."""
+    module = importlib.import_module(package)
+    inner = {found.name for found in pkgutil.iter_modules(module.__path__)}
+    assert not inner & set(module.__all__)
+
+
+def test_import_structid_waits_for_nothing():
+    loaded = modules_after("import structid")
+    assert {name.split(".")[0] for name in loaded} <= {"structid", *sys.stdlib_module_names}
+    assert {name for name in loaded if name.startswith("structid")} <= {
+        "structid",
+        "structid._version",
+        "structid.lazy",
+    }
+
+
+def test_a_name_loads_what_it_needs_only():
+    loaded = modules_after("from structid import FrfRecord, Structure, read_record")
+    assert "numpy" in loaded
+    assert {"scipy.optimize", "scipy.signal", "h5py", "matplotlib", "plotly", "typer", "rich"}.isdisjoint(loaded)
+    assert {"structid.observation", "structid.identification", "structid.modal"}.isdisjoint(loaded)
+
+
+def test_the_help_needs_no_command():
+    loaded = modules_after(called("--help"))
+    assert "typer" in loaded
+    assert {"numpy", "scipy", "rich.table"}.isdisjoint(loaded)
+    assert {name for name in loaded if name.startswith("structid.")} == {
+        "structid._version", "structid.lazy", "structid.errors", "structid.cli", "structid.cli.app", "structid.cli.base",
+        "structid.cli.flags",
+    }  # fmt: skip
+
+
+def test_check_and_identify_draw_nothing_and_open_no_format_but_their_own(tmp_path):
+    study = str(write_chain(tmp_path))
+    loaded = modules_after(called("check", study), cwd=tmp_path)
+    drawing = {"matplotlib", "plotly", "jinja2", "structid.report"}
+    assert "structid.study.run.check" in loaded
+    assert (drawing | {"h5py", "pyuff", "scipy.signal", "structid.modal.identification"}).isdisjoint(loaded)
+    assert drawing.isdisjoint(modules_after(called("identify", study, "--no-report"), cwd=tmp_path))
