@@ -2,11 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray
+from structid.observation.frf.sliding import require_one_load
+from structid.records import FrfRecord
+from structid.structure import Friction, Structure
 
 _MOST_ITERATIONS = 60
+#: A Newton step by no more than this part leaves an error of rounding.
+_SMALL_STEP = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
+
+    law: int
+    value: int
+
+
+def sliding_contacts(
+    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
+) -> tuple[tuple[Contact, ...], sparse.csc_array]:
+    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
+    contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
+    for element in structure.elements:
+        if isinstance(element, Friction) and element.name not in measured:
+            require_one_load(element, record)
+            value = next(p.values.start for p in structure.properties if p.element == element.name)
+            contacts.append(Contact(laws.index(f"friction:{element.name}"), value))
+            slide = structure.selection(element.first)
+            columns.append(slide if element.second is None else slide - structure.selection(element.second))
+    return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
 
 
 def balanced_amplitudes(
@@ -27,25 +58,35 @@ def balanced_amplitudes(
     floor : (n_frequencies, n_contacts) float array
         Amplitude of a contact that sticks; small against abs(b).
     """
-    n_contacts = len(force)
     size = np.maximum(np.abs(free), floor)
+    moving = np.arange(len(size))
     for _ in range(_MOST_ITERATIONS):
-        system = np.eye(n_contacts) + flexibility * (1j * force / size)[:, None, :]
-        solved = np.linalg.solve(system, np.concatenate([free[..., None], flexibility], axis=2))
-        motion, reach = solved[..., 0], solved[..., 1:]
-        unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
-        slope = (unit[..., None] * reach * (1j * force * motion / size**2)[:, None, :]).real
-        error = np.abs(motion) - size
-        stuck = (size <= floor) & (error <= 0)
-        error[stuck] = 0.0
-        slope[stuck] = 0.0
-        step = np.linalg.solve(np.eye(n_contacts) - slope, error[..., None])[..., 0]
-        new = np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
-        change = np.abs(new - size) / size
-        size = new
-        if change.max(initial=0.0) < 1e-12:
+        new = _newton_step(flexibility[moving], free[moving], force, floor[moving], size[moving])
+        change = (np.abs(new - size[moving]) / size[moving]).max(axis=1, initial=0.0)
+        size[moving] = new
+        moving = moving[change > _SMALL_STEP]
+        if not len(moving):
             break
     return size
+
+
+def _newton_step(
+    flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
+) -> FloatArray:
+    """The next amplitudes from `size`, no more than five times larger or smaller."""
+    n_contacts = len(force)
+    pull = 1j * force / size
+    system = np.eye(n_contacts) + flexibility * pull[:, None, :]
+    solved = np.linalg.solve(system, np.concatenate([free[..., None], flexibility], axis=2))
+    motion, reach = solved[..., 0], solved[..., 1:]
+    unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
+    slope = (unit[..., None] * reach * (pull * motion / size)[:, None, :]).real
+    error = np.abs(motion) - size
+    stuck = (size <= floor) & (error <= 0)
+    error[stuck] = 0.0
+    slope[stuck] = 0.0
+    step = np.linalg.solve(np.eye(n_contacts) - slope, error[..., None])[..., 0]
+    return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
 
 
 def add_amplitude_change(

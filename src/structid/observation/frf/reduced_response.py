@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, IntArray
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import ErrorOf, FieldSweep, reading_error
 from structid.observation.contraction import ParameterForces
@@ -64,7 +64,7 @@ class LastSweep:
     n_factorizations : int
         Of all sweeps so far.
     readings : dict
-        What sensors read, by parameters.
+        What sensors read, by what it depends on.
     """
 
     def __init__(self) -> None:
@@ -81,9 +81,8 @@ class LastSweep:
     def n_basis(self) -> int:
         return 0 if self._sweep is None else self._sweep.n_basis
 
-    def verified(self, physical: FloatArray, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """The sweep at `physical`, with a basis that satisfies `error_of`; None where it would take too much."""
-        key = physical.tobytes()
+    def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
+        """The sweep of `key`, with a basis that satisfies `error_of`; None where it would take too much."""
         if self._sweep is None or key != self._key:
             self._before = self.n_factorizations
             self._sweep = None  # its memory goes before the next takes any

@@ -1,0 +1,167 @@
+"""Fields, readings and derivatives of large models: sparse matrices, line by line, with one line's fields in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dynamics.factorization import Analysis, factorizer
+from structid.dynamics.receptance import DynamicStiffness, single_blas
+from structid.dynamics.reduced_sweep import FieldSweep, reduced_sweep
+from structid.observation.frf.channels import Channels
+from structid.observation.frf.reduced_response import LastSweep, sweep_error
+from structid.observation.frf.slopes import StiffnessSlopes
+
+
+@dataclass(frozen=True, eq=False)
+class LargeLines:
+    """The lines of a large model; see `Response`.
+
+    Attributes
+    ----------
+    slopes : StiffnessSlopes
+    channels : Channels
+    frequency : (n_lines,) float array
+    factorizer : str, optional
+        See `structid.dynamics.factorization.factorizer`.
+    reduced : float, optional
+        Largest relative error of values that may be found from few factorizations; see `reduced_sweep`.
+    """
+
+    slopes: StiffnessSlopes
+    channels: Channels
+    frequency: FloatArray
+    factorizer: str | None = None
+    reduced: float | None = None
+
+    @property
+    def is_large(self) -> bool:
+        return True
+
+    def on(self, lines: slice) -> LargeLines:
+        made = replace(self, frequency=self.frequency[lines])
+        vars(made)["analysis"] = self.analysis  # what the cached property would make again
+        return made
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, ComplexArray]]:
+        """Fields (1, n_dofs, n_loads) of one line after another.
+
+        Where no loads are given under all columns, by a reduced sweep where that serves.
+        """
+        sweep = self._reduced_sweep(physical, coefficients) if loads is None else None
+        if sweep is not None:
+            for line in range(sweep.n_lines):
+                yield slice(line, line + 1), sweep.fields(line)[None]
+            return
+        stiffness, right = (
+            self._stiffness(physical, coefficients),
+            (self.channels.columns if loads is None else loads).toarray(),
+        )
+        with single_blas():
+            for line in range(len(self.frequency)):
+                yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        key = self._key(physical, coefficients)
+        known = self.last_sweep.readings.get(key)
+        if known is None:
+            sweep = self._reduced_sweep(physical, coefficients)
+            known = None if sweep is None else self.last_sweep.read(sweep, self.channels.sensors)
+        if known is not None:
+            return known[:, :, columns]
+        loads = sparse.csc_array(self.channels.columns[:, columns])
+        if self.reduced is not None and self.channels.n_contacts:
+            stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+            with single_blas():
+                return reduced_sweep(stiffness, self._pattern, right, self.channels.sensors, self.reduced).values
+        found = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
+        for part, fields in self.fields(physical, coefficients, loads):
+            found[part] = self.channels.read(fields)
+        return found
+
+    def derivatives(
+        self, physical: FloatArray, coefficients: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Readings under the loads, their derivatives, and readings under forces at the contacts.
+
+        Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
+        """
+        sweep = self._reduced_sweep(physical, coefficients)
+        sides, n_params = self.channels, self.slopes.parameters.n_params
+        reader, n_sensors, n_inputs = sides.reader, sides.sensors.shape[1], len(sides.inputs[0])
+        n_lines = len(self.frequency)
+        values = np.empty((n_lines, n_sensors, n_inputs), dtype=np.complex128)
+        derivative = np.empty((*values.shape, n_params), dtype=np.complex128)
+        reach = np.empty((n_lines, n_sensors, sides.n_contacts), dtype=np.complex128)
+        forces, factors = self.slopes.forces_at(physical, coefficients)
+        used, place = np.unique(sides.inputs[0], return_inverse=True)
+        few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
+        direct = few and sweep is None
+        right = sides.columns[:, used].toarray() if direct else sides.columns.toarray()
+        stiffness = sweep.stiffness if sweep is not None else self._stiffness(physical, coefficients)
+        with single_blas():
+            for line in range(n_lines):
+                if sweep is not None:
+                    fields = sweep.fields(line)
+                else:
+                    solver = stiffness.solver(line)
+                    fields = solver.solve(right)
+                read = reader @ fields
+                if direct:
+                    values[line] = read[:, place] * sides.inputs[1]
+                    moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
+                    changes = list(np.swapaxes((reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
+                else:
+                    values[line] = sides.under_loads(read)
+                    reach[line] = sides.under_sensors(read)[:, sides.n_outputs :]
+                    products = forces.contracted(factors[line], fields[:, used], fields)
+                    changes = [product.T[sides.outputs[0]] for product in products]
+                signs = np.ones(n_sensors) if direct else sides.outputs[1]
+                for column, (row, sign) in enumerate(zip(place, sides.inputs[1], strict=True)):
+                    np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[line, :, column])
+        return values, derivative, reach
+
+    @cached_property
+    def last_sweep(self) -> LastSweep:
+        """The last reduced sweep, where `reduced` asks for them."""
+        return LastSweep()
+
+    def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
+        """Fields of all columns from few factorizations, verified; None where each line is to be solved for."""
+        if self.reduced is None or self.channels.n_contacts:
+            return None
+
+        def begun() -> FieldSweep:
+            stiffness = self._stiffness(physical, coefficients)
+            return FieldSweep(stiffness, self._pattern, self.channels.columns.toarray())
+
+        forces = self.slopes.forces_at(physical, coefficients)
+        error_of = sweep_error(self.reduced, self.channels.sensors, np.unique(self.channels.inputs[0]), forces)
+        return self.last_sweep.verified(self._key(physical, coefficients), begun, error_of)
+
+    @staticmethod
+    def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
+        """Of what a sweep depends on: the values, and the Laplace variables."""
+        return physical.tobytes() + coefficients[:, 1].tobytes()
+
+    def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+        data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
+        return DynamicStiffness(self.analysis, data, coefficients, self.frequency)
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        """What the factorizer knows of the sparsity pattern; it serves all lines and iterations."""
+        loaded = np.diff(self.channels.columns.tocsr().indptr) > 0
+        return factorizer(self.factorizer).analyse(*self._pattern, loaded)
+
+    @property
+    def _pattern(self) -> tuple[IntArray, IntArray]:
+        return self.slopes.assembled.indices, self.slopes.assembled.indptr
