@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.modal_fields import ModalFields, modal_fields, worthwhile
@@ -18,7 +17,7 @@ _CHUNK_ENTRIES = 65_536
 #: Matrices by s^2, s, 1 and i; any further ones are of friction, of rank one.
 _BASIC = 4
 #: Where friction makes fields smaller by more than this, they are solved for: the difference would lose digits.
-_MOST_SMALLER = 1e3
+MOST_SMALLER = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +61,20 @@ class DenseFields:
         """
         n_lines, n_dofs, n_loads = len(self.laplace), self.matrices.shape[1], self.loads.shape[1]
         laws = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
-        modal = self._modal
-        if modal is not None:
-            modal = modal.under(np.concatenate([loads, n_loads + laws - _BASIC]))
+        modal = None if self._modal is None else self._modal.under(loads)
+        pushed = None if self._modal is None else self._modal.under(n_loads + laws - _BASIC)
         step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else len(loads) + len(laws))))
         for first in range(0, n_lines, step):
             lines = np.arange(first, min(first + step, n_lines))
             part = slice(first, first + len(lines))
-            if modal is None:
+            if modal is None or pushed is None:
                 yield part, self._solved(lines, coefficients, loads)
                 continue
             fields = modal.at(part)
             if len(laws):
-                fields, is_lost = self._slid(fields, coefficients[part], laws)
+                before = _squares(fields)
+                fields -= self._slip(fields, pushed.at(part), coefficients[part], laws)
+                is_lost = before > MOST_SMALLER**2 * _squares(fields)
                 if is_lost.any():
                     fields[is_lost] = self._solved(lines[is_lost], coefficients, loads)
             yield part, fields
@@ -98,21 +98,15 @@ class DenseFields:
                 found[:, contact] = matrix[:, place] / np.sqrt(abs(matrix[place, place]))
         return found
 
-    def _slid(
-        self, fields: ComplexArray, coefficients: ComplexArray, laws: IntArray
-    ) -> tuple[ComplexArray, NDArray[np.bool_]]:
-        """Fields with friction from those without, the last of which are of the contacts' own forces.
-
-        Also the lines where the difference of fields has lost digits.
-        """
-        n_loads = fields.shape[2] - len(laws)
-        vectors = self._contacts[:, laws - _BASIC]
-        factors = coefficients[:, laws] * np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
-        forces = factors[:, :, None] * (vectors.T @ fields)
-        system = np.eye(len(laws)) + forces[:, :, n_loads:]
-        free = fields[:, :, :n_loads]
-        found = free - fields[:, :, n_loads:] @ np.linalg.solve(system, forces[:, :, :n_loads])
-        return found, _largest(free) > _MOST_SMALLER * _largest(found)
+    def _slip(
+        self, fields: ComplexArray, pushed: ComplexArray, coefficients: ComplexArray, laws: IntArray
+    ) -> ComplexArray:
+        """What friction takes from fields without it, from those under unit forces at the contacts."""
+        contacts = self._contacts[:, laws - _BASIC].T.astype(np.complex128)
+        sign = np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
+        factors = (coefficients[:, laws] * sign)[:, :, None]
+        system = np.eye(len(laws)) + factors * (contacts @ pushed)
+        return pushed @ np.linalg.solve(system, factors * (contacts @ fields))
 
     def _solved(self, lines: IntArray, coefficients: ComplexArray, loads: IntArray) -> ComplexArray:
         """Fields at some lines by a factorization at each."""
@@ -125,6 +119,7 @@ class DenseFields:
             raise singular_model(float(low), float(high)) from error
 
 
-def _largest(fields: ComplexArray) -> FloatArray:
-    """Largest real or imaginary part of each line, (n_lines,)."""
-    return np.abs(np.ascontiguousarray(fields).view(np.float64).reshape(len(fields), -1)).max(axis=1)
+def _squares(fields: ComplexArray) -> FloatArray:
+    """Sum of the squares of all entries of each line, (n_lines,)."""
+    flat = fields.view(np.float64).reshape(len(fields), -1)
+    return np.asarray(np.einsum("ij,ij->i", flat, flat))

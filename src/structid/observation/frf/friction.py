@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray
+from structid.dynamics.dense_fields import MOST_SMALLER
 from structid.observation.frf.sliding import require_one_load
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
@@ -89,10 +90,29 @@ def _newton_step(
     return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
 
 
+def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
+    """Readings with friction from those without it; None where their difference would lose digits.
+
+    Parameters
+    ----------
+    free : (n_frequencies, n_outputs + n_contacts, n_inputs) complex array
+        Readings under the loads, contacts last.
+    reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
+        Readings under unit forces at the contacts.
+    factors : (n_frequencies, n_contacts) complex array
+        Force on the structure per sliding motion of each contact, i r / s, against that motion.
+    """
+    n_contacts = factors.shape[1]
+    system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]
+    readings = free - reach @ np.linalg.solve(system, factors[:, :, None] * free[:, -n_contacts:])
+    before, after = (np.linalg.norm(values, axis=(1, 2)) for values in (free, readings))
+    return None if (before > MOST_SMALLER * after).any() else readings
+
+
 def add_amplitude_change(
     derivative: ComplexArray, motion: ComplexArray, reach: ComplexArray, force: FloatArray, size: FloatArray
-) -> ComplexArray:
-    """The whole derivative of outputs and contacts from that at fixed sliding amplitudes.
+) -> None:
+    """Make the derivative of outputs and contacts at fixed sliding amplitudes the whole one, in place.
 
     With s the amplitudes, dH = dH|s + (dH/ds) ds and ds = Re(conj(q) dq) / s, solved for ds line by line.
 
@@ -115,4 +135,4 @@ def add_amplitude_change(
     unit = (slides * np.conj(motion) / size)[..., None]
     coupling = np.eye(n_contacts) - (unit * by_size[:, -n_contacts:]).real
     change = np.linalg.solve(coupling, (unit * derivative[:, -n_contacts:]).real)
-    return derivative + by_size @ change
+    derivative += by_size @ change

@@ -13,7 +13,7 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.factorization import Analysis, factorizer
 from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import FieldSweep, reduced_sweep
-from structid.observation.frf.channels import Channels
+from structid.observation.frf.channels import Channels, LineDerivatives
 from structid.observation.frf.reduced_response import LastSweep, sweep_error
 from structid.observation.frf.slopes import StiffnessSlopes
 
@@ -87,47 +87,41 @@ class LargeLines:
             found[part] = self.channels.read(fields)
         return found
 
-    def derivatives(
-        self, physical: FloatArray, coefficients: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Readings under the loads, their derivatives, and readings under forces at the contacts.
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; one line after another.
 
         Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
         """
         sweep = self._reduced_sweep(physical, coefficients)
         sides, n_params = self.channels, self.slopes.parameters.n_params
-        reader, n_sensors, n_inputs = sides.reader, sides.sensors.shape[1], len(sides.inputs[0])
-        n_lines = len(self.frequency)
-        values = np.empty((n_lines, n_sensors, n_inputs), dtype=np.complex128)
-        derivative = np.empty((*values.shape, n_params), dtype=np.complex128)
-        reach = np.empty((n_lines, n_sensors, sides.n_contacts), dtype=np.complex128)
         forces, factors = self.slopes.forces_at(physical, coefficients)
         used, place = np.unique(sides.inputs[0], return_inverse=True)
         few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
         direct = few and sweep is None
         right = sides.columns[:, used].toarray() if direct else sides.columns.toarray()
         stiffness = sweep.stiffness if sweep is not None else self._stiffness(physical, coefficients)
+        n_sensors = sides.sensors.shape[1]
         with single_blas():
-            for line in range(n_lines):
+            for line in range(len(self.frequency)):
                 if sweep is not None:
                     fields = sweep.fields(line)
                 else:
                     solver = stiffness.solver(line)
                     fields = solver.solve(right)
-                read = reader @ fields
+                read = sides.reader @ fields
                 if direct:
-                    values[line] = read[:, place] * sides.inputs[1]
+                    values, reach = read[:, place] * sides.inputs[1], np.zeros((n_sensors, 0))
                     moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
-                    changes = list(np.swapaxes((reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
+                    changes = list(np.swapaxes((sides.reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
                 else:
-                    values[line] = sides.under_loads(read)
-                    reach[line] = sides.under_sensors(read)[:, sides.n_outputs :]
+                    values, reach = sides.under_loads(read), sides.under_sensors(read)[:, sides.n_outputs :]
                     products = forces.contracted(factors[line], fields[:, used], fields)
                     changes = [product.T[sides.outputs[0]] for product in products]
+                derivative = np.empty((1, n_sensors, len(place), n_params), dtype=np.complex128)
                 signs = np.ones(n_sensors) if direct else sides.outputs[1]
                 for column, (row, sign) in enumerate(zip(place, sides.inputs[1], strict=True)):
-                    np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[line, :, column])
-        return values, derivative, reach
+                    np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[0, :, column])
+                yield LineDerivatives(slice(line, line + 1), values[None], derivative, reach[None])
 
     @cached_property
     def last_sweep(self) -> LastSweep:

@@ -15,8 +15,14 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.observation.frf.channels import Channels, channels
-from structid.observation.frf.friction import Contact, add_amplitude_change, balanced_amplitudes, sliding_contacts
+from structid.observation.frf.channels import Channels, LineDerivatives, channels
+from structid.observation.frf.friction import (
+    Contact,
+    add_amplitude_change,
+    balanced_amplitudes,
+    slid_readings,
+    sliding_contacts,
+)
 from structid.observation.frf.large_lines import LargeLines
 from structid.observation.frf.laws import law_coefficients
 from structid.observation.frf.sliding import sliding_amplitudes
@@ -54,10 +60,8 @@ class Lines(Protocol):
         """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
         ...
 
-    def derivatives(
-        self, physical: FloatArray, coefficients: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Readings (n_lines, n_sensors, n_loads), their derivatives (..., n_params), and those under contact forces."""
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; for stretches of lines, one after another."""
         ...
 
 
@@ -95,10 +99,8 @@ class Response:
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
-        used, place = np.unique(self.channels.inputs[0], return_inverse=True)
-        readings = self.lines.readings(physical, self._coefficients(physical), used)
-        read = readings[:, : self.channels.n_outputs, place] * self.channels.inputs[1]
-        return read * self.kind_factor[:, None, None]
+        readings = self._slid(physical)[1] if self.contacts else self._readings(physical, self.fixed_coefficients)
+        return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The FRF and its derivative with respect to the physical parameters, (..., n_params).
@@ -108,16 +110,19 @@ class Response:
         model has fewer parameters times loads than sensors, Z^-1 (dZ/dp) x is solved for instead.
         """
         coefficients, n_outputs = self._coefficients(physical), self.channels.n_outputs
-        values, derivative, reach = self.lines.derivatives(physical, coefficients)
-        if self.contacts:
-            force = self.parameters.values(physical)[[contact.value for contact in self.contacts]]
-            size = (1j / coefficients[:, [contact.law for contact in self.contacts]]).real
-            motion = values[:, n_outputs:, 0]
-            derivative = add_amplitude_change(derivative[:, :, 0], motion, reach, force, size)[:, :, None]
-        factor = self.kind_factor[:, None, None]
-        if (factor != 1).any():
-            derivative *= factor[..., None]
-        return values[:, :n_outputs] * factor, derivative[:, :n_outputs]
+        laws = [contact.law for contact in self.contacts]
+        force = self.parameters.values(physical)[[contact.value for contact in self.contacts]]
+        shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
+        values = np.empty(shape, dtype=np.complex128)
+        derivative = np.empty((*shape, self.parameters.n_params), dtype=np.complex128)
+        for part, read, change, reach in self.lines.derivatives(physical, coefficients):
+            if self.contacts:
+                size = (1j / coefficients[part][:, laws]).real
+                add_amplitude_change(change[:, :, 0], read[:, n_outputs:, 0], reach, force, size)
+            factor = self.kind_factor[part, None, None]
+            np.multiply(read[:, :n_outputs], factor, out=values[part])
+            np.multiply(change[:, :n_outputs], factor[..., None], out=derivative[part])
+        return values, derivative
 
     def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
         """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
@@ -148,37 +153,49 @@ class Response:
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
         """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
-        if not self.contacts:
-            return self.fixed_coefficients
+        return self._slid(physical)[0] if self.contacts else self.fixed_coefficients
+
+    def _slid(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The coefficients of a structure with contacts, and what all sensors read with them; kept for the last values."""
         key = physical.tobytes()
         if key not in self._known:
-            free, flexibility = self._contact_receptances(physical)
-            force = self.parameters.values(physical)[[c.value for c in self.contacts]]
-            amplitude = balanced_amplitudes(flexibility, free, force, self._stuck_amplitude)
+            free, reach = self._free(physical)
+            n_outputs, laws = self.channels.n_outputs, [contact.law for contact in self.contacts]
+            force = self.parameters.values(physical)[[contact.value for contact in self.contacts]]
+            floor = self._stuck_amplitude
+            amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
             coefficients = np.array(self.fixed_coefficients)
-            coefficients[:, [c.law for c in self.contacts]] = 1j / amplitude
+            coefficients[:, laws] = 1j / amplitude
+            readings = slid_readings(free, reach, coefficients[:, laws] * force)
             self._known.clear()
-            self._known[key] = coefficients
+            if readings is None:
+                readings = self._readings(physical, coefficients)
+            self._known[key] = coefficients, readings
         return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[bytes, ComplexArray]:
-        """The last coefficients of a structure with contacts, by the parameters."""
+    def _known(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
+        """The last answer of `_slid`, by the parameters."""
         return {}
 
     @cached_property
     def _stuck_amplitude(self) -> FloatArray:
         """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
-        free, _ = self._contact_receptances(self.parameters.start)
-        return np.maximum(_STUCK * np.abs(free), np.finfo(float).tiny)
+        free, _ = self._free(self.parameters.start)
+        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
-    def _contact_receptances(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Motion of the contacts under the drive, and under unit forces at the contacts, all without their friction."""
+    def _readings(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
+        """What sensors and contacts read under the loads, (n_frequencies, n_sensors, n_inputs)."""
+        used, place = np.unique(self.channels.inputs[0], return_inverse=True)
+        return self.lines.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
+
+    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
         used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
-        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, n_outputs:, place]
-        return readings[:, :, 0] * load_sign[0], readings[:, :, len(load) :] * signs
+        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, :, place]
+        return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
 
 
 def response(

@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
-from structid.observation.frf.channels import Channels
+from structid.observation.frf.channels import Channels, LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
 
@@ -55,22 +55,14 @@ class SmallLines:
                 np.matmul(self._reader, fields, out=found[part])
         return found
 
-    def derivatives(
-        self, physical: FloatArray, coefficients: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Readings under the loads, their derivatives, and readings under forces at the contacts."""
-        shape = len(self.frequency), len(self._reader), len(self.channels.inputs[0])
-        values = np.empty(shape, dtype=np.complex128)
-        derivative = np.empty((*shape, self.slopes.parameters.n_params), dtype=np.complex128)
-        reach = np.empty((*shape[:2], self.channels.n_contacts), dtype=np.complex128)
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; a stretch of lines after another."""
         forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
         with single_blas():
             for part, fields in self.fields(physical, coefficients):
                 x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
-                np.matmul(self._reader, x, out=values[part])
-                np.matmul(self._reader, y[:, :, self.channels.n_outputs :], out=reach[part])
-                derivative[part] = forces.contracted(-coefficients[part], x, y)
-        return values, derivative, reach
+                reach = self._reader @ y[:, :, self.channels.n_outputs :]
+                yield LineDerivatives(part, self._reader @ x, forces.contracted(-coefficients[part], x, y), reach)
 
     @cached_property
     def _reader(self) -> ComplexArray:
