@@ -61,8 +61,8 @@ class DenseFields:
         """
         n_lines, n_dofs, n_loads = len(self.laplace), self.matrices.shape[1], self.loads.shape[1]
         laws = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
-        modal = None if self._modal is None else self._modal.under(loads)
-        pushed = None if self._modal is None else self._modal.under(n_loads + laws - _BASIC)
+        modal = None if self.modal is None else self.modal.under(loads)
+        pushed = None if self.modal is None else self.modal.under(n_loads + laws - _BASIC)
         step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else len(loads) + len(laws))))
         for first in range(0, n_lines, step):
             lines = np.arange(first, min(first + step, n_lines))
@@ -80,8 +80,8 @@ class DenseFields:
             yield part, fields
 
     @cached_property
-    def _modal(self) -> ModalFields | None:
-        """Of the loads, then of the forces of the contacts; without friction."""
+    def modal(self) -> ModalFields | None:
+        """Under the loads, then unit forces at the contacts, without friction; None where each line is factorized."""
         is_damped = bool(self.matrices[1].any())
         if not worthwhile(len(self.laplace), self.matrices.shape[1], is_damped):
             return None

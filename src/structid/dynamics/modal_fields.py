@@ -9,9 +9,9 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 
-#: Largest difference to the direct solution where both are computed, in parts of the field, or in what one rounding of
-#: the largest row of Z may do to it.
-TOLERANCE, ROUNDINGS = 1e-10, 100.0
+#: Largest difference to the direct solution where both are computed, in parts of the field, or in parts of the largest
+#: difference of two direct solutions, with the unknowns in this order and in the other.
+TOLERANCE, ROUNDINGS = 1e-10, 30.0
 _SPREAD = 8
 #: Lines that one eigenvalue problem is worth: at least, and for each row of its matrix.
 _LEAST, _LINES_A_ROW = 60, 4
@@ -77,8 +77,8 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
     Returns
     -------
     ModalFields or None
-        None where the sum differs from the direct solution by more than `TOLERANCE` and more than `ROUNDINGS` explain: the
-        eigenvectors are then close to dependent, as those of critical damping are.
+        None where the sum differs from the direct solution by more than `TOLERANCE`, and by more than rounding
+        explains: the eigenvectors are then close to dependent, as those of critical damping are.
     """
     mass, damping = matrices[:2]
     stiffness = matrices[2] + 1j * matrices[3] if matrices[3].any() else matrices[2]
@@ -103,17 +103,32 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
             drive = np.linalg.solve(vectors, solved[:, n:])
             found = ModalFields(1 - (laplace / shift) ** 2, inverse, vectors, drive)
             near = shift * np.sqrt(1 - 1 / inverse[inverse != 0] + 0j)
-        check = _check_lines(np.abs(near.imag), laplace.imag)
-        s = laplace[check, None, None]
-        dynamic = s**2 * mass + s * damping + stiffness
-        exact = np.linalg.solve(dynamic, loads.astype(np.complex128))
     except np.linalg.LinAlgError:
         return None
-    largest, float_ = np.abs(exact).max(axis=1), np.finfo(np.float64)
-    row = np.abs(dynamic).sum(axis=2).max(axis=1, keepdims=True)
-    rounding = float_.eps * row * largest / np.maximum(np.abs(loads).max(axis=0), float_.tiny)
-    allowed = np.maximum(TOLERANCE, ROUNDINGS * rounding) * largest
-    return found if (np.abs(found.at(check) - exact).max(axis=1) <= allowed).all() else None
+    lines = _check_lines(np.abs(near.imag), laplace.imag)
+    s = laplace[lines, None, None]
+    return found if _is_exact(found.at(lines), s**2 * mass + s * damping + stiffness, loads) else None
+
+
+def _is_exact(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
+    """Whether fields differ from Z^-1 loads by no more than rounding."""
+    right = loads.astype(np.complex128)
+    try:
+        exact = np.linalg.solve(dynamic, right)
+        off = _difference(fields, exact)
+        if off <= TOLERANCE:
+            return True
+        other = np.linalg.solve(dynamic[:, ::-1, ::-1], right[::-1])[:, ::-1]
+    except np.linalg.LinAlgError:
+        return False
+    return off <= ROUNDINGS * _difference(other, exact)
+
+
+def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
+    """Largest difference in parts of the largest entry of each field."""
+    largest = np.abs(exact).max(axis=1)
+    off = np.abs(fields - exact).max(axis=1)
+    return float((off / np.where(largest > 0, largest, 1.0)).max())
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:

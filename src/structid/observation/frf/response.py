@@ -14,6 +14,7 @@ from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.factorization import VARIABLE
+from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.observation.frf.channels import Channels, LineDerivatives, channels
 from structid.observation.frf.friction import (
@@ -25,6 +26,7 @@ from structid.observation.frf.friction import (
 )
 from structid.observation.frf.large_lines import LargeLines
 from structid.observation.frf.laws import law_coefficients
+from structid.observation.frf.medium_lines import MEDIUM_UP_TO, MediumLines
 from structid.observation.frf.sliding import sliding_amplitudes
 from structid.observation.frf.slopes import StiffnessSlopes, stiffness_slopes
 from structid.observation.frf.small_lines import SmallLines
@@ -252,9 +254,12 @@ def _made(
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
-    lines: Lines = SmallLines(slopes, sides, record.frequency)
-    if structure.n_dofs > DENSE_UP_TO:
-        lines = LargeLines(slopes, sides, record.frequency, factorizer, reduced)
+    small = SmallLines(slopes, sides, record.frequency)
+    large = LargeLines(slopes, sides, record.frequency, factorizer, reduced)
+    lines: Lines = small if structure.n_dofs <= DENSE_UP_TO else large
+    medium = reduced is None and DENSE_UP_TO < structure.n_dofs <= MEDIUM_UP_TO
+    if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
+        lines = MediumLines(small, large)
     return Response(
         slopes=slopes,
         parameters=unknown,

@@ -42,16 +42,14 @@ class SmallLines:
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
-        loads = self.channels.columns if loads is None else loads
-        return self._at(physical, coefficients, loads).stretches(coefficients, np.arange(loads.shape[1]))
+        at = self.at(physical, coefficients, loads)
+        return at.stretches(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
         found = np.empty((len(self.frequency), len(self._reader), len(columns)), dtype=np.complex128)
         with single_blas():
-            for part, fields in self._at(physical, coefficients, self.channels.columns).stretches(
-                coefficients, columns
-            ):
+            for part, fields in self.at(physical, coefficients).stretches(coefficients, columns):
                 np.matmul(self._reader, fields, out=found[part])
         return found
 
@@ -68,9 +66,11 @@ class SmallLines:
     def _reader(self) -> ComplexArray:
         return np.asarray(self.channels.reader.toarray(), dtype=np.complex128)
 
-    def _at(self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array) -> DenseFields:
-        """The fields under these loads; the last ones are kept, with the poles that serve any friction."""
-        laplace = coefficients[:, 1]
+    def at(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> DenseFields:
+        """The fields under these loads, or all columns; the last ones are kept, with the poles that serve any friction."""
+        loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         if key not in self._known:
             self._known.clear()
