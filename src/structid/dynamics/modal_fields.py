@@ -13,8 +13,8 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 #: digit of the matrices and the order of the unknowns change in the direct solution.
 TOLERANCE, ROUNDINGS = 1e-10, 30.0
 _SPREAD = 8
-#: Lines that one eigenvalue problem is worth: at least, and for each row of its matrix.
-_LEAST, _LINES_A_ROW = 60, 4
+#: Lines that one eigenvalue problem is worth: these, and so many for each degree of freedom.
+_LEAST, _EACH, _EACH_DAMPED = 60, 1, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class ModalFields:
 
 def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
     """Whether so many lines are worth an eigenvalue problem of the structure, which viscous damping makes twice as large."""
-    return n_lines >= _LEAST + _LINES_A_ROW * n_dofs * (2 if damped else 1)
+    return n_lines >= _LEAST + (_EACH_DAMPED if damped else _EACH) * n_dofs
 
 
 def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> ModalFields | None:
