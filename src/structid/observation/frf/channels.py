@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,27 +60,6 @@ class Channels:
     def under_sensors(self, fields: NDArray[Any]) -> NDArray[Any]:
         """Of fields (..., n_columns) under all `columns` those under loads at sensors and contacts, signs included."""
         return fields[..., self.outputs[0]] * self.outputs[1]
-
-
-class LineDerivatives(NamedTuple):
-    """What sensors and contacts read at a stretch of lines, and how it changes with the parameters.
-
-    Attributes
-    ----------
-    part : slice
-        Which lines.
-    values : (n_lines, n_sensors, n_inputs) complex array
-        Under the loads.
-    derivative : (n_lines, n_sensors, n_inputs, n_params) complex array
-        Friction held as it is.
-    reach : (n_lines, n_sensors, n_contacts) complex array
-        Readings under unit forces at the contacts.
-    """
-
-    part: slice
-    values: ComplexArray
-    derivative: ComplexArray
-    reach: ComplexArray
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:

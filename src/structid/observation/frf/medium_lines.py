@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.observation.frf.channels import LineDerivatives
 from structid.observation.frf.large_lines import LargeLines
+from structid.observation.frf.lines import LineDerivatives
 from structid.observation.frf.small_lines import SmallLines
 
 #: Largest eigenvalue problem that is tried, in degrees of freedom.

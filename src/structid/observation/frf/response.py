@@ -6,28 +6,21 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 from weakref import WeakValueDictionary
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.observation.frf.channels import Channels, LineDerivatives, channels
-from structid.observation.frf.friction import (
-    Contact,
-    add_amplitude_change,
-    balanced_amplitudes,
-    slid_readings,
-    sliding_contacts,
-)
+from structid.observation.frf.channels import Channels, channels
+from structid.observation.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
 from structid.observation.frf.large_lines import LargeLines
 from structid.observation.frf.laws import law_coefficients
+from structid.observation.frf.lines import Lines
 from structid.observation.frf.medium_lines import MEDIUM_UP_TO, MediumLines
-from structid.observation.frf.sliding import sliding_amplitudes
 from structid.observation.frf.slopes import StiffnessSlopes, stiffness_slopes
 from structid.observation.frf.small_lines import SmallLines
 from structid.records import FrfRecord
@@ -35,36 +28,8 @@ from structid.records.record import DERIVATIVES
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
-_STUCK = 1e-4
 #: Large models in use, by the identity of what they are made of, which they hold.
 _SHARED: WeakValueDictionary[tuple[object, ...], Response] = WeakValueDictionary()
-
-
-class Lines(Protocol):
-    """How the equations of a model are solved at its lines, with given coefficients (n_lines, n_laws) of its laws."""
-
-    @property
-    def is_large(self) -> bool:
-        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
-        ...
-
-    def on(self, lines: slice) -> Lines:
-        """The same for some of the lines."""
-        ...
-
-    def fields(
-        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
-        ...
-
-    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
-        ...
-
-    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; for stretches of lines, one after another."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +66,10 @@ class Response:
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
-        readings = self._slid(physical)[1] if self.contacts else self._readings(physical, self.fixed_coefficients)
+        coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
+        if readings is None:
+            used, place = np.unique(self.channels.inputs[0], return_inverse=True)
+            readings = self.lines.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -112,15 +80,12 @@ class Response:
         model has fewer parameters times loads than sensors, Z^-1 (dZ/dp) x is solved for instead.
         """
         coefficients, n_outputs = self._coefficients(physical), self.channels.n_outputs
-        laws = [contact.law for contact in self.contacts]
-        force = self.parameters.values(physical)[[contact.value for contact in self.contacts]]
         shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
         values = np.empty(shape, dtype=np.complex128)
         derivative = np.empty((*shape, self.parameters.n_params), dtype=np.complex128)
         for part, read, change, reach in self.lines.derivatives(physical, coefficients):
             if self.contacts:
-                size = (1j / coefficients[part][:, laws]).real
-                add_amplitude_change(change[:, :, 0], read[:, n_outputs:, 0], reach, force, size)
+                self._sliding.add_change(change, read, reach, physical, part)
             factor = self.kind_factor[part, None, None]
             np.multiply(read[:, :n_outputs], factor, out=values[part])
             np.multiply(change[:, :n_outputs], factor[..., None], out=derivative[part])
@@ -155,49 +120,11 @@ class Response:
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
         """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
-        return self._slid(physical)[0] if self.contacts else self.fixed_coefficients
-
-    def _slid(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The coefficients of a structure with contacts, and what all sensors read with them; kept for the last values."""
-        key = physical.tobytes()
-        if key not in self._known:
-            free, reach = self._free(physical)
-            n_outputs, laws = self.channels.n_outputs, [contact.law for contact in self.contacts]
-            force = self.parameters.values(physical)[[contact.value for contact in self.contacts]]
-            floor = self._stuck_amplitude
-            amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
-            coefficients = np.array(self.fixed_coefficients)
-            coefficients[:, laws] = 1j / amplitude
-            readings = slid_readings(free, reach, coefficients[:, laws] * force)
-            self._known.clear()
-            if readings is None:
-                readings = self._readings(physical, coefficients)
-            self._known[key] = coefficients, readings
-        return self._known[key]
+        return self._sliding.at(physical)[0] if self.contacts else self.fixed_coefficients
 
     @cached_property
-    def _known(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
-        """The last answer of `_slid`, by the parameters."""
-        return {}
-
-    @cached_property
-    def _stuck_amplitude(self) -> FloatArray:
-        """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
-        free, _ = self._free(self.parameters.start)
-        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
-
-    def _readings(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
-        """What sensors and contacts read under the loads, (n_frequencies, n_sensors, n_inputs)."""
-        used, place = np.unique(self.channels.inputs[0], return_inverse=True)
-        return self.lines.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
-
-    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
-        (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
-        columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
-        used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
-        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, :, place]
-        return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
+    def _sliding(self) -> Sliding:
+        return Sliding(self.contacts, self.channels, self.lines, self.parameters, self.fixed_coefficients)
 
 
 def response(

@@ -51,10 +51,11 @@ class StiffnessSlopes:
         """
         structure, parameters = self.assembled.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
-        if key not in self._known_parts:
+        found = self._known_parts.get(key)
+        if found is None:
+            found = weighted_elements(structure, parameters, self._sensitive, physical)
             self._known_parts.clear()
-            self._known_parts[key] = weighted_elements(structure, parameters, self._sensitive, physical)
-        found = self._known_parts[key]
+            self._known_parts[key] = found
         factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
         for kind, uses in enumerate(found.uses):
             for law, scale in uses:

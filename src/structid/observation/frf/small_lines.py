@@ -12,7 +12,8 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
-from structid.observation.frf.channels import Channels, LineDerivatives
+from structid.observation.frf.channels import Channels
+from structid.observation.frf.lines import LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
 
@@ -72,14 +73,16 @@ class SmallLines:
         """The fields under these loads, or all columns; the last ones are kept, with the poles that serve any friction."""
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
-        if key not in self._known:
-            self._known.clear()
+        known = self._known.get(key)
+        if known is None:
             assembled = self.slopes.assembled
             columns = np.repeat(np.arange(loads.shape[0]), np.diff(assembled.indptr))
             matrices = np.zeros((len(assembled.laws), *[loads.shape[0]] * 2))
             matrices[:, assembled.indices, columns] = assembled.data(self.slopes.parameters.values(physical))
-            self._known[key] = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
-        return self._known[key][0]
+            known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
+            self._known.clear()
+            self._known[key] = known
+        return known[0]
 
     @cached_property
     def _known(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
