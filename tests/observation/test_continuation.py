@@ -1,4 +1,4 @@
-"""Continuation from the right half-plane, the response at complex s, and the fast sum over poles."""
+"""Continuation from the right half-plane, and the response at complex s."""
 
 from dataclasses import replace
 
@@ -7,8 +7,6 @@ import pytest
 
 import structid as sid
 from structid.dof import parse_dofs
-from structid.dynamics import receptance
-from structid.dynamics.modal_fields import modal_fields
 from structid.observation.frf import continuation
 from structid.observation.frf.continuation import (
     START_ERROR,
@@ -168,53 +166,6 @@ def test_thinned_lines_are_spread_in_the_logarithm():
     steps = np.diff(np.log(omega[keep]))
     assert steps[-200:].max() < 1.5 * steps[-200:].min()
     assert thinned_lines(omega[:500]).tolist() == list(range(500))
-
-
-@pytest.mark.parametrize("loss_factor", [0.0, 0.05])
-def test_sum_over_poles_equals_the_direct_solution(loss_factor, monkeypatch):
-    structure, truth = cantilever(loss_factor)
-    like = record(FINE)
-    model = response(structure, truth, like)
-    with monkeypatch.context() as patched:
-        patched.setattr(receptance, "_solve_dense", None)
-        fast = model.values_at(truth.start)
-    monkeypatch.setattr(receptance, "_LINES_A_DOF", 10**9)
-    np.testing.assert_allclose(fast, model.values_at(truth.start), rtol=1e-8)
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.1, 2.0])
-def test_sum_over_poles_is_right_or_gives_way_where_poles_coincide(damping):
-    # free: without damping the rigid-body motion has a double pole at 0 and one eigenvector only
-    mass, stiffness = np.diag([1.0, 2.0]), np.array([[1.0, -1.0], [-1.0, 1.0]]) + 0j
-    s, load = 1j * np.linspace(0.01, 3, 50), np.array([[1.0 + 0j], [0.0]])
-    found = modal_fields(mass, damping * mass, stiffness, load, s)
-    exact = np.linalg.solve(s[:, None, None] ** 2 * mass + s[:, None, None] * damping * mass + stiffness, load)
-    assert found is not None or damping == 0
-    if found is not None:
-        np.testing.assert_allclose(found, exact, rtol=1e-6)
-
-
-def test_sum_over_poles_that_misses_the_direct_solution_is_not_used(monkeypatch):
-    structure, truth = cantilever()
-    model = response(structure, truth, record(FINE))
-    monkeypatch.setattr(receptance, "_LINES_A_DOF", 10**9)
-    direct = model.values_at(truth.start)
-    monkeypatch.setattr(receptance, "_LINES_A_DOF", 1)
-    monkeypatch.setattr(np.linalg, "eig", _blurred)
-    np.testing.assert_array_equal(model.values_at(truth.start), direct)
-
-
-def _blurred(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poles with an error of 1e-4, as badly conditioned eigenvectors make it."""
-    from scipy.linalg import eig
-
-    poles, vectors = eig(matrix)
-    return poles * (1 + 1e-4), vectors
-
-
-def test_sum_over_poles_gives_way_to_massless_motion():
-    mass = np.diag([1.0, 0.0])
-    assert modal_fields(mass, 0.1 * mass, np.eye(2) + 0j, np.ones((2, 1)) + 0j, 1j * np.linspace(1, 2, 9)) is None
 
 
 def test_identify_comes_by_continuation_where_asked():

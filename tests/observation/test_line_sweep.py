@@ -14,7 +14,7 @@ import structid as sid
 from structid.dynamics.factorization import installed_factorizers
 from structid.identification.identify import IdentifyOptions, prepared_problem
 from structid.observation.contraction import element_products
-from structid.observation.frf.reduced_response import sweep_error
+from structid.observation.frf.large_lines import sweep_error
 from structid.observation.frf.response import response
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -141,8 +141,8 @@ def test_reduced_derivatives_keep_their_promise(loss):
         assert (np.abs(values - exact).max((1, 2)) <= 1e-6 * np.abs(exact).max((1, 2))).all()
         assert derivative_errors(slopes, true).max() <= 1e-5
         assert not np.array_equal(slopes, true)
-    assert at.last_sweep.n_factorizations < 40
-    assert 0 < at.last_sweep.n_basis < structure.n_dofs
+    assert at.lines.last_sweep.n_factorizations < 40
+    assert 0 < at.lines.last_sweep.n_basis < structure.n_dofs
 
 
 def test_reduced_values_and_derivatives_share_a_sweep_and_do_not_depend_on_what_came_before():
@@ -150,13 +150,13 @@ def test_reduced_values_and_derivatives_share_a_sweep_and_do_not_depend_on_what_
     record = empty_record(structure, np.linspace(40.0, 1500.0, 40), 4, 1)
     at, other = (response(structure, replace(made), record, reduced=1e-6) for _ in range(2))
     values = at.values_at(made.start)
-    count = at.last_sweep.n_factorizations
+    count = at.lines.last_sweep.n_factorizations
     assert np.array_equal(at.derivatives_at(made.start)[0], other.derivatives_at(made.start)[0])
-    assert at.last_sweep.n_factorizations == count
+    assert at.lines.last_sweep.n_factorizations == count
     other.values_at(1.2 * made.start)
     assert np.array_equal(other.values_at(made.start), values)
     assert at.derivatives_at(made.start)[0] == pytest.approx(values, rel=1e-9, abs=1e-12 * np.abs(values).max())
-    copied = pickle.loads(pickle.dumps(at.last_sweep))
+    copied = pickle.loads(pickle.dumps(at.lines.last_sweep))
     assert (copied.n_factorizations, copied.n_basis, copied.readings) == (count, 0, {})
 
 
@@ -168,24 +168,24 @@ def test_reduced_fields_serve_a_search_without_a_jacobian():
     exact, found = full.linearize(full.theta_start), short.linearize_free(short.theta_start)
     v = np.random.default_rng(3).standard_normal(made.n_params)
     assert found.product(v) == pytest.approx(exact.jacobian @ v, abs=1e-3 * np.abs(exact.jacobian @ v).max())
-    assert short.model.last_sweep.n_factorizations < 20
+    assert short.model.lines.last_sweep.n_factorizations < 20
 
 
 def test_error_of_a_sweep_weighs_readings_and_derivatives():
     """Fields that are off by a known part: readings by as much, derivatives by the sum of both fields' parts."""
     _, made, _, at = model(n_sensors=4, n_loads=1)
-    fields = at.fields_at(made.start, at.columns)[2]
-    maps, factors = at.forces_at(made.start, at.fixed_coefficients)
-    loads = np.unique(at.inputs[0])
+    fields = at.fields_at(made.start, at.channels.columns)[2]
+    maps, factors = at.slopes.forces_at(made.start, at.fixed_coefficients)
+    loads = np.unique(at.channels.inputs[0])
     for part, tolerance, worst in ((1e-3, 1e-6, 1e3), (1e-9, 1e-6, 1e-3)):
         off = fields * (1 + part)
-        assert sweep_error(tolerance, at.sensors, loads, (maps, factors))(2, fields, off) == pytest.approx(
+        assert sweep_error(tolerance, at.channels.sensors, loads, (maps, factors))(2, fields, off) == pytest.approx(
             worst, rel=1e-2
         )
     others = np.setdiff1d(np.arange(fields.shape[1]), loads)
     off = fields.copy()
     off[:, others] *= 1.01  # fields of sensors alone: readings do not feel it
-    error = sweep_error(1e-3, at.sensors, loads, (maps, factors))(2, fields, off)
+    error = sweep_error(1e-3, at.channels.sensors, loads, (maps, factors))(2, fields, off)
     assert 0.5 < error <= 1.0
 
 
@@ -207,7 +207,7 @@ def test_reduction_asked_for_in_a_study_reaches_the_model():
     structure, made, record, _ = model()
     record = replace(record, variance=np.full(record.values.shape, 1e-18))
     problem, _ = prepared_problem(structure, made, record, IdentifyOptions(reduced=1e-5))
-    assert problem.model.reduced == 1e-5
+    assert problem.model.lines.reduced == 1e-5
     assert problem.predicted_on(record, made.start) == pytest.approx(problem.predicted(made.theta_start), rel=1e-12)
 
 
@@ -225,7 +225,7 @@ def test_derivatives_follow_loss_factors_from_one_set_of_parameters_to_the_next(
     at.derivatives_at(made.start)
     for which in (~is_loss, is_loss):
         moved = np.where(which, 1.3, 1.0) * made.start
-        fresh = response(at.assembled.structure, replace(made), record)
+        fresh = response(at.slopes.assembled.structure, replace(made), record)
         assert fresh is not at
         exact = fresh.derivatives_at(moved)[1]
         assert at.derivatives_at(moved)[1] == pytest.approx(exact, rel=1e-9, abs=1e-12 * np.abs(exact).max())

@@ -2,7 +2,6 @@
 
 from structid.dynamics.free_decay import FreeDecay, free_decay
 from structid.dynamics.modes import Modes, modes
-from structid.dynamics.receptance import harmonic_fields
 from structid.dynamics.transient import Transient, harmonic_transient, sampled_transient
 
 __all__ = [
@@ -10,7 +9,6 @@ __all__ = [
     "Modes",
     "Transient",
     "free_decay",
-    "harmonic_fields",
     "harmonic_transient",
     "modes",
     "sampled_transient",

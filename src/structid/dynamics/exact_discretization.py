@@ -20,6 +20,8 @@ from structid.arrays import FloatArray
 
 _LARGEST_NORM = 0.5
 _TAYLOR_ORDER = 14  # 0.5^15 / 15! = 2e-17
+#: Fewer steps, and steps of more multiplications, are taken one by one.
+_LEAST_STEPS, _MOST_WORK = 100, 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +130,38 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
     drive : (n_steps, n_states, ...) float array
     start : (n_states, ...) float array
     """
+    if len(drive) >= _LEAST_STEPS and transition.size * start[0].size <= _MOST_WORK:
+        return _stepped_together(transition, drive, start)
     states = np.empty((len(drive) + 1, *start.shape))
     states[0] = start
     for k, given in enumerate(drive):
         np.matmul(transition, states[k], out=states[k + 1])
         states[k + 1] += given
     return states
+
+
+def _stepped_together(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
+    """The same for short steps: stretches of them side by side, first from rest, which tells where each begins."""
+    n_steps, n = drive.shape[:2]
+    length = int(np.sqrt(n_steps / 2))
+    count = -(-n_steps // length)
+    padded = np.zeros((count * length, n, start[0].size))
+    padded[:n_steps] = drive.reshape(n_steps, n, -1)
+    given = np.ascontiguousarray(padded.reshape(count, length, n, -1).transpose(1, 2, 0, 3)).reshape(length, n, -1)
+    rested = np.zeros(given.shape[1:])
+    for each in given:
+        rested = transition @ rested + each
+    across = np.linalg.matrix_power(transition, length)
+    begins = np.empty((n, count, start[0].size))
+    state = start.reshape(n, -1)
+    for k, end in enumerate(np.moveaxis(rested.reshape(begins.shape), 1, 0)):
+        begins[:, k] = state
+        state = across @ state + end
+    states = np.empty((count * length + 1, n, start[0].size))
+    states[0] = begins[:, 0]
+    later = states[1:].reshape(count, length, n, -1)
+    moving = begins.reshape(n, -1)
+    for k, each in enumerate(given):
+        moving = transition @ moving + each
+        later[:, k] = np.moveaxis(moving.reshape(begins.shape), 1, 0)
+    return states[: n_steps + 1].reshape(n_steps + 1, *start.shape)

@@ -2,81 +2,140 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
-from scipy import linalg
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 
-#: Largest difference to the direct solution at the lines where both are computed, in parts of the field.
-TOLERANCE = 1e-7
+#: Largest difference to the direct solution where both are computed, in parts of the field, or in parts of what the last
+#: digit of the matrices and the order of the unknowns change in the direct solution.
+TOLERANCE, ROUNDINGS = 1e-10, 30.0
 _SPREAD = 8
-_CHUNK_ENTRIES = 2_000_000
+#: Lines that one eigenvalue problem is worth: these, and so many for each degree of freedom.
+_LEAST, _EACH, _EACH_DAMPED = 60, 1, 5
 
 
-def modal_fields(
-    mass: FloatArray, damping: FloatArray, stiffness: ComplexArray, loads: ComplexArray, laplace: ComplexArray
-) -> ComplexArray | None:
-    """X with (s^2 M + s C + K) X = loads at every s, from the poles and residues of the structure.
+@dataclass(frozen=True, eq=False)
+class ModalFields:
+    """Fields under several loads as a sum over poles; made by `modal_fields`.
 
-    With state (b x, x') and the scale b = (|K| / |M|)^(1/2), x(s) = sum over poles of u_r w_r' / (s - p_r): one matrix
-    product serves all lines. The sum is compared with the direct solution at the line nearest to each pole and at
-    eight more.
+    At a line with the variable t the field is the sum over poles of shape times drive over 1 - t m, where m is the
+    inverse of t at the pole.
+
+    Attributes
+    ----------
+    variable : (n_lines,) complex array
+    inverse : (n_poles,) complex array
+    shapes : (n_dofs, n_poles) complex array
+    drive : (n_poles, n_loads) complex array
+    """
+
+    variable: ComplexArray
+    inverse: ComplexArray
+    shapes: ComplexArray
+    drive: ComplexArray
+
+    @cached_property
+    def _residues(self) -> ComplexArray:
+        return (self.shapes.T[:, :, None] * self.drive[:, None, :]).reshape(len(self.inverse), -1)
+
+    def under(self, loads: IntArray) -> ModalFields:
+        """The same under some of the loads."""
+        return replace(self, drive=self.drive[:, loads])
+
+    def at(self, lines: slice | IntArray) -> ComplexArray:
+        """The fields at some of the lines, (n, n_dofs, n_loads)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights = 1 / (1 - self.variable[lines, None] * self.inverse)
+            return (weights @ self._residues).reshape(len(weights), len(self.shapes), -1)
+
+
+def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
+    """Whether so many lines are worth an eigenvalue problem of the structure, which viscous damping makes twice as large."""
+    return n_lines >= _LEAST + (_EACH_DAMPED if damped else _EACH) * n_dofs
+
+
+def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> ModalFields | None:
+    """X with (s^2 M + s C + K + i H) X = loads at every s, as a sum over the poles of the structure.
+
+    With s0 the mean size of s, without viscous damping and with t = s0^2 - s^2, Z = Z(s0) (I - t B), where
+    B = Z(s0)^-1 M; with it and t = s - s0 the same holds of (x, t x / s0) and a B of twice the size. The eigenvectors
+    of B serve all lines. As B is an inverse, modes near the lines are as exact as by factorization at each line, and
+    motions without mass are modes with m = 0. The sum is compared with the direct solution at the line nearest to
+    each pole and at eight more.
 
     Parameters
     ----------
-    mass, damping : (n_dofs, n_dofs) float arrays
-    stiffness : (n_dofs, n_dofs) complex array
-        Structural damping as its imaginary part.
-    loads : (n_dofs, n_loads) complex array
+    matrices : (4, n_dofs, n_dofs) float array
+        M, C, K and H.
+    loads : (n_dofs, n_loads) float array
     laplace : (n_lines,) complex array
         s, 1/s.
 
     Returns
     -------
-    (n_lines, n_dofs, n_loads) complex array, or None
-        None where the mass matrix is singular, or the sum differs from the direct solution by more than `TOLERANCE`:
-        the eigenvectors are then close to dependent, as those of undamped rigid-body motions or critical damping are.
+    ModalFields or None
+        None where the sum differs from the direct solution by more than `TOLERANCE`, and by more than rounding
+        explains: the eigenvectors are then close to dependent, as those of critical damping are.
     """
+    mass, damping = matrices[:2]
+    stiffness = matrices[2] + 1j * matrices[3] if matrices[3].any() else matrices[2]
+    size = np.abs(laplace)
+    shift = float(np.exp(np.log(size[size > 0]).mean()))
     n = len(mass)
     try:
-        inverse = linalg.cho_solve(linalg.cho_factor(mass), np.eye(n))
-        scale = float(np.sqrt(np.abs(stiffness).max() / np.abs(mass).max())) or 1.0
-        state = np.zeros((2 * n, 2 * n), dtype=np.complex128)
-        state[:n, n:] = scale * np.eye(n)
-        state[n:, :n] = -inverse @ stiffness / scale
-        state[n:, n:] = -inverse @ damping
-        poles, vectors = np.linalg.eig(state)
-        drive = np.linalg.solve(vectors, np.concatenate([np.zeros((n, loads.shape[1])), inverse @ loads]))
-    except (np.linalg.LinAlgError, linalg.LinAlgError):
-        return None
-    residues = np.asarray((vectors[:n] / scale).T[:, :, None] * drive[:, None, :], dtype=np.complex128)
-    check = _check_lines(poles, laplace)
-    s = laplace[check, None, None]
-    try:
-        exact = np.linalg.solve(s**2 * mass + s * damping + stiffness, loads)
+        shifted = shift**2 * mass + shift * damping + stiffness
+        if damping.any():
+            right = np.concatenate([(2 * shift * mass + damping) * shift, mass * shift**2, loads], axis=1)
+            solved = np.linalg.solve(shifted, right)
+            state = np.zeros((2 * n, 2 * n), dtype=solved.dtype)
+            state[:n] = -solved[:, : 2 * n]
+            state[n:, :n] = np.eye(n)
+            inverse, vectors = np.linalg.eig(state)
+            still = np.concatenate([solved[:, 2 * n :], np.zeros((n, loads.shape[1]))])
+            found = ModalFields((laplace - shift) / shift, inverse, vectors[:n], np.linalg.solve(vectors, still))
+            near = shift * (1 + 1 / inverse[inverse != 0])
+        else:
+            solved = np.linalg.solve(shifted, np.concatenate([shift**2 * mass, loads], axis=1))
+            inverse, vectors = np.linalg.eig(solved[:, :n])
+            drive = np.linalg.solve(vectors, solved[:, n:])
+            found = ModalFields(1 - (laplace / shift) ** 2, inverse, vectors, drive)
+            near = shift * np.sqrt(1 - 1 / inverse[inverse != 0] + 0j)
     except np.linalg.LinAlgError:
         return None
-    off = np.abs(_sum(poles, residues, laplace[check]) - exact).max(axis=1)
-    if not (off <= TOLERANCE * np.abs(exact).max(axis=1)).all():
-        return None
-    return _sum(poles, residues, laplace)
+    lines = _check_lines(np.abs(near.imag), laplace.imag)
+    s = laplace[lines, None, None]
+    return found if _is_exact(found.at(lines), s**2 * mass + s * damping + stiffness, loads) else None
 
 
-def _check_lines(poles: ComplexArray, laplace: ComplexArray) -> np.ndarray:
-    """The line next to each pole, and a few over the band."""
-    order = np.argsort(laplace.imag)
-    near = np.clip(np.searchsorted(laplace.imag[order], poles.imag[poles.imag >= 0]), 0, len(laplace) - 1)
-    spread = np.linspace(0, len(laplace) - 1, _SPREAD).astype(int)
+def _is_exact(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
+    """Whether fields differ from Z^-1 loads by no more than rounding."""
+    right = loads.astype(np.complex128)
+    try:
+        exact = np.linalg.solve(dynamic, right)
+        off = _difference(fields, exact)
+        if off <= TOLERANCE:
+            return True
+        digit = np.finfo(np.float64).eps * np.random.default_rng(0).uniform(-1.0, 1.0, dynamic.shape[1:])
+        other = np.linalg.solve((dynamic * (1 + digit))[:, ::-1, ::-1], right[::-1])[:, ::-1]
+    except np.linalg.LinAlgError:
+        return False
+    return off <= ROUNDINGS * _difference(other, exact)
+
+
+def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
+    """Largest difference in parts of the largest entry of each field."""
+    largest = np.abs(exact).max(axis=1)
+    off = np.abs(fields - exact).max(axis=1)
+    return float((off / np.where(largest > 0, largest, 1.0)).max())
+
+
+def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
+    """The line next to each pole within the band, and a few over it."""
+    order = np.argsort(lines)
+    inside = poles[(poles >= lines.min()) & (poles <= lines.max())]
+    near = np.clip(np.searchsorted(lines[order], inside), 0, len(lines) - 1)
+    spread = np.linspace(0, len(lines) - 1, _SPREAD).astype(int)
     return np.unique(np.concatenate([order[near], spread]))
-
-
-def _sum(poles: ComplexArray, residues: ComplexArray, laplace: ComplexArray) -> ComplexArray:
-    """Sum over poles of residue / (s - pole), (n_lines, n_dofs, n_loads)."""
-    flat = residues.reshape(len(poles), -1)
-    values = np.empty((len(laplace), flat.shape[1]), dtype=np.complex128)
-    step = max(1, _CHUNK_ENTRIES // len(poles))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for first in range(0, len(laplace), step):
-            part = slice(first, first + step)
-            np.matmul(1 / (laplace[part, None] - poles), flat, out=values[part])
-    return values.reshape(len(laplace), *residues.shape[1:])

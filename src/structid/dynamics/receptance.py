@@ -1,4 +1,4 @@
-"""Fields of a linear structure under harmonic loads: solutions of Z(omega) X = loads, line by line."""
+"""The dynamic stiffness of a large linear structure, factorized line by line."""
 
 from __future__ import annotations
 
@@ -10,17 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dynamics.factorization import Analysis, Factor, SingularMatrixError, factorizer
-from structid.dynamics.modal_fields import modal_fields
 from structid.errors import SingularModelError
 
 #: Models of up to so many degrees of freedom are solved as dense matrices, all lines together.
 DENSE_UP_TO = 64
-_CHUNK_ENTRIES = 4_000_000
-_LINES_A_DOF = 30
 #: Rows that differ from multiples of others by no more than this part of their largest entry are such multiples.
 _SAME = 1e-14
 
@@ -28,60 +24,6 @@ _SAME = 1e-14
 def factorizer_words(n_dofs: int) -> str:
     """What solves for the fields of a model of that many degrees of freedom, as reports say it."""
     return "dense matrices (LAPACK)" if n_dofs <= DENSE_UP_TO else factorizer().words
-
-
-def harmonic_fields(
-    indices: IntArray,
-    indptr: IntArray,
-    data: FloatArray,
-    coefficients: ComplexArray,
-    loads: sparse.csc_array,
-    frequency: FloatArray,
-) -> ComplexArray:
-    """X with Z X = loads, Z = sum over laws of coefficient times matrix, at every frequency.
-
-    Parameters
-    ----------
-    indices, indptr : int arrays
-        Common sparsity pattern of the matrices in compressed columns.
-    data : (n_laws, n_entries) float array
-        Entries of each matrix: mass, viscous damping, stiffness, structural damping and so on.
-    coefficients : (n_frequencies, n_laws) complex array
-        How each enters: -omega^2, i omega, 1, i and so on.
-    loads : (n_dofs, n_loads) sparse array
-        Right-hand sides.
-    frequency : (n_frequencies,) float array
-        Hz; for messages.
-
-    Returns
-    -------
-    (n_frequencies, n_dofs, n_loads) complex array
-
-    Notes
-    -----
-    Small structures are solved line by line as dense matrices, large ones as sparse ones. A small one with very many
-    lines and no friction is summed from its poles (`modal_fields`), unless that differs from the direct solution.
-
-    Raises
-    ------
-    SingularModelError
-        If Z cannot be factorized at one of the frequencies.
-    """
-    n = len(indptr) - 1
-    right = loads.toarray().astype(np.complex128)
-    fields = np.empty((len(frequency), n, right.shape[1]), dtype=np.complex128)
-    with single_blas():
-        modal = _modal(indices, indptr, data, coefficients, right) if n <= DENSE_UP_TO else None
-        if modal is not None:
-            fields = modal
-        elif n <= DENSE_UP_TO:
-            _solve_dense(indices, indptr, data, coefficients, right, fields, frequency)
-        else:
-            analysis = factorizer().analyse(indices, indptr)
-            stiffness = DynamicStiffness(analysis, data, coefficients, frequency)
-            for line in range(len(frequency)):
-                fields[line] = stiffness.solver(line).solve(loads.toarray())
-    return fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +98,7 @@ class DynamicStiffness:
         try:
             return _LineFactor(self.analysis.factor(self.entries(line)), frequency)
         except SingularMatrixError as error:
-            raise _singular(frequency, frequency) from error
+            raise singular_model(frequency, frequency) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +113,7 @@ class _LineFactor:
         try:
             return self.factor.solve(right)
         except SingularMatrixError as error:
-            raise _singular(self.frequency, self.frequency) from error
+            raise singular_model(self.frequency, self.frequency) from error
 
 
 @contextmanager
@@ -189,44 +131,8 @@ def _thread_pools() -> Any:
     return ThreadpoolController()
 
 
-def _modal(
-    indices: IntArray, indptr: IntArray, data: FloatArray, coefficients: ComplexArray, right: ComplexArray
-) -> ComplexArray | None:
-    """The fields from poles and residues; None where lines are few, laws are others than s^2, s, 1 and i, or it fails."""
-    n, laplace = len(indptr) - 1, coefficients[:, 1] if coefficients.shape[1] > 3 else None
-    if laplace is None or len(laplace) < _LINES_A_DOF * n or data[4:].any():
-        return None
-    plain = np.stack([laplace**2, laplace, np.ones_like(laplace), np.full_like(laplace, 1j)], axis=1)
-    if not np.array_equal(coefficients[:, :4], plain):
-        return None
-    matrices = np.zeros((4, n, n))
-    matrices[:, indices, np.repeat(np.arange(n), np.diff(indptr))] = data[:4]
-    return modal_fields(matrices[0], matrices[1], matrices[2] + 1j * matrices[3], right, laplace)
-
-
-def _solve_dense(
-    indices: IntArray,
-    indptr: IntArray,
-    data: FloatArray,
-    coefficients: ComplexArray,
-    right: ComplexArray,
-    fields: ComplexArray,
-    frequency: FloatArray,
-) -> None:
-    n = len(indptr) - 1
-    columns = np.repeat(np.arange(n), np.diff(indptr))
-    step = max(1, _CHUNK_ENTRIES // (n * n))
-    for first in range(0, len(frequency), step):
-        part = slice(first, first + step)
-        matrices = np.zeros((len(frequency[part]), n, n), dtype=np.complex128)
-        matrices[:, indices, columns] = coefficients[part] @ data
-        try:
-            fields[part] = np.linalg.solve(matrices, right)
-        except np.linalg.LinAlgError as error:
-            raise _singular(float(frequency[part][0]), float(frequency[part][-1])) from error
-
-
-def _singular(low: float, high: float) -> SingularModelError:
+def singular_model(low: float, high: float) -> SingularModelError:
+    """The error of a dynamic stiffness that cannot be factorized somewhere from `low` to `high`, Hz."""
     where = f"{low:g} Hz" if low == high else f"{low:g} to {high:g} Hz"
     return SingularModelError(
         f"the dynamic stiffness is singular at {where}: the structure has a mechanism without mass, or no supports at 0 Hz;"

@@ -8,7 +8,7 @@ line only its entries change. A parameter with one element and one with a thousa
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.structure import Structure
 from structid.structure.blocks import Blocks, ElementMatrices, index_kind
 
-#: Most entries of forces that are held at once.
-_CHUNK_ENTRIES = 4_000_000
+#: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
+_CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,16 +152,147 @@ def _force_maps(
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value of every entry."""
-    row, column, element, value = part.blocks.entries()
-    counts = np.diff(part.slope.indptr)
-    keys, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    joined = _joined(part.blocks.entries(), part.slope, n_dofs)
+    pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
+    key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    return key, column, value
+
+
+@dataclass(frozen=True, eq=False)
+class DenseForces:
+    """The forces (dZ/dp) x of all parameters of a small model, for many lines at once; made by `DenseSlopes.at`.
+
+    Attributes
+    ----------
+    dofs, parameters : (n_forces,) int arrays
+        Degree of freedom and parameter of each force.
+    maps : tuple of (int, int array, (n, n_dofs) float array)
+        For each law with such forces: the law, which of the forces, and the map from a field to them.
+    n_params : int
+    """
+
+    dofs: IntArray
+    parameters: IntArray
+    maps: tuple[tuple[int, IntArray, FloatArray], ...]
+    n_params: int
+
+    def contracted(self, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray) -> ComplexArray:
+        """y' (dZ/dp) x (no conjugate) at every line, (n_lines, n_y, n_x, n_params).
+
+        Parameters
+        ----------
+        coefficients : (n_lines, n_laws) complex array
+            How each matrix enters Z.
+        x, y : (n_lines, n_dofs, n_x) and (n_lines, n_dofs, n_y) complex arrays
+        """
+        n_lines, n_dofs, n_x = x.shape
+        found = np.empty((n_lines, y.shape[2], n_x, self.n_params), dtype=np.complex128)
+        step = max(1, _NEAR_ENTRIES // max(1, n_dofs * self.n_params))
+        wide = np.zeros((min(step, n_lines), n_dofs * self.n_params), dtype=np.complex128)
+        place = self.dofs * self.n_params + self.parameters
+        for first in range(0, n_lines, step):
+            part = slice(first, min(first + step, n_lines))
+            forces = self._forces(coefficients[part], x[part])
+            adjoint, held = np.swapaxes(y[part], 1, 2), wide[: forces.shape[1]]
+            for column in range(n_x):
+                held[:, place] = forces[:, :, column].T
+                found[part, :, column] = adjoint @ held.reshape(-1, n_dofs, self.n_params)
+        return found
+
+    def _forces(self, coefficients: ComplexArray, x: ComplexArray) -> ComplexArray:
+        """The forces for fields x, (n_forces, n_lines, n_x)."""
+        n_lines, n_dofs, n_x = x.shape
+        flat = np.ascontiguousarray(np.moveaxis(x, 1, 0)).reshape(n_dofs, -1).view(np.float64)
+        total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
+        for law, chosen, matrix in self.maps:
+            own = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
+            own *= coefficients[:, law, None]
+            total[chosen] += own
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class DenseSlopes:
+    """How the matrices of a small model change with each parameter, for any values; made by `dense_slopes`.
+
+    All entries of the maps of `DenseForces` are linear in the slopes of the weights of element matrices, which are the
+    only things that change with the values.
+
+    Attributes
+    ----------
+    structure : Structure
+    slots : tuple of (int, tuple of int)
+        Contributions whose weights change with a parameter, and which of their `partial_slopes` do.
+    forces : DenseForces
+        Its maps are not filled in.
+    operators : tuple of (n n_dofs, n_slopes) sparse arrays
+        For each of the maps: its entries from all slopes in the order of `slots`.
+    """
+
+    structure: Structure
+    slots: tuple[tuple[int, tuple[int, ...]], ...]
+    forces: DenseForces
+    operators: tuple[sparse.csr_array, ...]
+
+    def at(self, values: FloatArray) -> DenseForces:
+        """The forces where the structure has these `values`."""
+        slopes: list[FloatArray] = [np.zeros(0)]
+        for member, used in self.slots:
+            partial = self.structure.contributions[member].partial_slopes(values)
+            slopes += [partial[k][1] for k in used]
+        stacked, n_dofs = np.concatenate(slopes), self.structure.n_dofs
+        maps = tuple(
+            (law, chosen, (operator @ stacked).reshape(-1, n_dofs))
+            for (law, chosen, _), operator in zip(self.forces.maps, self.operators, strict=True)
+        )
+        return replace(self.forces, maps=maps)
+
+
+def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparray) -> DenseSlopes:
+    """The `DenseSlopes` of a structure whose values are changed by parameters through `design` (n_values, n_params)."""
+    table, n_dofs = sparse.csr_array(design), structure.n_dofs
+    slots: list[tuple[int, tuple[int, ...]]] = []
+    found: dict[int, list[tuple[IntArray, IntArray, IntArray, FloatArray]]] = {}
+    n_slopes = 0
+    for member, item in enumerate(structure.contributions):
+        entries, used = item.blocks.entries(), []
+        for k, place in enumerate(item.places):
+            own = table[place]
+            if not own.nnz:
+                continue
+            used.append(k)
+            pieces = found.setdefault(laws.index(item.law), [])
+            pieces += [(key, column, n_slopes + at, value) for key, column, at, value in _joined(entries, own, n_dofs)]
+            n_slopes += own.shape[0]
+        if used:
+            slots.append((member, tuple(used)))
+    joined = {law: [np.concatenate(arrays) for arrays in zip(*pieces, strict=True)] for law, pieces in found.items()}
+    pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *(arrays[0] for arrays in joined.values())]))
+    maps, operators = [], []
+    for law, (key, column, at, value) in joined.items():
+        rows, row = np.unique(key, return_inverse=True)
+        shape = (len(rows) * n_dofs, n_slopes)
+        operators.append(sparse.coo_array((value, (row * n_dofs + column, at)), shape).tocsr())
+        maps.append((law, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
+    forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
+    return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
+
+
+def _joined(
+    entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
+) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
+    """Each entry of element matrices with each parameter of its element: key of its force, column, element and value."""
+    row, column, element, value = entries
+    counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):
         own = counts[element] > k
-        at = part.slope.indptr[element[own]] + k
-        keys.append(part.slope.indices[at].astype(np.int64) * n_dofs + row[own])
-        columns.append(column[own])
-        values.append(part.slope.data[at] * value[own])
-    return np.concatenate(keys), np.concatenate(columns), np.concatenate(values)
+        at = design.indptr[element[own]] + k
+        yield (
+            design.indices[at].astype(np.int64) * n_dofs + row[own],
+            column[own],
+            element[own],
+            design.data[at] * value[own],
+        )
 
 
 def element_products(blocks: ElementMatrices, y: NDArray[Any], x: NDArray[Any]) -> FloatArray:

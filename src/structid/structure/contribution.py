@@ -79,6 +79,12 @@ class Contribution:
         """Whether the weight is a product of several values."""
         return self.factor is not None or self.thickness is not None
 
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """Where the values stand that make up the weights."""
+        more = (self.factor, None if self.thickness is None else self.thickness.value)
+        return (self.value, *(place for place in more if place is not None))
+
     def weights(self, values: FloatArray) -> FloatArray:
         """Weight of each element, (n_elements,)."""
         own = values[self.value]
@@ -98,12 +104,12 @@ class Contribution:
         factor = 1.0 if self.factor is None else values[self.factor]
         power = 1.0 if self.thickness is None else self.thickness.of(values)
         own = values[self.value]
-        found = [(self.value, np.broadcast_to(factor * power, own.shape))]
+        slopes = [np.broadcast_to(factor * power, own.shape)]
         if self.factor is not None:
-            found.append((self.factor, own * power))
+            slopes.append(own * power)
         if self.thickness is not None:
-            found.append((self.thickness.value, own * factor * self.thickness.slope(values)))
-        return found
+            slopes.append(own * factor * self.thickness.slope(values))
+        return list(zip(self.places, slopes, strict=True))
 
 
 def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], ElementMatrices]) -> tuple[Contribution, ...]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.errors import InputError
+from structid.observation.frf.friction import sliding_amplitudes
 from structid.observation.frf.laws import law_coefficients
-from structid.observation.frf.sliding import sliding_amplitudes
 from structid.observation.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.structure import Structure

@@ -1,12 +1,129 @@
-"""Harmonic balance of dry friction: sliding amplitudes that the motion itself has, and how they move with it."""
+"""Harmonic balance of dry friction: sliding amplitudes that were measured, or that the motion itself has."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray
+from structid.dof import Dof
+from structid.dynamics.dense_fields import MOST_SMALLER
+from structid.errors import InputError
+from structid.observation.frf.channels import Channels
+from structid.observation.frf.lines import Lines
+from structid.records import FrfRecord
+from structid.structure import Friction, Structure
+from structid.unknowns import Parameters
 
 _MOST_ITERATIONS = 60
+#: Amplitude of a contact that sticks, in parts of its motion without friction.
+_STUCK = 1e-4
+#: A Newton step by no more than this part leaves an error of rounding.
+_SMALL_STEP = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
+
+    law: int
+    value: int
+
+
+def sliding_contacts(
+    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
+) -> tuple[tuple[Contact, ...], sparse.csc_array]:
+    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
+    contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
+    for element in structure.elements:
+        if isinstance(element, Friction) and element.name not in measured:
+            require_one_load(element, record)
+            value = next(p.values.start for p in structure.properties if p.element == element.name)
+            contacts.append(Contact(laws.index(f"friction:{element.name}"), value))
+            slide = structure.selection(element.first)
+            columns.append(slide if element.second is None else slide - structure.selection(element.second))
+    return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """A model whose contacts slide with the amplitudes of its own motion.
+
+    Attributes
+    ----------
+    contacts : tuple of Contact
+    channels : Channels
+    lines : Lines
+    parameters : Parameters
+    fixed_coefficients : (n_lines, n_laws) complex array
+        How each law enters the dynamic stiffness, 0 for `contacts`.
+    """
+
+    contacts: tuple[Contact, ...]
+    channels: Channels
+    lines: Lines
+    parameters: Parameters
+    fixed_coefficients: ComplexArray
+
+    def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
+        """The coefficients with amplitudes in balance, and what sensors and contacts then read; kept for the last values.
+
+        The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
+        """
+        key = physical.tobytes()
+        known = self._known.get(key)
+        if known is None:
+            free, reach = self._free(physical)
+            n_outputs, laws = self.channels.n_outputs, self.laws
+            force, floor = self.force(physical), self._stuck_amplitude
+            amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
+            coefficients = np.array(self.fixed_coefficients)
+            coefficients[:, laws] = 1j / amplitude
+            known = coefficients, slid_readings(free, reach, coefficients[:, laws] * force)
+            self._known.clear()
+            self._known[key] = known
+        return known
+
+    def add_change(
+        self, derivative: ComplexArray, readings: ComplexArray, reach: ComplexArray, physical: FloatArray, part: slice
+    ) -> None:
+        """Add to derivatives at fixed amplitudes, at a stretch of lines, what the amplitudes' own change makes of them.
+
+        See `LineDerivatives` for the first three.
+        """
+        size = (1j / self.at(physical)[0][part][:, self.laws]).real
+        motion = readings[:, self.channels.n_outputs :, 0]
+        add_amplitude_change(derivative[:, :, 0], motion, reach, self.force(physical), size)
+
+    @property
+    def laws(self) -> list[int]:
+        return [contact.law for contact in self.contacts]
+
+    def force(self, physical: FloatArray) -> FloatArray:
+        """Friction force of each contact per unit drive."""
+        return self.parameters.values(physical)[[contact.value for contact in self.contacts]]
+
+    @cached_property
+    def _known(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
+        """The last answer of `at`, by the parameters."""
+        return {}
+
+    @cached_property
+    def _stuck_amplitude(self) -> FloatArray:
+        """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
+        free, _ = self._free(self.parameters.start)
+        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
+
+    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
+        (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
+        columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
+        used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
+        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, :, place]
+        return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
 
 
 def balanced_amplitudes(
@@ -27,31 +144,60 @@ def balanced_amplitudes(
     floor : (n_frequencies, n_contacts) float array
         Amplitude of a contact that sticks; small against abs(b).
     """
-    n_contacts = len(force)
     size = np.maximum(np.abs(free), floor)
+    moving = np.arange(len(size))
     for _ in range(_MOST_ITERATIONS):
-        system = np.eye(n_contacts) + flexibility * (1j * force / size)[:, None, :]
-        solved = np.linalg.solve(system, np.concatenate([free[..., None], flexibility], axis=2))
-        motion, reach = solved[..., 0], solved[..., 1:]
-        unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
-        slope = (unit[..., None] * reach * (1j * force * motion / size**2)[:, None, :]).real
-        error = np.abs(motion) - size
-        stuck = (size <= floor) & (error <= 0)
-        error[stuck] = 0.0
-        slope[stuck] = 0.0
-        step = np.linalg.solve(np.eye(n_contacts) - slope, error[..., None])[..., 0]
-        new = np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
-        change = np.abs(new - size) / size
-        size = new
-        if change.max(initial=0.0) < 1e-12:
+        new = _newton_step(flexibility[moving], free[moving], force, floor[moving], size[moving])
+        change = (np.abs(new - size[moving]) / size[moving]).max(axis=1, initial=0.0)
+        size[moving] = new
+        moving = moving[change > _SMALL_STEP]
+        if not len(moving):
             break
     return size
 
 
+def _newton_step(
+    flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
+) -> FloatArray:
+    """The next amplitudes from `size`, no more than five times larger or smaller."""
+    n_contacts = len(force)
+    pull = 1j * force / size
+    system = np.eye(n_contacts) + flexibility * pull[:, None, :]
+    solved = np.linalg.solve(system, np.concatenate([free[..., None], flexibility], axis=2))
+    motion, reach = solved[..., 0], solved[..., 1:]
+    unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
+    slope = (unit[..., None] * reach * (pull * motion / size)[:, None, :]).real
+    error = np.abs(motion) - size
+    stuck = (size <= floor) & (error <= 0)
+    error[stuck] = 0.0
+    slope[stuck] = 0.0
+    step = np.linalg.solve(np.eye(n_contacts) - slope, error[..., None])[..., 0]
+    return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
+
+
+def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
+    """Readings with friction from those without it; None where their difference would lose digits.
+
+    Parameters
+    ----------
+    free : (n_frequencies, n_outputs + n_contacts, n_inputs) complex array
+        Readings under the loads, contacts last.
+    reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
+        Readings under unit forces at the contacts.
+    factors : (n_frequencies, n_contacts) complex array
+        Force on the structure per sliding motion of each contact, i r / s, against that motion.
+    """
+    n_contacts = factors.shape[1]
+    system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]
+    readings = free - reach @ np.linalg.solve(system, factors[:, :, None] * free[:, -n_contacts:])
+    before, after = (np.linalg.norm(values, axis=(1, 2)) for values in (free, readings))
+    return None if (before > MOST_SMALLER * after).any() else readings
+
+
 def add_amplitude_change(
     derivative: ComplexArray, motion: ComplexArray, reach: ComplexArray, force: FloatArray, size: FloatArray
-) -> ComplexArray:
-    """The whole derivative of outputs and contacts from that at fixed sliding amplitudes.
+) -> None:
+    """Make the derivative of outputs and contacts at fixed sliding amplitudes the whole one, in place.
 
     With s the amplitudes, dH = dH|s + (dH/ds) ds and ds = Re(conj(q) dq) / s, solved for ds line by line.
 
@@ -74,4 +220,35 @@ def add_amplitude_change(
     unit = (slides * np.conj(motion) / size)[..., None]
     coupling = np.eye(n_contacts) - (unit * by_size[:, -n_contacts:]).real
     change = np.linalg.solve(coupling, (unit * derivative[:, -n_contacts:]).real)
-    return derivative + by_size @ change
+    derivative += by_size @ change
+
+
+def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
+    """Measured sliding amplitude per unit drive of the friction elements that name sensors.
+
+    Raises
+    ------
+    InputError
+        If a friction element names a sensor that the record lacks, or the record has several loads.
+    """
+    amplitudes = {}
+    for element in structure.elements:
+        if not isinstance(element, Friction) or not element.measured_by:
+            continue
+        require_one_load(element, record)
+        measured = record.channels(_as_recorded(element.measured_by, record)).as_kind("receptance")
+        signs = np.array([dof.sign for dof in measured.outputs])
+        amplitudes[element.name] = element.sliding(measured.values[:, :, 0] * signs)
+    return amplitudes
+
+
+def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
+    """The record's own outputs at the same places and directions, whatever their sense."""
+    own = {dof.unsigned: dof for dof in record.outputs}
+    return tuple(own.get(dof.unsigned, dof) for dof in wanted)
+
+
+def require_one_load(element: Friction, record: FrfRecord) -> None:
+    """Raise `InputError` unless the record has one load: friction makes the response to each load its own."""
+    if len(record.inputs) != 1:
+        raise InputError(f"friction {element.name!r} needs a record with one load, got {len(record.inputs)}")

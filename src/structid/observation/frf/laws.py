@@ -1,9 +1,8 @@
-"""How matrices enter the dynamic stiffness at each line, and which of several load columns are alike."""
+"""How matrices enter the dynamic stiffness at each line."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray
 
@@ -22,22 +21,3 @@ def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict
     table.update({f"friction:{name}": np.asarray(1j / amplitude) for name, amplitude in sliding.items()})
     zero = np.zeros_like(laplace)
     return np.stack([table.get(law, zero) for law in laws], axis=1)
-
-
-def distinct_columns(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """The columns that differ by more than their sign, and for each given column its place among them and its sign."""
-    kept: dict[tuple[bytes, bytes], int] = {}
-    first, places = [], []
-    for j in range(columns.shape[1]):
-        part = slice(columns.indptr[j], columns.indptr[j + 1])
-        index, value = columns.indices[part], columns.data[part]
-        order = np.argsort(index)
-        index, value = index[order].astype(np.int64), value[order]
-        sign = 1.0 if not value.size or value[0] > 0 else -1.0
-        key = (index.tobytes(), (sign * value).tobytes())
-        if key not in kept:
-            kept[key] = len(kept)
-            first.append((j, sign))
-        places.append((kept[key], sign))
-    unique = columns[:, [j for j, _ in first]] @ sparse.diags_array([s for _, s in first])
-    return sparse.csc_array(unique), places

@@ -91,7 +91,7 @@ class FieldJacobian:
 
     def _changes(self, v: FloatArray) -> dict[int, sparse.csr_array]:
         """The change of the matrix of each kind."""
-        at = self.model.assembled
+        at = self.model.slopes.assembled
         entries: dict[int, FloatArray] = {}
         for part, (member, rows) in zip(self.parts.parts, self.parts.members, strict=True):
             change = np.zeros(at.maps[member].shape[1])
@@ -148,20 +148,20 @@ def free_response(
             "a search without a Jacobian needs a structure without sliding friction; give `measured_sliding`,"
             " or fewer parameters"
         )
-    shape = (len(model.frequency), model.n_outputs, len(model.inputs[0]))
-    n_params, n_dofs = model.parameters.n_params, model.assembled.structure.n_dofs
+    shape = (len(model.frequency), model.channels.n_outputs, len(model.channels.inputs[0]))
+    n_params, n_dofs = model.parameters.n_params, model.slopes.assembled.structure.n_dofs
     size = 16 * int(np.prod(shape)) * n_params
     stored = np.empty((2, *shape, n_params)) if size <= stored_bytes else None
-    forces, factors = model.forces_at(physical, model.fixed_coefficients)
+    forces, factors = model.slopes.forces_at(physical, model.fixed_coefficients)
     x = np.empty((n_dofs, shape[0], shape[2]), dtype=np.complex128)
     y = np.empty((shape[0] if stored is None else 0, shape[1], n_dofs), dtype=np.complex128)
     values, squares = np.empty(shape, dtype=np.complex128), np.zeros(n_params)
-    (loads, load_signs), (sensors, signs) = model.inputs, model.outputs
+    (loads, load_signs), (sensors, signs) = model.channels.inputs, model.channels.outputs
     used, place = np.unique(loads, return_inverse=True)
     for part, found in model.solved_at(physical):
         for line, fields in zip(range(shape[0])[part], found, strict=True):
             x[:, line] = fields[:, loads] * load_signs
-            values[line] = model.read(x[None, :, line])[0] * model.kind_factor[line]
+            values[line] = model.channels.read(x[None, :, line])[0] * model.kind_factor[line]
             products = np.stack(forces.contracted(factors[line], fields[:, used], fields))[place][:, :, sensors]
             scale = -model.kind_factor[line] * np.outer(signs, load_signs)
             change = whitening(values[line : line + 1], slice(line, line + 1)).rows(
@@ -176,7 +176,7 @@ def free_response(
         matrix = stored.reshape(-1, n_params)
         words = f"the Jacobian of the data, {size / 1e6:.0f} MB, is stored"
         return FreeResponse(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words, matrix)
-    parts, _ = model.parts_at(physical, model.fixed_coefficients)
+    parts, _ = model.slopes.parts_at(physical, model.fixed_coefficients)
     jacobian = FieldJacobian(model, parts, factors, x.reshape(n_dofs, -1), y)
     white = whitening(values, slice(None))
     words = (

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.observation.frf.response import Response, law_coefficients
+from structid.observation.frf.laws import law_coefficients
+from structid.observation.frf.response import Response
 from structid.records.record import DERIVATIVES, FrfKind
 
 
@@ -15,7 +16,7 @@ def moved(model: Response, laplace: ComplexArray, kind: FrfKind) -> Response:
     """`model`, whose structure has no friction, at the Laplace variables `laplace` (n_frequencies,), in 1/s."""
     return replace(
         model,
-        fixed_coefficients=law_coefficients(model.assembled.laws, laplace, {}),
+        fixed_coefficients=law_coefficients(model.slopes.assembled.laws, laplace, {}),
         kind_factor=laplace ** DERIVATIVES[kind],
     )
 
@@ -39,11 +40,10 @@ def laplace_slope(
         s, 1/s, not 0.
     kind : FrfKind
     """
-    fields = model.fields_at(physical, model.columns)
-    x = fields[:, :, model.inputs[0]] * model.inputs[1]
-    y = fields[:, :, model.outputs[0]] * model.outputs[1]
+    fields = model.fields_at(physical, model.channels.columns)
+    x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)
     weights = model.parameters.values(physical)
-    inertia, viscous = (model.assembled.structure.matrix(law, weights) for law in ("inertia", "viscous"))
+    inertia, viscous = (model.slopes.assembled.structure.matrix(law, weights) for law in ("inertia", "viscous"))
     flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
     shape = (x.shape[1], x.shape[0], x.shape[2])
     s = laplace[:, None, None]

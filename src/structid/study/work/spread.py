@@ -81,16 +81,8 @@ def _part(problem: FrfProblem, first: int, last: int) -> FrfProblem:
     """The problem of some lines, with the analysis of the whole one; kept from call to call."""
     known = _PARTS.setdefault(problem, {})
     if (first, last) not in known:
-        lines, whole = slice(first, last), problem.model
         part = replace(problem, record=problem.record.lines(np.arange(first, last)))
-        model = replace(
-            whole,
-            fixed_coefficients=whole.fixed_coefficients[lines],
-            frequency=whole.frequency[lines],
-            kind_factor=whole.kind_factor[lines],
-        )
-        vars(model)["analysis"] = whole.analysis  # what the cached properties would make again
-        vars(part)["model"] = model
+        vars(part)["model"] = problem.model.on(slice(first, last))  # what the cached property would make again
         known[first, last] = part
     return known[first, last]
 

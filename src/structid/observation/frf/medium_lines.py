@@ -1,0 +1,48 @@
+"""Models of medium size: dense matrices and poles where many lines are worth them, sparse matrices line by line else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from scipy import sparse
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.observation.frf.large_lines import LargeLines
+from structid.observation.frf.lines import LineDerivatives
+from structid.observation.frf.small_lines import SmallLines
+
+#: Largest eigenvalue problem that is tried, in degrees of freedom.
+MEDIUM_UP_TO = 256
+
+
+@dataclass(frozen=True, eq=False)
+class MediumLines:
+    """The lines of a model of medium size, both ways; see `Response`."""
+
+    small: SmallLines
+    large: LargeLines
+
+    @property
+    def is_large(self) -> bool:
+        return False
+
+    def on(self, lines: slice) -> MediumLines:
+        return MediumLines(self.small.on(lines), self.large.on(lines))
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, ComplexArray]]:
+        return self._serving(physical, coefficients, loads).fields(physical, coefficients, loads)
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        return self._serving(physical, coefficients).readings(physical, coefficients, columns)
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        return self._serving(physical, coefficients).derivatives(physical, coefficients)
+
+    def _serving(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> SmallLines | LargeLines:
+        has_poles = self.small.at(physical, coefficients, loads).modal is not None
+        return self.small if has_poles else self.large

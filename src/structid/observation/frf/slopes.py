@@ -1,0 +1,114 @@
+"""How the dynamic stiffness of a structure changes with its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dynamics.receptance import DENSE_UP_TO
+from structid.observation.contraction import DenseSlopes, ParameterForces, dense_slopes, parameter_forces
+from structid.observation.sensitive import (
+    SensitiveElements,
+    WeightedParts,
+    sensitive_elements,
+    steering_values,
+    weighted_elements,
+)
+from structid.structure import Structure
+from structid.structure.assembly import Assembly, assembly
+from structid.unknowns import Parameters
+
+#: In use, by the identity of what they are made of, which they hold.
+_SHARED: WeakValueDictionary[tuple[int, int, int], StiffnessSlopes] = WeakValueDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessSlopes:
+    """The matrices of a parametrized structure on one pattern, and how they change; made by `stiffness_slopes`.
+
+    Attributes
+    ----------
+    assembled : Assembly
+    parameters : Parameters
+        Of which only the values matter that they give the structure.
+    """
+
+    assembled: Assembly
+    parameters: Parameters
+
+    def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
+        """The element matrices that the parameters weigh, and the factor of each kind at every line.
+
+        Parameters
+        ----------
+        physical : (n_params,) float array
+        coefficients : (n_lines, n_laws) complex array
+            How each law enters the dynamic stiffness.
+        """
+        structure, parameters = self.assembled.structure, self.parameters
+        key = parameters.values(physical)[self._steering].tobytes()
+        found = self._known_parts.get(key)
+        if found is None:
+            found = weighted_elements(structure, parameters, self._sensitive, physical)
+            self._known_parts.clear()
+            self._known_parts[key] = found
+        factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
+        for kind, uses in enumerate(found.uses):
+            for law, scale in uses:
+                factors[:, kind] += coefficients[:, self.assembled.laws.index(law)] * scale
+        return found, factors
+
+    def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
+        """The forces (dZ/dp) x of all parameters, and the factors of their maps at every line: (n_lines, n_maps)."""
+        found, factors = self.parts_at(physical, coefficients)
+        known = self._known_forces.get("last")
+        if known is None or (known[0] is not found and not known[0].same_slopes(found)):
+            forces = parameter_forces(found.parts, self.parameters.n_params, self.assembled.structure.n_dofs)
+            known = self._known_forces["last"] = found, forces
+        return known[1], factors
+
+    def contracted(
+        self, physical: FloatArray, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray
+    ) -> ComplexArray:
+        """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params)."""
+        if self.assembled.structure.n_dofs <= DENSE_UP_TO:
+            return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)
+        forces, factors = self.forces_at(physical, coefficients)
+        found = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
+        for line, factor in enumerate(factors):
+            found[line] = np.transpose(forces.contracted(factor, x[line], y[line]), (2, 0, 1))
+        return found
+
+    @cached_property
+    def dense(self) -> DenseSlopes:
+        """The same as dense matrices, for small models."""
+        return dense_slopes(self.assembled.structure, self.assembled.laws, self.parameters.design)
+
+    @cached_property
+    def _sensitive(self) -> tuple[SensitiveElements, ...]:
+        return sensitive_elements(self.assembled.structure, self.parameters)
+
+    @cached_property
+    def _steering(self) -> IntArray:
+        return steering_values(self.assembled.structure, self.parameters, self._sensitive)
+
+    @cached_property
+    def _known_parts(self) -> dict[bytes, WeightedParts]:
+        """The last `WeightedParts`, by the values that they depend on."""
+        return {}
+
+    @cached_property
+    def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
+        """The last `ParameterForces`, and the weights that they were made for."""
+        return {}
+
+
+def stiffness_slopes(structure: Structure, parameters: Parameters) -> StiffnessSlopes:
+    """The `StiffnessSlopes` of a parametrized structure, shared while in use: priors and starts do not matter."""
+    key = id(structure), id(parameters.design), id(parameters.offset)
+    known = _SHARED.get(key)
+    return known or _SHARED.setdefault(key, StiffnessSlopes(assembly(structure), parameters))
