@@ -191,7 +191,7 @@ def free_rows(repeats: int, quick: bool) -> Iterator[Row]:
         if label == "2-D 1k":
             continue
         at = problem(shape, 20 if label != "2-D 50k" else 10, each=True)
-        free = at.linearize_free(at.theta_start, stored_bytes=0)
+        free = at.linearize_operator(at.theta_start, stored_bytes=0)
         v, u = generator.standard_normal(free.n_params), generator.standard_normal(free.n_data)
         off = abs(u @ free.forward(v) - v @ free.adjoint(u)) / abs(u @ free.forward(v))
         there, back, line = medians(

@@ -120,8 +120,8 @@ def run_plate(given: argparse.Namespace, clock: Clock) -> None:
     smooth = penalty(structure, unknown, Smoothness("young", "part1", given.strength)).scaled(given.strength)
     at = sid.FrfProblem(structure, unknown.coupled(smooth), record)
     clock.say(f"smoothness of {len(smooth.target)} pairs; {needs_free_search(at)[1]}")
-    whole = at.linearize_free
-    object.__setattr__(at, "linearize_free", lambda theta: whole(theta, given.stored))
+    whole = at.linearize_operator
+    object.__setattr__(at, "linearize_operator", lambda theta: whole(theta, given.stored))
     found = free_estimate(
         at,
         FreeLevenbergMarquardt(max_iterations=given.iterations or 50),

@@ -4,11 +4,15 @@ from structid._version import __version__
 from structid.dof import Dof, parse_dof
 from structid.dynamics import harmonic_transient, sampled_transient
 from structid.errors import FileError, InputError, StructidError
-from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, Status
+from structid.estimation import Estimate, GaussNewton, JointProblem, LevenbergMarquardt, MatrixFree, Search, Status
 from structid.estimation.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.estimation.estimate import estimate
-from structid.identification.identify import Identification, IdentifyOptions, Setup, identify, identify_together
-from structid.identification.time_fit import TimeFit
+from structid.identification.frf_setup import Setup
+from structid.identification.identified import Identification
+from structid.identification.identify import identify, identify_together
+from structid.identification.modal_setup import ModalSettings, ModalSetup
+from structid.identification.options import IdentifyOptions
+from structid.identification.time_setup import TimeFit, TimeSetup
 from structid.modal import ModalRecord, identify_modes, joint_modes, merge_modes
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh
 from structid.observation import (
@@ -99,12 +103,15 @@ __all__ = [
     "InputError",
     "JointProblem",
     "LevenbergMarquardt",
+    "MatrixFree",
     "MatrixGroup",
     "Membrane",
     "Mesh",
     "MeshPoint",
     "ModalProblem",
     "ModalRecord",
+    "ModalSettings",
+    "ModalSetup",
     "Motion",
     "Oscillation",
     "Parameters",
@@ -119,6 +126,7 @@ __all__ = [
     "RecursiveMotionFit",
     "RigidLink",
     "RotaryInertia",
+    "Search",
     "Setup",
     "Shell",
     "Smoothness",
@@ -133,6 +141,7 @@ __all__ = [
     "TimeFit",
     "TimeOptions",
     "TimeRecord",
+    "TimeSetup",
     "Unknown",
     "__version__",
     "channel_errors",

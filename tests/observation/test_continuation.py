@@ -10,14 +10,8 @@ from structid.dof import parse_dofs
 from structid.dynamics import receptance
 from structid.dynamics.modal_fields import modal_fields
 from structid.observation.frf import continuation
-from structid.observation.frf.continuation import (
-    START_ERROR,
-    continuation_plan,
-    nearer,
-    smoothed_records,
-    start_deviation,
-    thinned_lines,
-)
+from structid.observation.frf.continuation import START_ERROR, smoothed_records, start_deviation, thinned_lines
+from structid.observation.frf.problem import continuation_plan, nearer
 from structid.observation.frf.response import response
 
 MASS, STIFFNESS = np.array([0.9, 1.3, 1.2]), np.array([1.4, 0.7, 1.2])
@@ -128,7 +122,7 @@ def test_start_prior_leaves_parameters_with_a_prior_of_their_own():
         sid.Unknown("bending_stiffness", "beam"),
     ]
     problem = sid.FrfProblem(structure, sid.parameters(structure, names), record(FINE[::9], 0.01))
-    assert start_deviation(problem, START_ERROR).tolist() == [np.inf, START_ERROR]
+    assert start_deviation(problem.unknowns, START_ERROR).tolist() == [np.inf, START_ERROR]
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import report_cases
 
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 
 TITLE = 'Frame <b>7</b> & "base"'

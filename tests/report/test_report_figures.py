@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 import structid as si
 from conftest import Report
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.changes import look
 from structid.report.drawing.drawing import picture

@@ -14,7 +14,7 @@ import report_cases
 
 from conftest import PROVENANCE, TITLE, Report
 from structid.errors import FileError
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.drawing import picture
 from structid.report.figures.data import responses

@@ -12,11 +12,12 @@ from rich.text import Text
 
 from structid.estimation import Identifiability
 from structid.estimation.intervals.intervals import span_digits
-from structid.identification.identified import Identification, RecordFit
+from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
 from structid.records import FrfRecord, Record
 from structid.reproduce.item import Item
-from structid.study.results.free import PARAMETERS, largest_changes
-from structid.study.results.result import FreeResult, StudyResult
+from structid.study.results.changes import PARAMETERS, largest_changes
+from structid.study.results.result import StudyResult
 from structid.study.run.check import CheckResult
 
 _WIDTH_OF_FILES = 1000
@@ -36,8 +37,10 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     """Warnings, status, parameters, total mass, fit and modes of an identification."""
     found = result.identification
     estimate = found.estimate
+    if not estimate.uncertainty.has_matrix:
+        return _changes_summary(result)
     table = _table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
-    ends = estimate.interval() if found.intervals is None else found.intervals.ends
+    ends = found.intervals.ends
     for i, name in enumerate(estimate.names):
         note = "" if estimate.identified[i] else "not identified"
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
@@ -55,19 +58,18 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"rank {identifiability.rank} of {len(estimate.names)} parameters, condition {number(identifiability.condition, 3)}"
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
-        f"; intervals: {'laplace' if found.intervals is None else found.intervals.kind}",
+        f"; intervals: {found.intervals.kind}",
         *_fit_facts(found.fits),
     ]
-    if found.intervals is not None:
-        facts += found.intervals.notes
+    facts += found.intervals.notes
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = _groups(identifiability)
     return [*_heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
 
 
-def free_summary_shown(result: FreeResult) -> list[RenderableType]:
-    """Warnings, status, the parameters that moved most, total mass, fit and modes of a search without a Jacobian."""
+def _changes_summary(result: StudyResult) -> list[RenderableType]:
+    """Warnings, status, the parameters that moved most, total mass and fit of a matrix-free search."""
     found = result.identification
     estimate = found.estimate
     facts = [
@@ -78,7 +80,7 @@ def free_summary_shown(result: FreeResult) -> list[RenderableType]:
         *_fit_facts(found.fits),
     ]
     table = _table("parameter that moved most", "unit", "initial", "value", "std")
-    for i in largest_changes(result, _MOST_CHANGES):
+    for i in largest_changes(estimate, _MOST_CHANGES):
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
@@ -129,7 +131,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     """What `structid check` says: record, sensors, modes, rank and predicted accuracy."""
     study = result.study
     facts = [
-        *_measured(result),
+        *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
         f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
     ]
@@ -142,8 +144,8 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
     head = [*_heading(study.title, result.warnings), *map(Text, facts), channels, modes]
-    if result.identifiability is None:
-        return [*head, *map(Text, _free_prediction(result))]
+    if not result.covariance.has_matrix:
+        return [*head, Text(_prediction(result))]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {number(found.condition, 3)}; predicted at the"
@@ -155,12 +157,11 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     return [*head, Text(rank), table, *_groups(found)]
 
 
-def _free_prediction(result: CheckResult) -> list[str]:
+def _prediction(result: CheckResult) -> str:
     """How well very many parameters would be known, in words."""
-    if result.free is None:
-        return []
-    known = sorted(value for value in result.free.relative_std.tolist() if math.isfinite(value))
-    lost = len(result.names) - len(known)
+    relative = (result.std / result.sizes).tolist()
+    known = sorted(value for value in relative if math.isfinite(value))
+    lost = len(relative) - len(known)
     spread = (
         f"; predicted standard deviations with the smoothness above: median {number(100 * _median(known), 2)} %, largest"
         f" {number(100 * known[-1], 2)} %"
@@ -168,24 +169,10 @@ def _free_prediction(result: CheckResult) -> list[str]:
         else ""
     )
     unseen = f"; {lost} that neither data nor smoothness see" if lost else ""
-    return [
-        f"{len(result.names)} parameters, of which the data determine about {number(result.free.n_determined, 3)}"
-        f" combinations{spread}{unseen}"
-    ]
-
-
-def _measured(result: CheckResult) -> list[str]:
-    """What was measured: the lines of responses, and modes."""
-    facts, record = [], result.record
-    if record is not None:
-        facts.append(
-            f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
-            f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {_noise(record)}"
-        )
-    for modes in result.modes_used:
-        span = f"{number(modes.frequency[0])} to {number(modes.frequency[-1])} Hz"
-        facts.append(f"record: {modes.n_modes} modes from {span} at {len(modes.channels)} sensors, {modes.source}")
-    return facts
+    return (
+        f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
+        f"{spread}{unseen}"
+    )
 
 
 def record_summary(record: Record, path: Path) -> str:
@@ -228,12 +215,6 @@ def _table(*columns: str) -> Table:
 def _groups(found: Identifiability) -> list[RenderableType]:
     """The groups of parameters that the data see together, the worst determined ones, in words."""
     return [Text(group.words) for group in found.groups[:_MOST_GROUPS]]
-
-
-def _noise(record: FrfRecord) -> str:
-    if record.variance is None:
-        return "not stated"
-    return record.noise_source if record.noise_source == "declared" else f"from {record.noise_source}"
 
 
 def _median(values: list[float]) -> float:

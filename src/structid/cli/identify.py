@@ -14,16 +14,14 @@ from typing import Annotated, Any
 import typer
 
 from structid.cli.base import INTERRUPTED, NOT_DETERMINED, fail, reported
-from structid.cli.console import free_summary_shown, identification_summary, standard_output
+from structid.cli.console import identification_summary, standard_output
 from structid.cli.progress import run_progress
 from structid.estimation import Status
-from structid.estimation.free_estimate import FreeEstimate
 from structid.study.results.folder import staged_folder, write_results
-from structid.study.results.free import write_free_results
-from structid.study.results.result import FreeResult, StudyResult
+from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun, executor_for
-from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
+from structid.study.run.run import load_study, run_started, started
 from structid.study.work.tasks import WorkersLostError
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
@@ -69,8 +67,7 @@ def identify(
         try:
             with run_progress(read.options.method.max_iterations) as progress, _terminable():
                 run.progress = progress.tasks
-                ready = started(read)
-                result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
+                result = run_started(started(read), progress.search, run)
         except KeyboardInterrupt:
             call = _call(study, out=out, workers=workers, scheduler=scheduler)
             fail(_interrupted(run, kept, call if report else [*call, "--no-report"]), INTERRUPTED)
@@ -82,27 +79,23 @@ def identify(
         with staged_folder(folder) as staged:
             name = _write(result, staged, report)
         kept.remove()
-        for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
+        for part in identification_summary(result):
             standard_output().print(part)
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:
-            words = estimate.status_words if isinstance(estimate, FreeEstimate) else estimate.status.words
-            fail(f"{words} ({estimate.message})", NOT_DETERMINED)
+            fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
 
 
-def _write(result: StudyResult | FreeResult, folder: Path, report: bool) -> str:
+def _write(result: StudyResult, folder: Path, report: bool) -> str:
     """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
-    if isinstance(result, FreeResult):
-        write_free_results(result, folder)
-        if not report:
-            return "estimate.json"
-        from structid.report.identification.free_page import write_free_report
-
-        return write_free_report(result, folder).name
     write_results(result, folder)
     if not report:
         return "estimate.json"
+    if not result.identification.estimate.uncertainty.has_matrix:
+        from structid.report.identification.free_page import write_free_report
+
+        return write_free_report(result, folder).name
     from structid.report import write_report
 
     return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -12,16 +13,19 @@ from structid.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 from structid.errors import InputError
-from structid.estimation.problem import Linearization
+from structid.estimation.linearization import Linearization
+from structid.estimation.problem import Stages
 from structid.modal import ModalRecord
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
+from structid.observation.record_problem import RecordProblem
 from structid.similarity import mac
 from structid.structure import Structure
-from structid.unknowns import NamedUnknowns, Parameters
+from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import NamedUnknowns
 
 ModalForm = Literal["output", "dynamic"]
 
@@ -29,7 +33,7 @@ _START_ERROR = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ModalProblem(NamedUnknowns):
+class ModalProblem(RecordProblem):
     """Parameters of a structure from measured modes.
 
     Forms of the residual:
@@ -107,6 +111,25 @@ class ModalProblem(NamedUnknowns):
                 f" {len(self.record.channels)} sensors; lower `closeness`, or measure more places"
             )
         _ = self._sensors
+
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> ModalProblem:
+        return replace(self, parameters=cast(Parameters, parts[0]))
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return "takes records of responses, got one of modes"
+
+    @property
+    def sources(self) -> tuple[object, ...]:
+        return self.structure, self.record
+
+    @property
+    def frequency(self) -> FloatArray:
+        return self.record.frequency
+
+    @property
+    def measures_force(self) -> bool:
+        return False
 
     @cached_property
     def measured(self) -> IntArray:
@@ -220,13 +243,12 @@ class ModalProblem(NamedUnknowns):
 
     @property
     def series_names(self) -> tuple[str, ...]:
-        """What each of `series` stands for, in their order."""
         names = [f"shape at {dof}" for dof in self.record.channels]
         if self.form == "dynamic":
             return tuple(f"force for the {name}" for name in names)
         return (*names, "mixing of close modes", "frequency", *(("damping ratio",) if self.use_damping else ()))
 
-    def stage_plans(self) -> tuple[tuple[tuple[str, ModalProblem], ...], ...]:
+    def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: by the dynamic residual, which needs no pairing, and straight."""
         near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
         return ((("modal dynamic residual", near),), ())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.text import exact, percent, with_unit
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import symbols
 from structid.report.drawing.changes import Panel, panels
 from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks

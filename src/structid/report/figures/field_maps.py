@@ -10,10 +10,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from scipy import sparse
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
-from structid.identification.free_search import FreeIdentification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.element_outlines import Outlines, outlines
 from structid.report.figures.png_style import plain
@@ -58,12 +59,12 @@ class FieldMap:
         return next((step for step in (0.02, 0.05, 0.1, 0.2, 0.3, 0.5) if largest <= step), 1.0)
 
 
-def field_maps(found: FreeIdentification) -> tuple[FieldMap, ...]:
+def field_maps(found: Identification) -> tuple[FieldMap, ...]:
     """One map for each property that has at least three different parameters over an element set."""
-    unknown, estimate = found.fit.problem.parameters, found.estimate
-    structure = found.fit.problem.structure
-    before, after = unknown.values(estimate.initial), unknown.values(estimate.values)
-    design, draws = unknown.design.tocsr(), estimate.physical_draws
+    unknown, estimate = found.parameters, found.estimate
+    structure, own = found.structure, found.own_index
+    before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])
+    design = unknown.design.tocsr()
     limit = estimate.beyond_chance()[1]
     maps = []
     for item in structure.properties:
@@ -72,16 +73,16 @@ def field_maps(found: FreeIdentification) -> tuple[FieldMap, ...]:
         if len(np.unique(part.indices)) < 3:
             continue
         size = np.where(acts, before[item.values], np.nan)
-        spread = part @ draws.T
-        std = np.sqrt((spread**2).mean(axis=1)) if len(draws) > 1 else np.full(len(size), np.nan)
+        wide = sparse.csr_array((part.data, own[part.indices], part.indptr), (part.shape[0], len(estimate.names)))
+        std = np.sqrt(estimate.uncertainty.variance(wide))
         name = f"{item.term.property.replace('_', ' ')} of {item.element}"
         maps.append(FieldMap(name, item.element, after[item.values] / size - 1, std / np.abs(size), limit))
     return tuple(maps)
 
 
-def field_figure(found: FreeIdentification, shown: FieldMap) -> Figure:
+def field_figure(found: Identification, shown: FieldMap) -> Figure:
     """The change beside its standard deviation, on the mesh."""
-    structure = found.fit.problem.structure
+    structure = found.structure
     drawn = outlines(structure)
     low, high = drawn.bounds
     width, height = high - low

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.picture import Picture
 from structid.report.figures.data import (

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.identification.identify import Identification
-from structid.identification.modal_setup import ModalFit
+from structid.identification.identified import Identification
+from structid.identification.modal_fit import ModalFit
 from structid.report.figures.data import NORMAL_95
 from structid.report.identification.tables import Table
 from structid.report.text import NOTHING, counted, number, percent, with_std

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from structid.files import atomic_write
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.picture import Picture
 from structid.report.figures.data import (

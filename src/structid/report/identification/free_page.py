@@ -1,4 +1,4 @@
-"""The page of a search without a Jacobian: what changed where on the mesh, how sure that is, and how the record is met."""
+"""The page of a matrix-free search: what changed where on the mesh, how sure that is, and how the record is met."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from structid.report.figures.field_maps import FieldMap, field_figure, field_map
 from structid.report.figures.interactive_responses import responses_figure
 from structid.report.figures.png import write_pngs
 from structid.report.figures.png_responses import magnitude_figure, phase_figure
-from structid.report.identification.page import embedded
+from structid.report.identification.page import embedded, sorted_warnings
 from structid.report.identification.tables import mode_table, provenance_facts
 from structid.report.page_template import page_template
 from structid.report.text import NOTHING, counted, number, percent, with_std, with_unit
-from structid.study.results.free import largest_changes
-from structid.study.results.result import FreeResult
+from structid.study.results.changes import largest_changes, search_reason
+from structid.study.results.result import StudyResult
 
 _MOST_ROWS = 25
 _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard deviations")
 
 
-def write_free_report(result: FreeResult, folder: Path) -> Path:
+def write_free_report(result: StudyResult, folder: Path) -> Path:
     """Path of ``report.html`` in `folder`, written with its PNG files in ``figures``.
 
     The same result gives the same bytes.
@@ -64,7 +64,7 @@ def write_free_report(result: FreeResult, folder: Path) -> Path:
     return path
 
 
-def _page(result: FreeResult, maps: list[tuple[str, str, str]]) -> str:
+def _page(result: StudyResult, maps: list[tuple[str, str, str]]) -> str:
     found = result.identification
     estimate = found.estimate
     data = {f"responses-{place}": responses(fit) for place, fit in enumerate(found.fits, 1)}
@@ -76,18 +76,18 @@ def _page(result: FreeResult, maps: list[tuple[str, str, str]]) -> str:
         status=estimate.status.value,
         status_words=f"{estimate.status_words} ({estimate.message})",
         is_good=estimate.status is Status.CONVERGED and estimate.covariance_basis == "noise",
-        warnings=found.warnings,
+        warnings=sorted_warnings(found)[0],
         cards=_cards(result),
         maps=maps,
         header=_HEADER,
-        rows=[_row(result, i) for i in largest_changes(result, _MOST_ROWS)],
+        rows=[_row(result, i) for i in largest_changes(estimate, _MOST_ROWS)],
         std_words=_std_words(result),
         records=[
             (name, fit.name if len(data) > 1 else "", [channel.label for channel in one.channels])
             for fit, (name, one) in zip(found.fits, data.items(), strict=True)
         ],
         figures=figures,
-        modes=mode_table(mode_rows(found.fit), (min(b[0] for b in bands), max(b[1] for b in bands))),
+        modes=mode_table(mode_rows(found.fits[0]), (min(b[0] for b in bands), max(b[1] for b in bands))),
         provenance=provenance_facts(asdict(result.provenance)),
         plotly=get_plotlyjs(),
         described=embedded({name: figure.described() for name, figure in figures.items()}),
@@ -109,7 +109,7 @@ def _caption(shown: FieldMap) -> str:
     )
 
 
-def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
+def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
     found = result.identification
     estimate = found.estimate
     error, before = (
@@ -136,11 +136,11 @@ def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
         ("Chi-square per degree of freedom", number(estimate.chi_square_per_dof, 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", counted(estimate.n_iterations, "iteration"), estimate.reason),
+        ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 
-def _row(result: FreeResult, i: int) -> tuple[str, ...]:
+def _row(result: StudyResult, i: int) -> tuple[str, ...]:
     found = result.identification.estimate
     initial, value, std = float(found.initial[i]), float(found.values[i]), float(found.std[i])
     return (
@@ -152,9 +152,9 @@ def _row(result: FreeResult, i: int) -> tuple[str, ...]:
     )
 
 
-def _std_words(result: FreeResult) -> str:
+def _std_words(result: StudyResult) -> str:
     found = result.identification.estimate
-    spread = found.std_error[np.isfinite(found.std_error)]
+    spread = found.uncertainty.std_error[np.isfinite(found.uncertainty.std_error)]
     if not spread.size:
         return "Standard deviations are not known."
-    return f"Standard deviations come from {len(found.draws)} draws, each known to {percent(float(spread.max()), 2, signed=False)}."
+    return f"Standard deviations come from {len(found.uncertainty.draws)} draws, each known to {percent(float(spread.max()), 2, signed=False)}."

@@ -13,7 +13,7 @@ from plotly.offline import get_plotlyjs
 from structid._version import __version__
 from structid.estimation import Status
 from structid.files import atomic_write, made_folder
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing.drawing import picture
 from structid.report.drawing.picture import Picture
 from structid.report.figures.data import Responses, band_used, mode_rows, responses
@@ -158,7 +158,7 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 
 def _status_warning(identification: Identification) -> str:
     found = identification.estimate
-    return f"{found.status.words} ({found.message})"
+    return f"{found.status_words} ({found.message})"
 
 
 def embedded(value: Any) -> str:

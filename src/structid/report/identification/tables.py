@@ -13,7 +13,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.identification.resonances import Resonance
 from structid.report.figures.data import ModeRows
 from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit

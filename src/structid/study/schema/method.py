@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.estimation.intervals.intervals import INTERVAL_KINDS
-from structid.identification.identify import IdentifyOptions
+from structid.identification.options import IdentifyOptions
 from structid.study.schema.section import (
     BOOLEAN,
     COUNT,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.files import require_readable
-from structid.identification.identify import IdentifyOptions
+from structid.identification.options import IdentifyOptions
 from structid.structure import Structure
 from structid.study.schema.input_files import InputFiles
 from structid.study.schema.method import read_method

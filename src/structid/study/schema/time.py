@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
-from structid.identification.time_fit import TimeFit
+from structid.identification.time_setup import TimeFit
 from structid.records import TimeRecord
 from structid.study.schema.section import BOOLEAN, NUMBERS, Section, as_list, choice
 
@@ -35,7 +35,6 @@ class TimeSource:
     noise, relative_noise : tuple of float
         Standard deviation of each channel (or of all) in SI units, and in parts of the channel's rms.
     settings : TimeFit
-        Without a record.
     """
 
     section: Section
@@ -43,8 +42,8 @@ class TimeSource:
     relative_noise: tuple[float, ...]
     settings: TimeFit
 
-    def fit(self, records: Sequence[TimeRecord]) -> TimeFit:
-        """The settings with the record and its noise.
+    def with_noise(self, records: Sequence[TimeRecord]) -> TimeRecord:
+        """The one record with its noise.
 
         Raises
         ------
@@ -66,7 +65,7 @@ class TimeSource:
                 "needs the noise of the channels: `noise` (standard deviations, SI units) or `relative_noise` (parts of"
                 " the rms), one number for all or one a channel"
             )
-        return replace(self.settings, record=record)
+        return record
 
 
 def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
@@ -89,6 +88,6 @@ def read_time(section: Section) -> TimeSource:
         tuple(float(value) for value in as_list(given.get(key, []))) for key in ("noise", "relative_noise")
     )
     settings = TimeFit(
-        None, way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first")
+        way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first")
     )
     return TimeSource(section, noise, relative, settings)
