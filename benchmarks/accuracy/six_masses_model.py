@@ -20,9 +20,9 @@ import numpy as np
 from scipy import linalg
 
 import structid as sid
+from structid.estimation import Linearization
 from structid.estimation.comparison.comparison import Comparison, compare_jointly
 from structid.estimation.comparison.states import LATER, states_problem
-from structid.estimation import Linearization
 from structid.observation import ParameterProblem
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"

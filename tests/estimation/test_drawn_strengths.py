@@ -13,8 +13,8 @@ from structid.estimation.covariance import error_blocks
 from structid.estimation.estimate import estimate
 from structid.estimation.posterior_draws import error_draws, posterior_draws
 from structid.estimation.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
-from structid.estimation.search.work import restored_minimum, stored_minimum
 from structid.estimation.regularization.strengths import LocalModel, marginal_likelihood_strengths
+from structid.estimation.search.work import restored_minimum, stored_minimum
 
 
 def differences(n):
@@ -134,7 +134,9 @@ def test_choice_interrupted_anywhere_goes_on_to_the_same_digits():
 def test_progress_counts_the_iterations_of_all_fits():
     _, held, made = smooth_problem()
     told = []
-    settled_strengths(made, [held], [None], (1e5,), np.zeros(60), progress=lambda iteration, cost: told.append(iteration))
+    settled_strengths(
+        made, [held], [None], (1e5,), np.zeros(60), progress=lambda iteration, cost: told.append(iteration)
+    )
     assert told == list(range(1, len(told) + 1))
     assert len(told) >= 5
 

@@ -60,7 +60,9 @@ def test_jarque_bera_is_that_of_scipy():
 
 
 def test_holm_adjusts_as_worked_by_hand():
-    assert adjusted_p_values(np.array([0.01, np.nan, 0.04, 0.03, 0.005])) == pytest.approx([0.03, np.nan, 0.06, 0.06, 0.02], nan_ok=True)
+    assert adjusted_p_values(np.array([0.01, np.nan, 0.04, 0.03, 0.005])) == pytest.approx(
+        [0.03, np.nan, 0.06, 0.06, 0.02], nan_ok=True
+    )
 
 
 def test_noise_is_rejected_as_seldom_as_the_level_says():

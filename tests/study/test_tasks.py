@@ -16,7 +16,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, chain_record, write_chain
 
 import structid as sid
 from structid import estimate
@@ -24,7 +23,7 @@ from structid.errors import InputError
 from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.intervals.profile import profiles
 from structid.estimation.search.work import PLAIN_TOOLS, Tools
-from structid.identification.search import shared_parts
+from structid.identification.together import shared_parts
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun, executor_for
 from structid.study.run.run import load_study, run_study, started, study_parts
@@ -36,6 +35,7 @@ from structid.study.work.parts import StudyPlace, packed, unpacked
 from structid.study.work.processes import Processes
 from structid.study.work.spread import SpreadLines, spread
 from structid.study.work.tasks import InProcess, WorkersLostError, in_batches, one_thread
+from study_cases import CHAIN, chain_record, write_chain
 
 
 def squared(shared: float, item: float, tools: Tools) -> float:

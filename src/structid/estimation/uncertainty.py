@@ -199,7 +199,9 @@ def dense_uncertainty(
     identified = at_start & (adopted <= sizes)
     stopped = not converged and bool(at_start.all())
     refused = not identified.all() and not stopped
-    refusal = refusal_words(initial, Bound(noise.std, sizes, "the estimate"), at_start, problem.names) if refused else ""
+    refusal = (
+        refusal_words(initial, Bound(noise.std, sizes, "the estimate"), at_start, problem.names) if refused else ""
+    )
     return Uncertainty(
         noise=noise,
         model_error=model,

@@ -19,7 +19,7 @@ from structid.identification.record_fit import Own
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups import AnySetup, prefixes, titles
-from structid.identification.together import alike, by_name, places, shared_parts, together
+from structid.identification.together import alike, by_name, places, shared_parts
 from structid.identification.warning_words import estimate_warnings
 from structid.observation import ChannelUnknown, RecordProblem
 from structid.records import FrfRecord

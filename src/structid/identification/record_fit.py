@@ -125,9 +125,7 @@ class RecordFit:
         return tuple([*words, *rounding_warnings(self.modes.rounding)])
 
 
-def record_fit(
-    title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions
-) -> RecordFit:
+def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
     """The answer seen from one record.
 
     Parameters

@@ -263,8 +263,7 @@ class _Search:
         """Strengths of the first fit: those given, and where data and penalty weigh the same."""
         at = self.model(np.array(self.problem.theta_start))
         return tuple(
-            at.balance(k) if term.is_sparse or term.given is None else term.given
-            for k, term in enumerate(self.terms)
+            at.balance(k) if term.is_sparse or term.given is None else term.given for k, term in enumerate(self.terms)
         )
 
     def couplings(self, strengths: Strengths) -> tuple[Coupling, ...]:

@@ -61,7 +61,13 @@ def answered(
     """
     alone = next((setup for setup in setups if setup.own_estimator), None)
     if alone is not None:
-        if len(setups) > 1 or options.regularization or options.intervals != "laplace" or options.band or options.exclude:
+        if (
+            len(setups) > 1
+            or options.regularization
+            or options.intervals != "laplace"
+            or options.band
+            or options.exclude
+        ):
             raise InputError(
                 f"{alone.own_estimator} takes one record, all of it, without regularization and with Laplace intervals;"
                 " use fit 'spectra' for more"
@@ -76,7 +82,9 @@ def answered(
     def found(problem: Problem) -> Estimate:
         plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
         staged = options.pole_free_start and regular.theta is None
-        return estimate(problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work)
+        return estimate(
+            problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work
+        )
 
     best, problems = searched(regular.problems, found)
     return Answer(best, problems, together(problems), regular.held)

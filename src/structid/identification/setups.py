@@ -20,7 +20,6 @@ from structid.observation import RecordProblem
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
-
 P = TypeVar("P", bound=RecordProblem)
 
 

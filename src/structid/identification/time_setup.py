@@ -110,7 +110,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     def _spectra(self, options: IdentifyOptions) -> SpectraProblem:
         record = self.record
-        if self.own_estimator and record.variance is not None:  # channels without noise serve there, and have no weight here
+        if (
+            self.own_estimator and record.variance is not None
+        ):  # channels without noise serve there, and have no weight here
             least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
             record = replace(record, variance=np.maximum(record.variance, least**2))
         spectra = finite_spectra(record, band=options.band)

@@ -210,9 +210,7 @@ def minimize(
     return Minimum(here.theta, here.at, np.array(history), np.array(costs), np.array(inner, dtype=int), *end)
 
 
-def _state(
-    damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]
-) -> State:
+def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:
     """All that the next iteration depends on, but what the problem gives at ``theta``."""
     return {
         "theta": history[-1],
@@ -243,9 +241,7 @@ class DampedMethod(Protocol):
     def gain_tolerance(self) -> float: ...
 
 
-def damped_end(
-    method: DampedMethod, here: Point, damping: Damping, step: FloatArray, promised: float
-) -> End | None:
+def damped_end(method: DampedMethod, here: Point, damping: Damping, step: FloatArray, promised: float) -> End | None:
     """Why a search by damped steps ends before the next step, which promises to lower the sum of squares so much."""
     if (np.abs(step) <= method.step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")

@@ -84,9 +84,7 @@ class LevenbergMarquardt(WithJacobian):
 
     def for_polishing(self) -> LevenbergMarquardt:
         """Steps are hardly damped."""
-        return replace(
-            self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10)
-        )
+        return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
 
 
 @dataclass(frozen=True, eq=False)

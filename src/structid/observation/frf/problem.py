@@ -15,7 +15,13 @@ from structid.errors import InputError
 from structid.estimation.linearization import Linearization, OperatorLinearization
 from structid.estimation.problem import Way
 from structid.observation.channel_errors import ChannelErrors
-from structid.observation.frf.continuation import START_ERROR, is_noisy, smoothed_records, start_deviation, thinned_lines
+from structid.observation.frf.continuation import (
+    START_ERROR,
+    is_noisy,
+    smoothed_records,
+    start_deviation,
+    thinned_lines,
+)
 from structid.observation.frf.forms import Form, WhitenedFrf
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products

@@ -8,8 +8,8 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
-from structid.identification.record_fit import RecordFit
 from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
 
 #: Half width of a 95 % interval in standard deviations.
 NORMAL_95 = 1.959964

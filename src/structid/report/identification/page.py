@@ -97,7 +97,7 @@ def page(
         elements=tables.element_table(structure),
         parameters=tables.parameter_table(identification),
         intervals=tables.interval_words(identification),
-        interval_notes=() if identification.intervals is None else identification.intervals.notes,
+        interval_notes=identification.intervals.notes,
         residual_tests=tables.residual_table(found),
         residual_words=() if found.residual_tests is None else found.residual_tests.words,
         modes=tables.mode_table(rows, band_used(identification, data)),

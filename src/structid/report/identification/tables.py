@@ -87,7 +87,7 @@ def parameter_table(identification: Identification) -> Table:
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
-    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+    ends = identification.intervals.ends
     rows = []
     for i, name in enumerate(found.names):
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
@@ -123,8 +123,7 @@ def span_text(low: float, high: float) -> str:
 
 def interval_words(identification: Identification) -> str:
     """How the intervals of the parameters were found."""
-    kind = "laplace" if identification.intervals is None else identification.intervals.kind
-    return _INTERVALS[kind]
+    return _INTERVALS[identification.intervals.kind]
 
 
 def residual_table(found: Estimate) -> Table | None:

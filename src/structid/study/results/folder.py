@@ -160,7 +160,11 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
 
 def _strengths(item: Held, has_matrix: bool) -> dict[str, Any]:
     """Of every row, or of a smoothness over very many the one that all rows have."""
-    return {"strengths": item.strengths} if has_matrix else {"strength": item.strengths[0], "n_determined": item.determined}
+    return (
+        {"strengths": item.strengths}
+        if has_matrix
+        else {"strength": item.strengths[0], "n_determined": item.determined}
+    )
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:

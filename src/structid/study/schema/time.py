@@ -87,7 +87,5 @@ def read_time(section: Section) -> TimeSource:
     noise, relative = (
         tuple(float(value) for value in as_list(given.get(key, []))) for key in ("noise", "relative_noise")
     )
-    settings = TimeFit(
-        way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first")
-    )
+    settings = TimeFit(way, given.get("transient", True), given.get("initial", "rest"), given.get("hold", "first"))
     return TimeSource(section, noise, relative, settings)
