@@ -214,7 +214,9 @@ class SearchRecord:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate(SearchRecord, Goodness, Spread, ParameterValues):
-    """Identified parameters with their uncertainty; the parts are documented as `ParameterValues`, `Spread`, `Goodness`, `SearchRecord`.
+    """Identified parameters with their uncertainty.
+
+    Its parts are documented as `ParameterValues`, `Spread`, `Goodness` and `SearchRecord`.
 
     Attributes
     ----------

@@ -122,7 +122,7 @@ class RecordFit:
             f"{name} is -1: the channel reads with the opposite sense; correct its sign in the record or the study"
             for name in turned
         ]
-        return tuple([*words, *rounding_warnings(self.modes.rounding)])
+        return (*words, *rounding_warnings(self.modes.rounding))
 
 
 def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:

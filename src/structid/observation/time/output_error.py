@@ -113,7 +113,7 @@ class OutputErrorProblem(RecordProblem):
     def series_names(self) -> tuple[str, ...]:
         """Sensors, and then the loads whose samples are noisy."""
         loads = [f"force at {self.model.loads[i]}" for i in self.noisy_loads]
-        return tuple([*map(str, self.model.sensors), *loads])
+        return (*map(str, self.model.sensors), *loads)
 
     @property
     def n_times(self) -> int:

@@ -157,4 +157,5 @@ def _std_words(result: StudyResult) -> str:
     spread = found.uncertainty.std_error[np.isfinite(found.uncertainty.std_error)]
     if not spread.size:
         return "Standard deviations are not known."
-    return f"Standard deviations come from {len(found.uncertainty.draws)} draws, each known to {percent(float(spread.max()), 2, signed=False)}."
+    known = percent(float(spread.max()), 2, signed=False)
+    return f"Standard deviations come from {len(found.uncertainty.draws)} draws, each known to {known}."
