@@ -148,7 +148,7 @@ def identify_together(
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
     """What each channel of the residual is called, with its record where there are several."""
     pairs = zip(prefixes(setups), problems, strict=True)
-    return [prefix + name for prefix, problem in pairs for name in problem.series_names]
+    return [prefix + name for prefix, problem in pairs for name in problem.rows.names]
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:

@@ -213,16 +213,8 @@ def _staged(
 
 def _differences(coupling: Coupling, n_params: int) -> Differences:
     """The rows of `coupling` among all parameters, of which its own are the first."""
-    own = coupling.matrix.shape[1]
-
-    def wide(rows: sparse.csr_array) -> sparse.csr_array:
-        return sparse.csr_array((rows.data, rows.indices, rows.indptr), (rows.shape[0], n_params))
-
-    return Differences(
-        wide(sparse.csr_array(coupling.matrix)),
-        lambda physical: coupling.residual(physical[:own]),
-        lambda physical: wide(coupling.sparse_rows(physical[:own])[1]),
-    )
+    wide = coupling.among(n_params, 0)
+    return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
 
 
 def _held(

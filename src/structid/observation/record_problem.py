@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.estimation.linearization import Linearization
@@ -53,6 +55,54 @@ class ParameterProblem(BaseProblem):
     def sizes(self, physical: FloatArray) -> FloatArray:
         return self.unknowns.sizes(physical)
 
+    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        residual, rows = self.unknowns.sparse_prior_rows(self.physical(theta))
+        members, held, weights = self.unknowns.held_rows(theta)
+        last = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
+        scaled = rows @ sparse.diags_array(self.slope(theta))
+        return np.concatenate([residual, held]), sparse.csr_array(sparse.vstack([scaled, last]))
+
+    def _residual(self, theta: FloatArray, data: FloatArray) -> FloatArray:
+        """Data rows, then those of the priors."""
+        return np.concatenate(
+            [data, self.unknowns.prior_residual(self.physical(theta)), self.unknowns.held_rows(theta)[1]]
+        )
+
+    def _linearized(
+        self, theta: FloatArray, data: FloatArray, change: FloatArray, n_eliminated: int = 0
+    ) -> Linearization:
+        """Data rows with their derivative with respect to the free variables, then those of the priors."""
+        residual, rows = self.unknowns.prior_rows(self.physical(theta))
+        members, held, weights = self.unknowns.held_rows(theta)
+        last = np.zeros((len(members), len(theta)))
+        last[np.arange(len(members)), members] = weights
+        jacobian = np.concatenate([change, rows * self.slope(theta), last])
+        return Linearization(np.concatenate([data, residual, held]), jacobian, n_eliminated)
+
+
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """What the data rows of a problem are about.
+
+    Attributes
+    ----------
+    lines, series : (n_data,) int arrays
+        See `Problem`.
+    names : tuple of str
+        What each of `series` stands for, in their order.
+    """
+
+    lines: IntArray
+    series: IntArray
+    names: tuple[str, ...]
+
+
+def complex_rows(n_lines: int, names: Sequence[str]) -> DataRows:
+    """Real parts of the values of all lines and channels, channels fastest, then imaginary parts, called alike."""
+    index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
+    both = tuple(name for name in names for _ in range(2))
+    return DataRows(np.concatenate([index, index]), np.concatenate([channel, channel + 1]), both)
+
 
 class RecordProblem(ParameterProblem, ABC):
     """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
@@ -61,15 +111,19 @@ class RecordProblem(ParameterProblem, ABC):
 
     @property
     @abstractmethod
-    def n_data(self) -> int: ...
+    def rows(self) -> DataRows: ...
 
     @property
-    @abstractmethod
-    def lines(self) -> IntArray: ...
+    def n_data(self) -> int:
+        return len(self.rows.lines)
 
     @property
-    @abstractmethod
-    def series(self) -> IntArray: ...
+    def lines(self) -> IntArray:
+        return self.rows.lines
+
+    @property
+    def series(self) -> IntArray:
+        return self.rows.series
 
     @abstractmethod
     def residual(self, theta: FloatArray) -> FloatArray: ...
@@ -81,11 +135,6 @@ class RecordProblem(ParameterProblem, ABC):
     @abstractmethod
     def frequency(self) -> FloatArray:
         """Lines (or modes) that are used, Hz, ascending."""
-
-    @property
-    @abstractmethod
-    def series_names(self) -> tuple[str, ...]:
-        """What each of `series` stands for, in their order."""
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -108,6 +157,12 @@ class RecordProblem(ParameterProblem, ABC):
     def with_parameters(self, parameters: Parameters) -> Self:
         """The same data with other starts or priors of the structure's parameters."""
         return self.with_parts((parameters, *self.parts[1:]))
+
+    def held(self, mean: FloatArray, std: FloatArray) -> Self:
+        """The same with a Gaussian prior on its free variables besides; see `NamedUnknowns.held`."""
+        ends = np.cumsum([part.n_params for part in self.parts])[:-1]
+        own = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
+        return self.with_parts([replace(part, held=(m, s)) for part, m, s in own])
 
     @property
     def polarities(self) -> FloatArray:

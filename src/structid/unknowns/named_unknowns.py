@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
+from scipy import sparse
 
-from structid.arrays import FloatArray, locked, require_shape
+from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.errors import InputError
-from structid.unknowns.priors import prior_rows
+from structid.unknowns.priors import Coupling, prior_entries
 from structid.unknowns.transforms import Transforms
 
 #: Mean, standard deviation and whether it is log-normal, of a prior.
@@ -35,6 +36,11 @@ class NamedUnknowns:
         Whether the prior is log-normal instead of Gaussian.
     scale : (n_params,) float array
         Size that a standard deviation is held against even where the value is smaller, as for a delay; 0 for most.
+    couplings : tuple of Coupling
+        What is known of several of them together: correlated priors, smoothness, sparsity.
+    held : ((n_params,) array, (n_params,) array), optional
+        Gaussian prior on the free variables besides: mean and standard deviation, NaN where there is none. It holds
+        what the data of an easier form of a problem do not say.
     """
 
     names: tuple[str, ...]
@@ -46,6 +52,8 @@ class NamedUnknowns:
     prior_std: FloatArray
     prior_lognormal: np.ndarray
     scale: FloatArray
+    couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
+    held: tuple[FloatArray, FloatArray] | None = field(default=None, kw_only=True)
 
     @property
     def n_params(self) -> int:
@@ -61,8 +69,35 @@ class NamedUnknowns:
         return np.maximum(np.abs(physical), self.scale)
 
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and its derivative with respect to the physical values."""
-        return prior_rows(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
+
+        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
+        """
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = np.zeros((len(rows), len(physical)))
+        own[np.arange(len(rows)), rows] = slope
+        parts = [(residual, own), *(coupling.rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+    def prior_residual(self, physical: FloatArray) -> FloatArray:
+        """The residual of `prior_rows` alone, (n_rows,)."""
+        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
+        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
+
+    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
+        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
+
+    def held_rows(self, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Of `held`: which free variable each row is about, its residual, and its one derivative, (n_rows,) each."""
+        if self.held is None:
+            return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
+        mean, std = self.held
+        rows = np.flatnonzero(np.isfinite(std))
+        return rows, ((theta - mean) / std)[rows], 1 / std[rows]
 
     def stated_prior(self, index: int) -> StatedPrior | None:
         """The prior of the unknown at `index`; None where there is none."""
@@ -106,19 +141,23 @@ class NamedUnknowns:
 
 def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
     """Those of both, one after the other."""
-    one, other = first.transforms, second.transforms
+
+    def both(one: FloatArray, other: FloatArray) -> FloatArray:
+        return np.concatenate([one, other])
+
+    one, other, n = first.transforms, second.transforms, first.n_params + second.n_params
+    held = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
+    couplings = [c.among(n, 0) for c in first.couplings] + [c.among(n, first.n_params) for c in second.couplings]
     return NamedUnknowns(
         names=first.names + second.names,
         kinds=first.kinds + second.kinds,
         units=first.units + second.units,
-        start=np.concatenate([first.start, second.start]),
-        transforms=Transforms(
-            one.kinds + other.kinds,
-            np.concatenate([one.lower, other.lower]),
-            np.concatenate([one.upper, other.upper]),
-        ),
-        prior_mean=np.concatenate([first.prior_mean, second.prior_mean]),
-        prior_std=np.concatenate([first.prior_std, second.prior_std]),
-        prior_lognormal=np.concatenate([first.prior_lognormal, second.prior_lognormal]),
-        scale=np.concatenate([first.scale, second.scale]),
+        start=both(first.start, second.start),
+        transforms=Transforms(one.kinds + other.kinds, both(one.lower, other.lower), both(one.upper, other.upper)),
+        prior_mean=both(first.prior_mean, second.prior_mean),
+        prior_std=both(first.prior_std, second.prior_std),
+        prior_lognormal=both(first.prior_lognormal, second.prior_lognormal),
+        scale=both(first.scale, second.scale),
+        couplings=tuple(couplings),
+        held=(both(held[0][0], held[1][0]), both(held[0][1], held[1][1])),
     )

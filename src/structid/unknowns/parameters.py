@@ -16,7 +16,7 @@ from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, family, require_distinct
 from structid.unknowns.named_unknowns import NamedUnknowns
-from structid.unknowns.priors import Coupling, prior_entries
+from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 
@@ -33,39 +33,15 @@ class Parameters(NamedUnknowns):
         Property values that do not depend on the parameters.
     design : (n_values, n_params) sparse array
         How the parameters make up the property values.
-    couplings : tuple of Coupling
-        What is known of several parameters together: correlated priors, smoothness, sparsity.
     """
 
     elements: tuple[tuple[str, ...], ...]
     offset: FloatArray
     design: sparse.csc_array
-    couplings: tuple[Coupling, ...] = ()
 
     def values(self, physical: FloatArray) -> FloatArray:
         """Property values of the structure for physical parameters, (n_values,)."""
         return self.offset + self.design @ physical
-
-    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
-
-        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
-        """
-        parts = [super().prior_rows(physical)]
-        parts += [coupling.rows(physical) for coupling in self.couplings]
-        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-    def prior_residual(self, physical: FloatArray) -> FloatArray:
-        """The residual of `prior_rows` alone, (n_rows,)."""
-        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
-        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
-
-    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
-        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
-        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
-        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
-        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
 
     @property
     def has_priors(self) -> bool:

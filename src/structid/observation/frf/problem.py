@@ -8,7 +8,6 @@ from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
-from scipy import linalg, sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, stack_real
 from structid.errors import InputError
@@ -26,7 +25,7 @@ from structid.observation.frf.forms import Form, WhitenedFrf
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Response, response
-from structid.observation.record_problem import RecordProblem
+from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
@@ -69,9 +68,6 @@ class FrfProblem(RecordProblem):
         Whether friction slides with measured amplitudes, for poor starts; see `Friction`.
     channels : ChannelErrors, optional
         Errors of the record's channels; their parameters follow those of the structure.
-    start_prior : ((n_params,) array, (n_params,) array), optional
-        Gaussian prior on the free variables besides the parameters' own: mean and standard deviation. It holds what
-        the data of an easier form of the problem do not say; see `continuation_plan`.
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
         first, which carries far. None begins with ways for a start that is near.
@@ -90,7 +86,6 @@ class FrfProblem(RecordProblem):
     model_error: float = 0.0
     measured_sliding: bool = False
     channels: ChannelErrors | None = None
-    start_prior: tuple[FloatArray, FloatArray] | None = None
     start_error: float | None = None
     factorizer: str | None = None
     reduced: float | None = None
@@ -178,28 +173,13 @@ class FrfProblem(RecordProblem):
     def sources(self) -> tuple[object, ...]:
         return self.structure, self.record
 
-    @property
-    def n_data(self) -> int:
-        return 2 * self.record.values.size
-
     @cached_property
-    def lines(self) -> IntArray:
-        """Frequency index of each data row."""
-        index = np.broadcast_to(np.arange(len(self.record.frequency))[:, None, None], self.record.values.shape)
-        return np.concatenate([index.ravel(), index.ravel()])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row: 2 (output n_inputs + input), plus 1 for imaginary parts."""
-        n_lines, n_outputs, n_inputs = self.record.values.shape
-        index = np.tile(2 * np.arange(n_outputs * n_inputs), n_lines)
-        return np.concatenate([index, index + 1])
-
-    @property
-    def series_names(self) -> tuple[str, ...]:
-        """The sensor, with its load where there are several; real and imaginary part are called alike."""
+    def rows(self) -> DataRows:
+        """Of each sensor, with its load where there are several."""
         loads = [f"/{load}" if len(self.record.inputs) > 1 else "" for load in self.record.inputs]
-        return tuple(f"{output}{load}" for output in self.record.outputs for load in loads for _ in range(2))
+        return complex_rows(
+            len(self.frequency), [f"{output}{load}" for output in self.record.outputs for load in loads]
+        )
 
     @cached_property
     def model(self) -> Response:
@@ -234,7 +214,7 @@ class FrfProblem(RecordProblem):
         if self.form == "equation":
             return self.linearize(theta).residual
         data, _ = self._whitened.residual(self.predicted(theta))
-        return np.concatenate([stack_real(data.ravel()), self._prior_residual(theta)])
+        return self._residual(theta, stack_real(data.ravel()))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         predicted, derivative = self._observed.derivatives(self.physical(theta))
@@ -243,9 +223,7 @@ class FrfProblem(RecordProblem):
             data, change = self._equation(theta, predicted, derivative)
         else:
             data, change = self._whitened.residual(predicted, derivative)
-        prior, prior_slope = self._prior(theta)
-        jacobian = np.concatenate([stack_real(change.reshape(-1, len(theta))), prior_slope])
-        return Linearization(np.concatenate([stack_real(data.ravel()), prior]), jacobian)
+        return self._linearized(theta, stack_real(data.ravel()), stack_real(change.reshape(-1, len(theta))))
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -294,42 +272,6 @@ class FrfProblem(RecordProblem):
         flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
         change = np.linalg.solve(factor, flat).reshape(dh.shape)
         return data, change
-
-    def _held_rows(self, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Of the prior on the start: its variables, its residual, and one over its standard deviations."""
-        if self.start_prior is None:
-            return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
-        mean, std = self.start_prior
-        rows = np.flatnonzero(np.isfinite(std))
-        return rows, ((theta - mean) / std)[rows], 1 / std[rows]
-
-    def _prior_residual(self, theta: FloatArray) -> FloatArray:
-        """The residual of the priors alone."""
-        if self.channels is not None or self.start_prior is not None:
-            return self._prior(theta)[0]
-        return self.parameters.prior_residual(self.physical(theta))
-
-    def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows of the priors and their derivative with respect to the free variables."""
-        ends = np.cumsum([part.n_params for part in self.parts])[:-1]
-        pairs = zip(self.parts, np.split(self.physical(theta), ends), strict=True)
-        made: list[tuple[FloatArray, FloatArray]] = [part.prior_rows(own) for part, own in pairs]
-        jacobian = made[0][1] if len(made) == 1 else linalg.block_diag(*(rows for _, rows in made))
-        members, held, weights = self._held_rows(theta)
-        last = np.zeros((len(members), len(theta)))
-        last[np.arange(len(members)), members] = weights
-        residual = np.concatenate([*(own for own, _ in made), held])
-        return residual, np.concatenate([jacobian * self.slope(theta), last])
-
-    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        if self.channels is not None:
-            residual, dense = self._prior(theta)
-            return residual, sparse.csr_array(dense)
-        residual, rows = self.parameters.sparse_prior_rows(self.physical(theta))
-        members, held, weights = self._held_rows(theta)
-        last = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
-        scaled = rows @ sparse.diags_array(self.slope(theta))
-        return np.concatenate([residual, held]), sparse.csr_array(sparse.vstack([scaled, last]))
 
     def stage_plans(self) -> tuple[FrfStages, ...]:
         """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
@@ -400,8 +342,8 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
     smooth = smoothed_records(problem.record)
     if not smooth:
         return ()
-    prior = (problem.theta_start, start_deviation(problem.unknowns, start_error))
-    held = replace(problem, start_prior=prior, measured_sliding=True)
+    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
+    held = replace(held, measured_sliding=True)
     stages = [
         (f"decay {level:g} omega", replace(held, form="log", model_error=0.0, record=record))
         for level, record in smooth
@@ -412,8 +354,8 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
 
 def nearer(plan: FrfStages, ratio: float = 0.5) -> FrfStages:
     """The same stages with the start expected to be closer: its error smaller by `ratio`."""
-    held = [(name, stage, stage.start_prior) for name, stage in plan]
-    return tuple((n, replace(s, start_prior=None if p is None else (p[0], ratio * p[1]))) for n, s, p in held)
+    held = [(name, stage, stage.unknowns.held) for name, stage in plan]
+    return tuple((name, stage if p is None else stage.held(p[0], ratio * p[1])) for name, stage, p in held)
 
 
 def frequency_continuation(
@@ -449,9 +391,10 @@ def frequency_continuation(
     order = np.argsort(problem.record.frequency, kind="stable")
     n_lines = len(order)
     counts = np.unique(np.ceil(np.linspace(0, n_lines, min(n_lines, _MOST_STAGES) + 1)[1:]).astype(int))
-    prior = (problem.theta_start if centre is None else centre, start_deviation(problem.unknowns, start_error))
+    centre = problem.theta_start if centre is None else centre
+    held = problem.held(centre, start_deviation(problem.unknowns, start_error))
     error = max(stage_error, problem.model_error)
-    held = replace(problem, form="pole_free", model_error=error, start_prior=prior, measured_sliding=True)
+    held = replace(held, form="pole_free", model_error=error, measured_sliding=True)
     stages = []
     for count in counts:
         used = held.record.lines(np.sort(order[:count]))

@@ -21,7 +21,7 @@ from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
-from structid.observation.record_problem import RecordProblem
+from structid.observation.record_problem import DataRows, RecordProblem
 from structid.similarity import mac
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -211,42 +211,23 @@ class ModalProblem(RecordProblem):
         """Derivatives of the structure's matrices."""
         return matrix_slopes(self.structure, self.parameters)
 
-    @property
-    def n_data(self) -> int:
-        return len(self.lines)
-
     @cached_property
-    def _rows(self) -> tuple[IntArray, IntArray]:
+    def rows(self) -> DataRows:
+        """Of each mode: channels; frequencies, damping ratios and mixing have channels of their own."""
         n = len(self.record.channels)
-        channel = 2 * np.arange(n)
+        channel, names = 2 * np.arange(n), [f"shape at {dof}" for dof in self.record.channels]
         if self.form == "dynamic":
-            return np.repeat(self.measured, n), np.tile(channel, len(self.measured))
+            forces = tuple(f"force for the {name}" for name in names)
+            return DataRows(np.repeat(self.measured, n), np.tile(channel, len(self.measured)), forces)
         lines, series = [], []
         for group in self.groups:
             m = len(group.members)
             lines += [np.tile(group.members, n), np.repeat(group.members, m)]
             series += [np.repeat(channel, m), np.full(m * m, 2 * n)]
-        kinds = 2 if self.use_damping else 1
-        lines.append(np.tile(self.measured, kinds))
-        series.append(np.repeat(2 * n + 2 * np.arange(1, kinds + 1), len(self.measured)))
-        return np.concatenate(lines), np.concatenate(series)
-
-    @property
-    def lines(self) -> IntArray:
-        """Number of the mode of each data row."""
-        return self._rows[0]
-
-    @property
-    def series(self) -> IntArray:
-        """Twice the channel of each data row; frequencies, damping ratios and mixing have channels of their own."""
-        return self._rows[1]
-
-    @property
-    def series_names(self) -> tuple[str, ...]:
-        names = [f"shape at {dof}" for dof in self.record.channels]
-        if self.form == "dynamic":
-            return tuple(f"force for the {name}" for name in names)
-        return (*names, "mixing of close modes", "frequency", *(("damping ratio",) if self.use_damping else ()))
+        scalars = ("frequency", "damping ratio") if self.use_damping else ("frequency",)
+        lines.append(np.tile(self.measured, len(scalars)))
+        series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.measured)))
+        return DataRows(np.concatenate(lines), np.concatenate(series), (*names, "mixing of close modes", *scalars))
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: by the dynamic residual, which needs no pairing, and straight."""
@@ -286,13 +267,11 @@ class ModalProblem(RecordProblem):
 
     def linearize(self, theta: FloatArray) -> Linearization:
         physical = self.physical(theta)
-        prior, prior_slope = self.parameters.prior_rows(physical)
         if self.form == "dynamic":
             data, change, eliminated = *self._dynamic(physical), 0
         else:
             data, change, eliminated = self._output(physical)
-        jacobian = np.concatenate([change, prior_slope]) * self.slope(theta)
-        return Linearization(np.concatenate([data, prior]), jacobian, eliminated)
+        return self._linearized(theta, data, change * self.slope(theta), eliminated)
 
     def _dynamic(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Force residual of each mode in parts of its inertia force, over the error of the shapes."""

@@ -12,7 +12,7 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray, require_shape
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
-from structid.observation.record_problem import RecordProblem
+from structid.observation.record_problem import DataRows, RecordProblem
 from structid.observation.time.model import TimeModel
 from structid.observation.time.options import Oscillation
 from structid.structure import Structure
@@ -110,31 +110,20 @@ class OutputErrorProblem(RecordProblem):
         return len(self.deviation)
 
     @property
-    def series_names(self) -> tuple[str, ...]:
-        """Sensors, and then the loads whose samples are noisy."""
-        loads = [f"force at {self.model.loads[i]}" for i in self.noisy_loads]
-        return (*map(str, self.model.sensors), *loads)
-
-    @property
     def n_times(self) -> int:
         return len(self.measured)
 
-    @property
-    def n_data(self) -> int:
-        return self.measured.size + self.n_times * len(self.noisy_loads)
-
     @cached_property
-    def lines(self) -> IntArray:
-        """Sample of each data row: readings first, then noisy force samples."""
-        index = np.arange(self.n_times)
-        return np.concatenate([np.repeat(index, len(self.deviation)), np.repeat(index, len(self.noisy_loads))])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Twice the channel of each data row: sensors, and then noisy loads."""
+    def rows(self) -> DataRows:
+        """Readings of each sensor at each sample, then samples of each noisy load."""
         n_times, n_sensors = self.measured.shape
-        forces = n_sensors + np.arange(len(self.noisy_loads))
-        return 2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)])
+        index, forces = np.arange(n_times), n_sensors + np.arange(len(self.noisy_loads))
+        loads = (f"force at {self.model.loads[i]}" for i in self.noisy_loads)
+        return DataRows(
+            np.concatenate([np.repeat(index, n_sensors), np.repeat(index, len(forces))]),
+            2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)]),
+            (*map(str, self.model.sensors), *loads),
+        )
 
     def first(self, n_times: int) -> OutputErrorProblem:
         """The problem of the first samples only."""
@@ -196,18 +185,16 @@ class OutputErrorProblem(RecordProblem):
         values = self.physical(theta)
         at = self.incidental(values)
         data = self._data(self.model.readings(values, at.force, at.initial, self.n_times), at.force)
-        return np.concatenate([data, self.parameters.prior_rows(values)[0]])
+        return self._residual(theta, data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        values, slope = self.physical(theta), self.slope(theta)
+        values = self.physical(theta)
         at = self.incidental(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
         rows = np.zeros((self.n_data, len(values)))
         rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, len(values))
         rows -= at.basis @ (at.basis.T @ rows)
-        prior, prior_slope = self.parameters.prior_rows(values)
-        residual = np.concatenate([self._data(predicted, at.force), prior])
-        return Linearization(residual, np.concatenate([rows, prior_slope]) * slope, at.basis.shape[1])
+        return self._linearized(theta, self._data(predicted, at.force), rows * self.slope(theta), at.basis.shape[1])
 
     def _data(self, predicted: FloatArray, force: FloatArray) -> FloatArray:
         """Whitened errors of readings, and of noisy force samples, (n_data,)."""

@@ -10,13 +10,13 @@ from typing import cast
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
+from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
 from structid.observation.frf.response import Response, response
-from structid.observation.record_problem import RecordProblem
+from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
@@ -107,30 +107,14 @@ class SpectraProblem(RecordProblem):
     def n_channels(self) -> int:
         return len(self.spectra.outputs)
 
-    @property
-    def n_data(self) -> int:
-        return 2 * self.spectra.motion.size
-
-    @property
-    def series_names(self) -> tuple[str, ...]:
-        """The sensor; real and imaginary part are called alike."""
-        return tuple(str(output) for output in self.spectra.outputs for _ in range(2))
+    @cached_property
+    def rows(self) -> DataRows:
+        """Of each sensor."""
+        return complex_rows(len(self.frequency), [str(output) for output in self.spectra.outputs])
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer; see `damped_stages`."""
         return () if self.record is None else damped_stages(self, self.record)
-
-    @cached_property
-    def lines(self) -> IntArray:
-        """Frequency index of each data row."""
-        index = np.repeat(np.arange(len(self.spectra.frequency)), len(self.spectra.outputs))
-        return np.concatenate([index, index])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row: 2 output, plus 1 for imaginary parts."""
-        index = np.tile(2 * np.arange(len(self.spectra.outputs)), len(self.spectra.frequency))
-        return np.concatenate([index, index + 1])
 
     @cached_property
     def model(self) -> Response:
@@ -217,18 +201,16 @@ class SpectraProblem(RecordProblem):
         stacked = stack_real(whitened.reshape(error.size, -1))
         basis, unknowns, scale = _orthonormal(stacked[:, 1:])
         data = stacked[:, 0] - basis @ (basis.T @ stacked[:, 0])
-        prior, prior_slope = self.parameters.prior_rows(physical)
-        rank = basis.shape[1]
-        residual = np.concatenate([data, prior])
         if not wanted:
-            return Linearization(residual, np.zeros((len(residual), 0)), rank)
+            residual = self._residual(theta, data)
+            return Linearization(residual, np.zeros((len(residual), 0)), basis.shape[1])
         coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
         drive = self._drive(h, noise, error + columns @ coefficients, coefficients)
         motion = (x @ drive[:, :, None])[:, :, :1]
         change = self.model.sensitivity_at(physical, motion, y)[:, :, 0] * self._powers[:, :, None]
         rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
         rows -= basis @ (basis.T @ rows)
-        return Linearization(residual, np.concatenate([rows, prior_slope]) * self.slope(theta), rank)
+        return self._linearized(theta, data, rows * self.slope(theta), basis.shape[1])
 
     def _drive(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray, given: FloatArray) -> ComplexArray:
         """The likeliest forces, u - cov(u) H' C^-1 e, and after them the amplitudes of the transient's forces."""
