@@ -106,11 +106,11 @@ def _pairs(found: Identification) -> list[RenderableType]:
     shown = []
     for fit in found.modal_fits:
         table = _table("measured mode", "Hz", "std", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
-        for i, mode in enumerate(fit.problem.measured.tolist()):
+        for i, mode in enumerate(fit.problem.data.measured.tolist()):
             table.add_row(
                 str(mode + 1),
                 number(fit.measured.frequency[mode]),
-                number(fit.problem.frequency_std[i], 2),
+                number(fit.problem.data.frequency_std[i], 2),
                 number(fit.fitted.frequency[i]),
                 number(fit.fitted.mac[i], 3),
                 number(fit.initial.frequency[i]),

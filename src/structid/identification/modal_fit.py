@@ -45,11 +45,11 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     """The pairs of `problem` at the free variables `theta`."""
     state = problem.model_state(problem.physical(theta))
     number = problem.pairing(state.modes)
-    shapes = problem.shapes[:, problem.measured]
+    shapes = problem.data.shapes[:, problem.data.measured]
     seen = state.sensors.T @ state.modes.mode_shapes
-    position = {int(mode): i for i, mode in enumerate(problem.measured)}
+    position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
     angle = np.zeros(len(number))
-    for group in problem.groups:
+    for group in problem.data.groups:
         own = np.array([position[int(mode)] for mode in group.members])
         angle[own] = subspace_angles(shapes[:, own], seen[:, number[own]]).max()
     f = state.modes.frequency
@@ -57,7 +57,7 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     omega = 2 * np.pi * f[number]
     lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
     lost += np.einsum("dm,dm->m", phi, state.structural @ phi) / omega**2
-    measured = problem.record.frequency[problem.measured]
+    measured = problem.data.frequency
     inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & (np.abs(seen).max(axis=0) > 0)
     inside[number] = False
     return PairedModes(number, f[number], 0.5 * lost, np.diag(mac(shapes, seen[:, number])), angle, f[inside])
@@ -94,10 +94,9 @@ class ModalFit:
     def warnings(self) -> tuple[str, ...]:
         """Measured modes that have no like in the model, and modes of the model that were not measured."""
         warnings: list[str] = []
-        f = self.problem.record.frequency[self.problem.measured]
+        f = self.problem.data.frequency
         for i, (value, like) in enumerate(zip(f.tolist(), self.fitted.mac.tolist(), strict=True)):
-            grouped = any(len(g.members) > 1 and self.problem.measured[i] in g.members for g in self.problem.groups)
-            likeness = float(np.cos(self.fitted.angle[i]) ** 2) if grouped else like
+            likeness = like if self.problem.data.is_alone[i] else float(np.cos(self.fitted.angle[i]) ** 2)
             if likeness < 0.5:
                 warnings.append(
                     f"the mode measured at {value:.5g} Hz has no like in the model: the nearest, at"

@@ -283,7 +283,7 @@ def band_used(identification: Identification, data: Responses | None) -> tuple[f
     """Lowest and highest line used, or measured mode, Hz."""
     ends = [] if data is None else [*data.band]
     for fit in identification.modal_fits:
-        ends += fit.problem.record.frequency[fit.problem.measured].tolist()
+        ends += fit.problem.data.frequency.tolist()
     return min(ends), max(ends)
 
 

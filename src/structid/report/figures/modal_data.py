@@ -45,12 +45,12 @@ class ModalRows:
 def modal_rows(fit: ModalFit) -> ModalRows:
     """What the figure of one record of modes shows."""
     problem = fit.problem
-    measured = problem.record.frequency[problem.measured]
+    measured = problem.data.frequency
     return ModalRows(
-        problem.measured + 1,
+        problem.data.measured + 1,
         fit.initial.frequency / measured - 1,
         fit.fitted.frequency / measured - 1,
-        NORMAL_95 * problem.frequency_std / measured,
+        NORMAL_95 * problem.data.frequency_std / measured,
         fit.initial.mac,
         fit.fitted.mac,
     )
@@ -64,10 +64,10 @@ def modal_table(fit: ModalFit) -> Table:
         "Difference / std", "Initial MAC", "Fitted MAC", "Mode of the model", "Measured damping ratio",
         "Fitted damping ratio", "Close modes",
     )  # fmt: skip
-    groups = {int(mode): group for group in problem.groups for mode in group.members}
+    groups = {int(mode): group for group in problem.data.groups for mode in group.members}
     rows = []
-    for i, mode in enumerate(problem.measured.tolist()):
-        f, std = float(problem.record.frequency[mode]), float(problem.frequency_std[i])
+    for i, mode in enumerate(problem.data.measured.tolist()):
+        f, std = float(problem.record.frequency[mode]), float(problem.data.frequency_std[i])
         before, after = float(fit.initial.frequency[i]), float(fit.fitted.frequency[i])
         size = len(groups[mode].members)
         angle = f"{size}, largest angle {number(float(np.degrees(fit.fitted.angle[i])), 2)}°"
@@ -95,7 +95,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     assumed += [f"{percent(problem.shape_error, 3, signed=False)} of the largest shape entry"] * bool(
         problem.shape_error
     )
-    f = record.frequency[problem.measured]
+    f = record.frequency[problem.data.measured]
     scale = (
         "modes give ratios of stiffness to mass only; kilograms rest on "
         + ("known masses, priors or other records" if masses_unknown else "the masses of the model")
