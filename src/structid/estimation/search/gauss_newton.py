@@ -37,45 +37,26 @@ class GaussNewton(WithJacobian):
     initial_damping: ClassVar[float] = 0.0
     largest_step: ClassVar[float] = np.inf
 
-    def steps(self, problem: Problem) -> FullSteps:
-        return FullSteps(problem, self)
-
     def for_polishing(self) -> GaussNewton:
         return self
 
-
-@dataclass(frozen=True, eq=False)
-class PlainPoint(Point):
-    """A point with nothing but its linearization."""
-
-    at: Linearization
-
-
-@dataclass(frozen=True, eq=False)
-class FullSteps:
-    """Undamped steps."""
-
-    problem: Problem
-    method: GaussNewton
-
-    def at(self, theta: FloatArray) -> PlainPoint:
+    def at(self, problem: Problem, theta: FloatArray) -> Point[Linearization]:
         none = np.zeros(len(theta))
-        return PlainPoint(theta, self.problem.linearize(theta), none, none + np.inf)
+        return Point(theta, problem.linearize(theta), none, none + np.inf)
 
-    def tried(self, here: PlainPoint, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, here: Point[Linearization], damping: Damping) -> Trial:
+        def cost_at(theta: FloatArray) -> float:
+            return squared(residual_at(problem, theta))
+
         step = -np.linalg.lstsq(here.at.jacobian, here.at.residual, rcond=None)[0]
-        tolerance, size = self.method.step_tolerance, 1.0
-        cost = self._cost(here.theta + step)
-        while self.method.step_control and not cost <= here.cost and size > _SHORTEST:
+        size, cost = 1.0, cost_at(here.theta + step)
+        while self.step_control and not cost <= here.cost and size > _SHORTEST:
             size /= 2
-            cost = self._cost(here.theta + size * step)
+            cost = cost_at(here.theta + size * step)
         if not np.isfinite(cost):
             return Trial(None, end=End(False, "the step leads where the model cannot be evaluated"))
-        if self.method.step_control and cost > here.cost:
-            is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * tolerance)
+        if self.step_control and cost > here.cost:
+            is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * self.step_tolerance)
             return Trial(None, end=End(is_small, "no shorter step lowers the residual"))
-        arrived = np.abs(size * step).max(initial=0.0) < tolerance
+        arrived = np.abs(size * step).max(initial=0.0) < self.step_tolerance
         return Trial(size * step, end=End(True, "the step fell below its tolerance") if arrived else None)
-
-    def _cost(self, theta: FloatArray) -> float:
-        return squared(residual_at(self.problem, theta))

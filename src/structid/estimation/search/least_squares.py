@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -42,8 +42,11 @@ class Trial(NamedTuple):
     end: End | None = None
 
 
+A = TypeVar("A", bound=Linearization | OperatorLinearization)
+
+
 @dataclass(frozen=True, eq=False)
-class Point:
+class Point(Generic[A]):
     """One point of the path.
 
     Attributes
@@ -57,7 +60,7 @@ class Point:
     """
 
     theta: FloatArray
-    at: Linearization | OperatorLinearization
+    at: A
     scale: FloatArray
     size: FloatArray
 
@@ -86,7 +89,7 @@ class Damping:
     scale: FloatArray
     limit: FloatArray
 
-    def at(self, here: Point, largest_step: float) -> Damping:
+    def at(self, here: Point[A], largest_step: float) -> Damping:
         """The same with the lengths and sizes of a point taken into account."""
         scale = np.maximum(here.scale, 0.1 * self.scale)
         reach = np.where(here.size > 0, largest_step * here.size, np.inf)
@@ -100,23 +103,11 @@ class Damping:
         return replace(self, factor=self.factor * self.growth, growth=2 * self.growth)
 
 
-P = TypeVar("P", bound=Point)
+P = TypeVar("P")
 
 
-class Steps(Protocol[P]):
-    """How a method walks through one problem."""
-
-    def at(self, theta: FloatArray) -> P:
-        """The problem linearized at free variables."""
-        ...
-
-    def tried(self, here: P, damping: Damping) -> Trial:
-        """The next step from a point."""
-        ...
-
-
-class Method(Protocol):
-    """How a problem is solved: settings that make steps, and what the answer's linearization tells of it."""
+class Method(Protocol[P]):
+    """How a problem is solved: points and steps from them, and what the answer's linearization tells of it."""
 
     @property
     def max_iterations(self) -> int: ...
@@ -136,13 +127,19 @@ class Method(Protocol):
         """No parameter changes in one step by more than this part of its largest magnitude so far."""
         ...
 
-    def steps(self, problem: Problem) -> Steps: ...
+    def at(self, problem: Problem, theta: FloatArray) -> P:
+        """A `Point`: the problem linearized at free variables."""
+        ...
 
-    def for_stages(self) -> Method:
+    def tried(self, problem: Problem, here: P, damping: Damping) -> Trial:
+        """The next step from a point."""
+        ...
+
+    def for_stages(self) -> Method[Any]:
         """The method of easier forms of the problem, which only lead near."""
         ...
 
-    def for_polishing(self) -> Method:
+    def for_polishing(self) -> Method[Any]:
         """The same where the minimum is known to be close."""
         ...
 
@@ -157,7 +154,7 @@ class Method(Protocol):
 
 def minimize(
     problem: Problem,
-    method: Method,
+    method: Method[Any],
     theta: FloatArray | None = None,
     progress: Progress | None = None,
     keeper: Keeper | None = None,
@@ -184,18 +181,17 @@ def minimize(
         history, costs, inner = [*np.array(begun["history"])], [*begun["costs"]], [*begun["inner"]]
         known = (np.array(begun[name]) for name in ("scale", "limit"))
         damping = Damping(float(begun["damping"]), float(begun["growth"]), *known)
-    steps: Steps = method.steps(problem)
-    here = steps.at(history[-1])
+    here: Point[Any] = method.at(problem, history[-1])
     costs = [float(cost) for cost in costs] or [here.cost]
     end = End(False, f"stopped after {method.max_iterations} iterations")
     for iteration in range(len(inner), method.max_iterations):
         damping = damping.at(here, method.largest_step)
-        trial = steps.tried(here, damping)
+        trial = method.tried(problem, here, damping)
         if trial.step is None:
             end = trial.end or end
             break
         if trial.gain > _ACCEPTED:
-            here = steps.at(here.theta + trial.step)
+            here = method.at(problem, here.theta + trial.step)
         damping = damping.after(trial.gain)
         history.append(here.theta)
         costs.append(here.cost)
@@ -231,21 +227,13 @@ def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
     return size
 
 
-class DampedMethod(Protocol):
-    """The tolerances of a method with damped steps."""
-
-    @property
-    def step_tolerance(self) -> float: ...
-
-    @property
-    def gain_tolerance(self) -> float: ...
-
-
-def damped_end(method: DampedMethod, here: Point, damping: Damping, step: FloatArray, promised: float) -> End | None:
+def damped_end(
+    here: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
+) -> End | None:
     """Why a search by damped steps ends before the next step, which promises to lower the sum of squares so much."""
-    if (np.abs(step) <= method.step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
+    if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
-    if promised <= method.gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:
+    if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:
         return End(True, "no further decrease is promised")
     return None
 

@@ -41,57 +41,10 @@ class WithJacobian:
         return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability)
 
 
-@dataclass(frozen=True)
-class LevenbergMarquardt(WithJacobian):
-    """Steps damped by a multiple of diag(J'J), with the gain ratio ruling the damping.
-
-    A damped step v is the velocity of a path that goes downhill; its acceleration a solves the same equations with
-    the second derivative of the residual along v, 2 (r(theta + v) - r(theta) - J v) by a finite difference. Where v
-    alone keeps too little of its promise, v + a / 2 is tried: along the narrow curved valley of a badly determined
-    problem it may be much longer. It costs one more residual, there only.
-
-    Parameters
-    ----------
-    max_iterations : int
-    step_tolerance : float
-        Converged when no parameter changes by more than this part of itself.
-    gain_tolerance : float
-        Converged when the next step promises to lower the sum of squares by less than this part of it.
-    initial_damping : float
-        First multiple.
-    largest_step : float
-        No parameter changes in one step by more than this part of its largest magnitude so far, measured by the
-        derivative of its free variable (0.7 is a factor of two where that is the logarithm).
-    acceleration : float
-        Largest |a| as a multiple of |v|, both scaled by the columns of J; 0 goes without acceleration.
-
-    References
-    ----------
-    Madsen, Nielsen and Tingleff (2004), Methods for Non-Linear Least Squares Problems, algorithm 3.16.
-    Transtrum and Sethna (2012), Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
-    minimization, arXiv:1201.5885, section 2.
-    """
-
-    max_iterations: int = 100
-    step_tolerance: float = 1e-10
-    gain_tolerance: float = 1e-13
-    initial_damping: float = 1e-2
-    largest_step: float = 0.7
-    acceleration: float = 0.75
-
-    def steps(self, problem: Problem) -> DampedSteps:
-        return DampedSteps(problem, self)
-
-    def for_polishing(self) -> LevenbergMarquardt:
-        """Steps are hardly damped."""
-        return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
-
-
 @dataclass(frozen=True, eq=False)
-class FactoredPoint(Point):
+class FactoredPoint(Point[Linearization]):
     """A point with the QR factorization J = Q R, all that steps from it need, and Q'r."""
 
-    at: Linearization
     orthogonal: FloatArray
     triangle: FloatArray
     projected: FloatArray
@@ -138,59 +91,6 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
     return _Damped(orthogonal, factor, safe)
 
 
-@dataclass(frozen=True, eq=False)
-class DampedSteps:
-    """Steps by QR factorizations, bent where they alone keep too little of their promise."""
-
-    problem: Problem
-    method: LevenbergMarquardt
-
-    def at(self, theta: FloatArray) -> FactoredPoint:
-        at = self.problem.linearize(theta)
-        orthogonal, triangle = np.linalg.qr(at.jacobian)
-        return FactoredPoint(
-            theta=theta,
-            at=at,
-            scale=np.linalg.norm(triangle, axis=0),
-            size=sizes_at(self.problem, theta),
-            orthogonal=orthogonal,
-            triangle=triangle,
-            projected=orthogonal.T @ at.residual,
-        )
-
-    def tried(self, here: FactoredPoint, damping: Damping) -> Trial:
-        damped = _damped(here.triangle, damping.factor, damping.scale)
-        velocity = _velocity(here, damped, damping.limit)
-        promised = here.promised(velocity)
-        end = damped_end(self.method, here, damping, velocity, promised)
-        if end is not None:
-            return Trial(None, end=end)
-        step, cost = self._bent(here, damped, velocity, promised, damping.limit)
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
-
-    def _bent(
-        self, here: FactoredPoint, damped: _Damped, velocity: FloatArray, promised: float, limit: FloatArray
-    ) -> tuple[FloatArray, float]:
-        """The step to try and the sum of squares there: the velocity, bent where it alone keeps too little of its promise.
-
-        A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
-        """
-        step = shortened(velocity, limit)
-        residual = residual_at(self.problem, here.theta + step)
-        cost = squared(residual)
-        if residual is None or self.method.acceleration <= 0 or here.cost - cost > _KEPT * promised:
-            return step, cost
-        bend = residual - here.at.residual - here.at.jacobian @ step
-        if np.linalg.norm(bend) <= here.rounding:
-            return step, cost
-        acceleration = 2 * damped.step(here.orthogonal.T @ bend)
-        if not damped.length(acceleration) <= self.method.acceleration * damped.length(step):
-            return step, cost
-        bent = shortened(step + 0.5 * acceleration, limit)
-        bent_cost = squared(residual_at(self.problem, here.theta + bent))
-        return (bent, bent_cost) if bent_cost < cost else (step, cost)
-
-
 def _velocity(here: FactoredPoint, damped: _Damped, limit: FloatArray) -> FloatArray:
     """The damped step, with parameters that run away held at their limits.
 
@@ -203,3 +103,91 @@ def _velocity(here: FactoredPoint, damped: _Damped, limit: FloatArray) -> FloatA
     if not runs.any() or runs.all():
         return velocity
     return damped.step_holding(here.projected, runs, np.clip(velocity, -limit, limit))
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt(WithJacobian):
+    """Steps damped by a multiple of diag(J'J), with the gain ratio ruling the damping.
+
+    A damped step v is the velocity of a path that goes downhill; its acceleration a solves the same equations with
+    the second derivative of the residual along v, 2 (r(theta + v) - r(theta) - J v) by a finite difference. Where v
+    alone keeps too little of its promise, v + a / 2 is tried: along the narrow curved valley of a badly determined
+    problem it may be much longer. It costs one more residual, there only.
+
+    Parameters
+    ----------
+    max_iterations : int
+    step_tolerance : float
+        Converged when no parameter changes by more than this part of itself.
+    gain_tolerance : float
+        Converged when the next step promises to lower the sum of squares by less than this part of it.
+    initial_damping : float
+        First multiple.
+    largest_step : float
+        No parameter changes in one step by more than this part of its largest magnitude so far, measured by the
+        derivative of its free variable (0.7 is a factor of two where that is the logarithm).
+    acceleration : float
+        Largest |a| as a multiple of |v|, both scaled by the columns of J; 0 goes without acceleration.
+
+    References
+    ----------
+    Madsen, Nielsen and Tingleff (2004), Methods for Non-Linear Least Squares Problems, algorithm 3.16.
+    Transtrum and Sethna (2012), Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
+    minimization, arXiv:1201.5885, section 2.
+    """
+
+    max_iterations: int = 100
+    step_tolerance: float = 1e-10
+    gain_tolerance: float = 1e-13
+    initial_damping: float = 1e-2
+    largest_step: float = 0.7
+    acceleration: float = 0.75
+
+    def for_polishing(self) -> LevenbergMarquardt:
+        """Steps are hardly damped."""
+        return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
+
+    def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
+        at = problem.linearize(theta)
+        orthogonal, triangle = np.linalg.qr(at.jacobian)
+        return FactoredPoint(
+            theta=theta,
+            at=at,
+            scale=np.linalg.norm(triangle, axis=0),
+            size=sizes_at(problem, theta),
+            orthogonal=orthogonal,
+            triangle=triangle,
+            projected=orthogonal.T @ at.residual,
+        )
+
+    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        damped = _damped(here.triangle, damping.factor, damping.scale)
+        velocity = _velocity(here, damped, damping.limit)
+        promised = here.promised(velocity)
+        end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
+        if end is not None:
+            return Trial(None, end=end)
+        step, cost = self._bent(problem, here, damped, velocity, damping.limit)
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
+
+    def _bent(
+        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, limit: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """The step to try and the sum of squares there: the velocity, bent where it alone keeps too little of its promise.
+
+        A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
+        """
+        step, promised = shortened(velocity, limit), here.promised(velocity)
+        residual = residual_at(problem, here.theta + step)
+        cost = squared(residual)
+        if residual is None or self.acceleration <= 0 or here.cost - cost > _KEPT * promised:
+            return step, cost
+        bend = residual - here.at.residual - here.at.jacobian @ step
+        if np.linalg.norm(bend) <= here.rounding:
+            return step, cost
+        acceleration = 2 * damped.step(here.orthogonal.T @ bend)
+        if not damped.length(acceleration) <= self.acceleration * damped.length(step):
+            return step, cost
+        bent = shortened(step + 0.5 * acceleration, limit)
+        bent_cost = squared(residual_at(problem, here.theta + bent))
+        return (bent, bent_cost) if bent_cost < cost else (step, cost)

@@ -74,8 +74,28 @@ class MatrixFree:
         if self.draws < 0 or self.draws == 1:
             raise InputError(f"`draws` must be 0 or at least 2, got {self.draws}; 32 gives standard deviations to 12 %")
 
-    def steps(self, problem: Problem) -> InexactSteps:
-        return InexactSteps(problem, self)
+    def at(self, problem: Problem, theta: FloatArray) -> Point[OperatorLinearization]:
+        at = problem.linearize_operator(theta)
+        return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
+
+    def tried(self, problem: Problem, here: Point[OperatorLinearization], damping: Damping) -> Trial:
+        at, weight = here.at, damping.factor * damping.scale**2
+        gradient = at.transposed(at.residual)
+        step, count, _ = conjugate_gradients(
+            lambda v: at.information(v) + weight * v,
+            -gradient,
+            preconditioner(at, weight),
+            self.inner_tolerance,
+            self.max_inner,
+        )
+        linear = at.product(step)
+        promised = -float(linear @ linear + 2 * step @ gradient)
+        end = damped_end(here, damping, step, promised, self.step_tolerance, self.gain_tolerance)
+        if end is not None:
+            return Trial(None, end=end)
+        step = shortened(step, damping.limit)
+        cost = squared(residual_at(problem, here.theta + step))
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0, count)
 
     def for_stages(self) -> MatrixFree:
         return replace(self, max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)
@@ -93,44 +113,6 @@ class MatrixFree:
         """By draws from the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)
-
-
-@dataclass(frozen=True, eq=False)
-class OperatorPoint(Point):
-    """A point whose Jacobian is not formed."""
-
-    at: OperatorLinearization
-
-
-@dataclass(frozen=True, eq=False)
-class InexactSteps:
-    """Steps by conjugate gradients."""
-
-    problem: Problem
-    method: MatrixFree
-
-    def at(self, theta: FloatArray) -> OperatorPoint:
-        at = self.problem.linearize_operator(theta)
-        return OperatorPoint(theta, at, np.sqrt(at.squares), sizes_at(self.problem, theta))
-
-    def tried(self, here: OperatorPoint, damping: Damping) -> Trial:
-        at, weight = here.at, damping.factor * damping.scale**2
-        gradient = at.transposed(at.residual)
-        step, count, _ = conjugate_gradients(
-            lambda v: at.information(v) + weight * v,
-            -gradient,
-            preconditioner(at, weight),
-            self.method.inner_tolerance,
-            self.method.max_inner,
-        )
-        linear = at.product(step)
-        promised = -float(linear @ linear + 2 * step @ gradient)
-        end = damped_end(self.method, here, damping, step, promised)
-        if end is not None:
-            return Trial(None, end=end)
-        step = shortened(step, damping.limit)
-        cost = squared(residual_at(self.problem, here.theta + step))
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0, count)
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:

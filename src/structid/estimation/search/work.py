@@ -137,5 +137,5 @@ def restored_minimum(problem: Problem, method: Method, stored: Mapping[str, Any]
     """The minimum that `stored_minimum` gave, linearized again."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
-    at = method.steps(problem).at(theta).at
+    at = method.at(problem, theta).at
     return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]))
