@@ -30,7 +30,7 @@ import structid as sid
 from structid.estimation import Bootstrap
 from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.search.work import PLAIN_TOOLS, Tools
-from structid.identification.search import shared_parts
+from structid.identification.together import shared_parts
 from structid.observation.frf.response import response
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
 from structid.observation.motion.stream import motion_solution

@@ -134,7 +134,9 @@ def jacobian_rows(repeats: int, quick: bool) -> Iterator[Row]:
         for label, shape in shapes(quick).items():
             at = problem(shape, 6 if label != "2-D 50k" else 3, name=name, n_params=30)
             theta = at.theta_start
-            plain, whole = medians([partial(at.model.values_at, at.start), partial(at.linearize, theta)], repeats)
+            plain, whole = medians(
+                [partial(at.model.values_at, at.unknowns.start), partial(at.linearize, theta)], repeats
+            )
             bar = 1.6 if len(shape) == 2 else 1.2
             note = (
                 f"{at.structure.n_dofs} DOFs, 30 parameters, plain line {1e3 * plain / len(at.record.frequency):.1f} ms"
@@ -185,17 +187,22 @@ def arrow_rows(repeats: int, quick: bool) -> Iterator[Row]:
     )
 
 
-def free_rows(repeats: int, quick: bool) -> Iterator[Row]:
+def matrix_free_rows(repeats: int, quick: bool) -> Iterator[Row]:
     generator = np.random.default_rng(0)
     for label, shape in shapes(quick).items():
         if label == "2-D 1k":
             continue
         at = problem(shape, 20 if label != "2-D 50k" else 10, each=True)
-        free = at.linearize_free(at.theta_start, stored_bytes=0)
-        v, u = generator.standard_normal(free.n_params), generator.standard_normal(free.n_data)
-        off = abs(u @ free.forward(v) - v @ free.adjoint(u)) / abs(u @ free.forward(v))
+        products = at.linearize_operator(at.theta_start, stored_bytes=0)
+        v, u = generator.standard_normal(products.n_params), generator.standard_normal(products.n_data)
+        off = abs(u @ products.forward(v) - v @ products.adjoint(u)) / abs(u @ products.forward(v))
         there, back, line = medians(
-            [partial(free.forward, v), partial(free.adjoint, u), partial(at.model.values_at, at.start)], repeats
+            [
+                partial(products.forward, v),
+                partial(products.adjoint, u),
+                partial(at.model.values_at, at.unknowns.start),
+            ],
+            repeats,
         )
         note = f"J v {there / line:.3f}, J'u {back / line:.3f}, adjoint identity to {off:.0e}"
         bar = 0.12 if len(shape) == 2 else 0.05
@@ -245,7 +252,7 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
         pattern = model.assembled.indices, model.assembled.indptr
         sides = [
             lambda s=stiffness, p=pattern, b=loads, m=model: reduced_sweep(s, p, b, m.sensors, 1e-6),
-            lambda m=model: m.values_at(at.start),
+            lambda m=model: m.values_at(at.unknowns.start),
         ]
         with single_blas():
             reduced, full = medians(sides, 1 if name == "superlu" else repeats)
@@ -256,7 +263,9 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
             f" {found.error:.0e}, true largest error {error:.0e}"
         )
         yield Row(f"full sweep / reduced, 3-D 10k, 50 lines, 10 modes, {name}", full / reduced, 5, True, note)
-        yield linearized(response(structure, at.parameters, record, factorizer=name, reduced=1e-6), model, at.start)
+        yield linearized(
+            response(structure, at.parameters, record, factorizer=name, reduced=1e-6), model, at.unknowns.start
+        )
 
 
 def linearized(reduced: Response, full: Response, start: np.ndarray) -> Row:
@@ -284,7 +293,7 @@ BENCHMARKS = {
     "jacobian": jacobian_rows,
     "every_element": every_element_rows,
     "arrow": arrow_rows,
-    "free": free_rows,
+    "matrix_free": matrix_free_rows,
     "factorizer": factorizer_rows,
     "reduced": reduced_rows,
 }

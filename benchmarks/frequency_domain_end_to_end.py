@@ -22,8 +22,7 @@ import numpy as np
 import structid as sid
 from frequency_domain_solid import errors, identify, simulate, write_study
 from structid.dynamics.factorization import factorizer
-from structid.estimation.free_estimate import free_estimate
-from structid.estimation.search.levenberg_marquardt_free import FreeLevenbergMarquardt, needs_free_search
+from structid.estimation.search.matrix_free import dense_search_fits
 from structid.observation.frf.response import response
 from structid.unknowns import Smoothness, penalty
 
@@ -119,18 +118,16 @@ def run_plate(given: argparse.Namespace, clock: Clock) -> None:
     record = measured(given, structure, unknown, truth, [50.0, 2500.0])
     smooth = penalty(structure, unknown, Smoothness("young", "part1", given.strength)).scaled(given.strength)
     at = sid.FrfProblem(structure, unknown.coupled(smooth), record)
-    clock.say(f"smoothness of {len(smooth.target)} pairs; {needs_free_search(at)[1]}")
-    whole = at.linearize_free
-    object.__setattr__(at, "linearize_free", lambda theta: whole(theta, given.stored))
-    found = free_estimate(
+    clock.say(f"smoothness of {len(smooth.target)} pairs; {dense_search_fits(len(at.names), at.n_data)[1]}")
+    whole = at.linearize_operator
+    object.__setattr__(at, "linearize_operator", lambda theta: whole(theta, given.stored))
+    found = sid.estimate(
         at,
-        FreeLevenbergMarquardt(max_iterations=given.iterations or 50),
-        draws=given.draws,
-        progress=lambda count, cost: clock.say(f"iteration {count}: sum of squares {cost:.6g}"),
+        sid.MatrixFree(max_iterations=given.iterations or 50, draws=given.draws),
+        progress=lambda _, count, cost: clock.say(f"iteration {count}: sum of squares {cost:.6g}"),
     )
     clock.say(f"{found.status.value}: {found.message}")
     lowest = int(found.values.argmin())
-    print(f"conjugate gradient iterations a step: {found.inner.tolist()}")
     print(f"chi-square {found.chi_square:.0f} of {found.n_data} data")
     print(
         f"least stiffness {found.values[lowest]:.3f} at {middle[lowest].round(2)} m; true {truth.min():.3f} at {place} m"

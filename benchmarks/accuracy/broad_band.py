@@ -75,7 +75,7 @@ def one_start(arguments: tuple[str, int, str, float, int]) -> dict[str, object]:
         many = len(record.frequency) > MANY_LINES
         part, plans = problem.thinned(), problem.stage_plans()
         searched, sample = (part or problem, None) if many else (problem, part)
-        found = sid.estimate(searched, plans=plans, restarts=2, sample=sample)
+        found = sid.estimate(searched, plans=plans, search=sid.Search(restarts=2), sample=sample)
         searches = found.n_starts
         values, std, chi_square, accepted = found.values, found.std, found.chi_square_per_dof, agrees(found)
         if many and accepted:

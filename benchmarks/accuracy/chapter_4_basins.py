@@ -23,7 +23,7 @@ import numpy as np
 
 import structid as sid
 from structid.estimation import LevenbergMarquardt, minimize
-from structid.identification.identify import IdentifyOptions
+from structid.identification.options import IdentifyOptions
 from structid.reproduce.chapter_4.cantilever import (
     CASE_2,
     DEFLECTIONS,

@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.intervals.bootstrap import bootstrap, bootstrap_repeats
 from structid.estimation.intervals.profile import profile
 from structid.estimation.intervals.sampling import sample
-from structid.estimation.problem import Linearization
 from structid.unknowns.transforms import Transforms
 
 MASS, STIFFNESS = (1.2, 1.4, 1.6, 1.8), (1000.0, 1100.0, 1200.0, 1300.0)
@@ -134,7 +134,7 @@ def motion(name):
 
 
 @dataclass(frozen=True, eq=False)
-class Oscillator:
+class Oscillator(BaseProblem):
     """Mass (kg), damper (N s/m) and spring (N/m) from a receptance with noise of one size: a `Problem` of its own.
 
     Small and fast, for intervals that take many refits; priors are Gaussian in physical units.

@@ -20,10 +20,10 @@ import numpy as np
 from scipy import linalg
 
 import structid as sid
+from structid.estimation import Linearization
 from structid.estimation.comparison.comparison import Comparison, compare_jointly
 from structid.estimation.comparison.states import LATER, states_problem
-from structid.estimation.problem import Linearization
-from structid.unknowns import NamedUnknowns
+from structid.observation import ParameterProblem
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
 LENGTH, THICKNESS = 0.38, 4.75e-3
@@ -155,7 +155,7 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
 
 
 @dataclass(frozen=True, eq=False)
-class ResonanceProblem(NamedUnknowns):
+class ResonanceProblem(ParameterProblem):
     """Parameters of an undamped structure from its lowest resonance frequencies: log(model / measured) / error."""
 
     structure: sid.Structure

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 
 
 def straight(x, p):
@@ -42,7 +42,7 @@ def constant_slope(x, p):
 
 
 @dataclass
-class Case:
+class Case(BaseProblem):
     """`transform`: one of "linear", "log" or (low, high) a parameter."""
 
     model: object

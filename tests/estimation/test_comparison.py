@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from structid import InputError, Status, compare_jointly, compare_states, estimate
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.comparison.multiple_tests import adjusted_p_values, detectable
 from structid.estimation.comparison.states import Renamed, states_problem
 
@@ -56,7 +56,7 @@ def test_independent_states_add_their_covariances():
 
 
 @dataclass
-class Line:
+class Line(BaseProblem):
     """matrix p = data with unit noise and Gaussian priors of mean 0 on some parameters."""
 
     matrix: np.ndarray

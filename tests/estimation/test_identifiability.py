@@ -7,7 +7,7 @@ import pytest
 
 from structid import Status, estimate
 from structid.errors import SingularModelError
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.diagnostics.collinearity import collinear_groups, percent_text, variance_proportions
 from structid.estimation.diagnostics.identifiability import direction_words, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
@@ -104,7 +104,7 @@ def test_percentages_have_two_digits():
 
 
 @dataclass
-class Blurred:
+class Blurred(BaseProblem):
     """y = A p, seen with so much noise that a direction of p drowns; its derivative may change with p."""
 
     matrix: np.ndarray

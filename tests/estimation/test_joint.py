@@ -26,12 +26,12 @@ from structid import (
     parameters,
     with_declared_noise,
 )
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.covariance import correlation_length
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Line(BaseProblem):
     """design @ p = data for parameters by name, some with priors; the plainest problem there is."""
 
     names: tuple[str, ...]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
-from structid.estimation import Linearization, minimize
+from structid.estimation import BaseProblem, Linearization, minimize
 from structid.estimation.covariance import correlation_length, inverse_information
 from structid.estimation.diagnostics.identifiability import direction_words, identifiability
 
 
 @dataclass
-class Fit:
+class Fit(BaseProblem):
     """y = f(x, p) with unit noise, parameters as they are."""
 
     model: object

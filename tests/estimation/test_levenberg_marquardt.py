@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from structid.errors import SingularModelError
-from structid.estimation import LevenbergMarquardt, Linearization, minimize
+from structid.estimation import BaseProblem, LevenbergMarquardt, Linearization, minimize
 
 
 @dataclass
-class Residual:
+class Residual(BaseProblem):
     """Any residual with its Jacobian, in parameters times `unit`."""
 
     function: object

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.search.multistart import Search, searched_minima
 from structid.estimation.search.work import Alone
 
 
 @dataclass
-class TwoWells:
+class TwoWells(BaseProblem):
     """Data that p = 1 and p = 2 explain: (p - 1) (p - 2) = 0 twice over, the second time missed by `miss` at 2."""
 
     miss: float = 0.0
@@ -43,7 +43,7 @@ class TwoWells:
 
 
 def test_two_exact_fits_are_found_and_refused():
-    found = estimate(TwoWells(), uniqueness_starts=8)
+    found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
     assert found.n_starts == 9
     assert found.n_fitting == len(found.answers) == 2
     assert sorted(float(answer.values[0]) for answer in found.answers) == pytest.approx([1.0, 2.0])
@@ -53,16 +53,16 @@ def test_two_exact_fits_are_found_and_refused():
 
 def test_distance_is_counted_in_posterior_standard_deviations():
     """The derivative is 100 at both answers, hence a standard deviation of 0.01: they are 100 of them apart."""
-    found = estimate(TwoWells(), uniqueness_starts=8)
+    found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
     assert [answer.distance for answer in found.answers] == pytest.approx([0.0, 100.0])
-    near = estimate(TwoWells(weight=2.0), uniqueness_starts=8)
+    near = estimate(TwoWells(weight=2.0), search=Search(uniqueness_starts=8))
     assert len(near.answers) == 1
 
 
 @pytest.mark.parametrize(("miss", "fits"), [(2.0, 2), (5.0, 1)])
 def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
     """At p = 2 chi-square is miss^2: 4 and 25 against 10.8, the 0.1 % point of one degree of freedom."""
-    found = estimate(TwoWells(miss), uniqueness_starts=8)
+    found = estimate(TwoWells(miss), search=Search(uniqueness_starts=8))
     assert len(found.answers) == 2
     assert found.n_fitting == fits
     assert found.values == pytest.approx([1.0])
@@ -70,7 +70,7 @@ def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
 
 
 def test_without_more_starts_the_first_fit_ends_the_search():
-    found = estimate(TwoWells(), restarts=5)
+    found = estimate(TwoWells(), search=Search(restarts=5))
     assert (found.n_starts, found.n_agreeing, len(found.answers)) == (1, 1, 1)
     assert found.status is Status.CONVERGED
 
@@ -91,7 +91,7 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
             return Linearization(self.residual(theta), np.concatenate([at.jacobian, np.zeros((200, 1))]))
 
     problem = Many(5.0, n_data=202, lines=np.arange(202), series=np.zeros(202, int))
-    found = estimate(problem, uniqueness_starts=8)
+    found = estimate(problem, search=Search(uniqueness_starts=8))
     assert len(found.answers) == 2
     assert found.answers[1].cost == pytest.approx(225.0, rel=1e-3)
     assert found.n_fitting == 1
@@ -108,7 +108,7 @@ def test_an_undetermined_direction_is_one_answer_and_not_many():
             return Linearization(self.residual(theta), np.array([[100.0, 100.0], [0.0, 0.0]]))
 
     problem = Sum(theta_start=np.array([1.0, 1.0]), names=("p", "q"), kinds=("a", "a"), units=("1", "1"))
-    found = estimate(problem, uniqueness_starts=4)
+    found = estimate(problem, search=Search(uniqueness_starts=4))
     assert len(found.answers) == 1
     assert found.answers[0].n_searches == 5
 
@@ -124,7 +124,7 @@ def test_distance_is_the_larger_of_those_seen_from_either_end():
             slope = self.weight * (3 * theta[0] ** 2 - 6 * theta[0] + 2)
             return Linearization(self.residual(theta), np.array([[slope], [0.0]]))
 
-    found = estimate(Uneven(), uniqueness_starts=8)
+    found = estimate(Uneven(), search=Search(uniqueness_starts=8))
     assert found.answers[1].distance == pytest.approx(200.0)
 
 
@@ -137,7 +137,7 @@ def test_ways_that_are_functions_get_the_start_of_each_search():
 
     problem = TwoWells(miss=50.0, theta_start=np.array([1.9]))
     method = LevenbergMarquardt(max_iterations=0)
-    estimate(problem, method, plans=(way(1), way(2)), restarts=3, uniqueness_starts=2)
+    estimate(problem, method, plans=(way(1), way(2)), search=Search(restarts=3, uniqueness_starts=2))
     assert [number for number, _ in seen] == [1, 2, 1, 2, 1, 1]
     starts = [start for _, start in seen]
     assert starts[:2] == [1.9, 1.9]
@@ -175,13 +175,13 @@ def test_restarts_take_the_ways_in_turn_and_then_random_starts():
         TwoWells(miss=50.0, theta_start=np.array([1.9])),
         LevenbergMarquardt(max_iterations=0),
         plans=((("first", stage),), (("second", stage),)),
-        restarts=3,
+        search=Search(restarts=3),
         progress=lambda name, iteration, cost: seen.append(name) if iteration == 1 else None,
     )
     assert seen == ["first", "search 2, second", "search 3, first", "search 4, second"]
 
 
 def test_the_same_seed_gives_the_same_answers():
-    first, second = (estimate(TwoWells(), uniqueness_starts=5, seed=3) for _ in range(2))
+    first, second = (estimate(TwoWells(), search=Search(uniqueness_starts=5, seed=3)) for _ in range(2))
     assert [a.n_searches for a in first.answers] == [a.n_searches for a in second.answers]
     assert first.values == second.values

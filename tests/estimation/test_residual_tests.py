@@ -9,7 +9,8 @@ from scipy.special import ndtr
 
 from structid import estimate
 from structid.errors import InputError
-from structid.estimation.diagnostics.residual_tests import holm, residual_tests, runs_test
+from structid.estimation.comparison.multiple_tests import adjusted_p_values
+from structid.estimation.diagnostics.residual_tests import residual_tests, runs_test
 
 
 def looked_at(values, series=None):
@@ -59,7 +60,9 @@ def test_jarque_bera_is_that_of_scipy():
 
 
 def test_holm_adjusts_as_worked_by_hand():
-    assert holm([0.01, np.nan, 0.04, 0.03, 0.005]) == pytest.approx([0.03, np.nan, 0.06, 0.06, 0.02], nan_ok=True)
+    assert adjusted_p_values(np.array([0.01, np.nan, 0.04, 0.03, 0.005])) == pytest.approx(
+        [0.03, np.nan, 0.06, 0.06, 0.02], nan_ok=True
+    )
 
 
 def test_noise_is_rejected_as_seldom_as_the_level_says():
@@ -82,7 +85,9 @@ def test_correlated_channel_is_named_and_the_white_one_is_not():
 
 
 def test_two_series_share_the_name_of_their_channel():
-    found = looked_at(np.random.default_rng(7).standard_normal(160), np.tile(np.arange(4), 40)).named(["p", "q"])
+    found = looked_at(np.random.default_rng(7).standard_normal(160), np.tile(np.arange(4), 40)).named(
+        ["p", "p", "q", "q"]
+    )
     assert [test.name for test in found.series] == ["p", "p", "q", "q"]
 
 

@@ -9,6 +9,7 @@ from fit_cases import Case, constant, constant_slope, correlated, decay_case, li
 from structid import estimate
 from structid.arrays import locked
 from structid.errors import InputError
+from structid.estimation import DenseCovariance
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.estimation.intervals.sampling import Samples, _log_posterior, _whitening, sample, to_arviz
 
@@ -137,7 +138,7 @@ def test_emcee_draws_from_the_same_posterior():
 def test_what_cannot_be_sampled_is_told():
     case = line_case(np.random.default_rng(0).standard_normal(20))
     found = estimate(case)
-    lost = replace(found, covariance_noise=locked(np.full((2, 2), np.nan)))
+    lost = replace(found, noise=DenseCovariance(np.full((2, 2), np.nan)))
     with pytest.raises(InputError, match="finite covariance, got none for a, b"):
         sample(case, lost)
     with pytest.raises(InputError, match="`sampler` must be 'nuts' or 'emcee'"):

@@ -124,7 +124,7 @@ def test_predictions_are_the_textbook_inverse_with_every_error_on():
     true = dense(s, [0, 2], [2], "accelerance")[:, :, 0]
     expected = true * np.array([1.1 / 2.0, -1.8 / 2.0]) * np.exp(-s[:, None] * np.array([1e-3, -2e-3]))
     assert np.allclose(problem.predicted(problem.theta_start)[:, :, 0], expected, rtol=1e-10)
-    other = problem.predicted_on(replace(data, frequency=FREQUENCY + 0.03), problem.start)
+    other = problem.predicted_on(replace(data, frequency=FREQUENCY + 0.03), problem.unknowns.start)
     moved = s + 2j * np.pi * 0.03
     again = dense(moved, [0, 2], [2], "accelerance")[:, 0, 0] * 0.55 * np.exp(-moved * 1e-3)
     assert np.allclose(other[:, 0, 0], again, rtol=1e-10)

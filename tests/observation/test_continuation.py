@@ -8,14 +8,8 @@ import pytest
 import structid as sid
 from structid.dof import parse_dofs
 from structid.observation.frf import continuation
-from structid.observation.frf.continuation import (
-    START_ERROR,
-    continuation_plan,
-    nearer,
-    smoothed_records,
-    start_deviation,
-    thinned_lines,
-)
+from structid.observation.frf.continuation import START_ERROR, smoothed_records, start_deviation, thinned_lines
+from structid.observation.frf.problem import continuation_plan, nearer
 from structid.observation.frf.response import response
 
 MASS, STIFFNESS = np.array([0.9, 1.3, 1.2]), np.array([1.4, 0.7, 1.2])
@@ -71,12 +65,12 @@ def test_response_at_complex_s_equals_the_dense_inverse(kind):
 
 
 @pytest.mark.parametrize("form", ["output", "log", "pole_free"])
-def test_jacobian_at_complex_s_and_of_the_start_prior_equals_differences(form):
+def test_jacobian_at_complex_s_and_of_the_held_start_equals_differences(form):
     structure, truth = cantilever(0.02)
     omega = np.array([0.4, 1.1, 3.0, 9.0])
     here = replace(record(omega), decay=0.2 * omega, variance=None)
     prior = (truth.theta_start + 0.1, np.where(np.arange(9) == 4, np.inf, 0.5))
-    problem = sid.FrfProblem(structure, started(0.2, 1), here, form, model_error=0.1, start_prior=prior)
+    problem = sid.FrfProblem(structure, started(0.2, 1), here, form, model_error=0.1).held(*prior)
     theta = problem.theta_start
     at = problem.linearize(theta)
     assert len(at.residual) == problem.n_data + 8
@@ -112,21 +106,21 @@ def test_plans_come_from_far_first_where_the_start_error_is_given():
     assert near[0][0][0].startswith("pole-free")
     assert near[-1][0][0].startswith("decay")
     assert far[0][0][0].startswith("decay")
-    first, second = far[0][0][1].start_prior, far[1][0][1].start_prior
+    first, second = far[0][0][1].unknowns.held, far[1][0][1].unknowns.held
     np.testing.assert_allclose(second[1], 0.5 * first[1])
     # log parameters: masses and stiffnesses 0.4, damping at least 1
     np.testing.assert_allclose(first[1], [0.4] * 6 + [1.0] * 3)
-    assert nearer(far[0], 2.0)[0][1].start_prior[1][0] == pytest.approx(0.8)
+    assert nearer(far[0], 2.0)[0][1].unknowns.held[1][0] == pytest.approx(0.8)
 
 
-def test_start_prior_leaves_parameters_with_a_prior_of_their_own():
+def test_held_start_leaves_parameters_with_a_prior_of_their_own():
     structure, _ = cantilever()
     names = [
         sid.Unknown("mass", "beam", prior=sid.Prior(1.0, 0.1), factor=True),
         sid.Unknown("bending_stiffness", "beam"),
     ]
     problem = sid.FrfProblem(structure, sid.parameters(structure, names), record(FINE[::9], 0.01))
-    assert start_deviation(problem, START_ERROR).tolist() == [np.inf, START_ERROR]
+    assert start_deviation(problem.unknowns, START_ERROR).tolist() == [np.inf, START_ERROR]
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.identification.identify import IdentifyOptions
-from structid.observation.frf.frequency_continuation import few_line_plans, frequency_continuation
+from structid.identification.options import IdentifyOptions
+from structid.observation import frequency_continuation
 from structid.reproduce.chapter_4.cantilever import (
     CASE_2,
     DEFLECTIONS,
@@ -52,9 +52,9 @@ def test_stages_add_lines_from_the_lowest_and_the_last_is_free():
     for stage in stages[:-1]:
         assert stage.record.frequency == pytest.approx(problem.record.frequency[: len(stage.record.frequency)])
         assert stage.model_error == 0.1
-        assert stage.start_prior[0] == pytest.approx(problem.theta_start)
-        assert stage.start_prior[1] == pytest.approx(0.3 * np.ones(12))
-    assert stages[-1].start_prior is None
+        assert stage.unknowns.held[0] == pytest.approx(problem.theta_start)
+        assert stage.unknowns.held[1] == pytest.approx(0.3 * np.ones(12))
+    assert stages[-1].unknowns.held is None
     assert stages[-1].model_error == 0.0
     assert {stage.form for stage in stages} == {"pole_free"}
 
@@ -70,10 +70,11 @@ def test_many_lines_are_added_in_twelve_stages():
 def test_it_comes_first_for_few_lines_and_not_at_all_for_many():
     few, many = problem_of(record_of((TIP,))), problem_of(record_of((TIP,), tuple(np.linspace(0.05, 1.0, 61))))
     theta = few.theta_start + 0.1
-    plans = few_line_plans(few, few.stage_plans())
+    plans = few.ways()
     assert len(plans) == 1 + len(few.stage_plans())
-    assert plans[0](theta)[0][1].start_prior[0] == pytest.approx(theta)
-    assert len(few_line_plans(many, ())) == 0
+    assert plans[0](theta)[0][1].unknowns.held[0] == pytest.approx(theta)
+    assert not any(callable(way) for way in many.ways())
+    assert len(many.ways()) == len(many.stage_plans())
 
 
 def test_equation_form_has_no_stages():

@@ -12,7 +12,7 @@ import pytest
 
 import structid as sid
 from structid.dynamics.factorization import installed_factorizers
-from structid.identification.identify import IdentifyOptions, prepared_problem
+from structid.identification.options import IdentifyOptions
 from structid.observation.contraction import element_products
 from structid.observation.frf.large_lines import sweep_error
 from structid.observation.frf.response import response
@@ -165,7 +165,7 @@ def test_reduced_fields_serve_a_search_without_a_jacobian():
     record = empty_record(structure, np.linspace(40.0, 1500.0, 40), 4, 1)
     record = replace(record, variance=np.full(record.values.shape, 1e-18))
     full, short = (sid.FrfProblem(structure, made, record, reduced=reduced) for reduced in (None, 1e-6))
-    exact, found = full.linearize(full.theta_start), short.linearize_free(short.theta_start)
+    exact, found = full.linearize(full.theta_start), short.linearize_operator(short.theta_start)
     v = np.random.default_rng(3).standard_normal(made.n_params)
     assert found.product(v) == pytest.approx(exact.jacobian @ v, abs=1e-3 * np.abs(exact.jacobian @ v).max())
     assert short.model.lines.last_sweep.n_factorizations < 20
@@ -206,7 +206,7 @@ def test_models_in_use_are_shared_where_all_is_the_same():
 def test_reduction_asked_for_in_a_study_reaches_the_model():
     structure, made, record, _ = model()
     record = replace(record, variance=np.full(record.values.shape, 1e-18))
-    problem, _ = prepared_problem(structure, made, record, IdentifyOptions(reduced=1e-5))
+    problem = sid.Setup(structure, made, record).prepared(IdentifyOptions(reduced=1e-5)).problem
     assert problem.model.lines.reduced == 1e-5
     assert problem.predicted_on(record, made.start) == pytest.approx(problem.predicted(made.theta_start), rel=1e-12)
 
@@ -246,7 +246,7 @@ def test_products_without_a_jacobian_equal_those_with_it(form, stored):
     problem = noisy(form)
     rng = np.random.default_rng(1)
     theta = problem.theta_start + 0.1 * rng.standard_normal(len(problem.names))
-    at, free = problem.linearize(theta), problem.linearize_free(theta, stored)
+    at, free = problem.linearize(theta), problem.linearize_operator(theta, stored)
     v, u = rng.standard_normal(len(theta)), rng.standard_normal(len(at.residual))
     assert free.n_data == problem.n_data
     assert free.residual == pytest.approx(at.residual, rel=1e-9)
@@ -271,7 +271,7 @@ def test_products_on_groups_of_matrices_equal_those_with_the_jacobian():
     structure = sid.from_matrices(groups, blocks.dofs)
     made = sid.parameters(structure, [sid.Unknown(k, g) for g in groups for k in ("mass", "stiffness")])
     problem = sid.FrfProblem(structure, made, replace(record, variance=np.full(record.values.shape, 1e-18)))
-    at, free = problem.linearize(problem.theta_start), problem.linearize_free(problem.theta_start, 0.0)
+    at, free = problem.linearize(problem.theta_start), problem.linearize_operator(problem.theta_start, 0.0)
     rng = np.random.default_rng(4)
     v, u = rng.standard_normal(len(made.names)), rng.standard_normal(len(at.residual))
     assert free.product(v) == pytest.approx(at.jacobian @ v, rel=1e-8, abs=1e-9 * np.abs(at.jacobian @ v).max())
@@ -290,5 +290,5 @@ def test_element_products_equal_a_loop():
 
 def test_products_refuse_what_they_cannot_do():
     problem = noisy("equation")
-    with pytest.raises(sid.InputError, match="neither errors of channels nor form 'equation'"):
-        problem.linearize_free(problem.theta_start)
+    with pytest.raises(sid.InputError, match="takes no residual of form 'equation'"):
+        problem.linearize_operator(problem.theta_start)

@@ -144,7 +144,7 @@ def test_modal_jacobian_stays_finite_and_exact_at_close_modes(ratio):
     channels = ["1X", "2X", "1Y", "2Y"]
     record = measured(structure, unknown.values(unknown.start), channels, 4, np.random.default_rng(4))
     problem = ModalProblem(structure, unknown, record, closeness=0.05)
-    assert [len(group.members) for group in problem.groups] == [2, 2]
+    assert [len(group.members) for group in problem.data.groups] == [2, 2]
     require_exact_slope(problem, problem.theta_start, 1e-5)
     at = problem.linearize(problem.theta_start)
     assert np.abs(at.jacobian).max() < 1e4  # one over the frequency error is 1e3
@@ -314,7 +314,7 @@ def test_modal_groups_hold_modes_that_their_standard_deviations_do_not_tell_apar
         covariance = np.diag(np.concatenate([np.full(3, std**2), np.full(3, 1e-6)]))
         record = ModalRecord(frequency, np.full(3, 0.01), shapes, channels, covariance)
         problem = ModalProblem(structure, unknown, record, shape_error=0.01)
-        sizes[std] = [len(group.members) for group in problem.groups]
+        sizes[std] = [len(group.members) for group in problem.data.groups]
     assert sizes == {0.01: [1, 1, 1], 0.02: [2, 1]}
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 from short_record_cases import chain, record, unknowns
-from structid import InputError, Prior, Status, estimate
+from structid import InputError, Prior, Search, Status, estimate
 from structid.observation import SpectraProblem, damped_stages
 from structid.observation.time.spectra import spectra_problem
 from structid.records.transforms.finite_spectra import finite_spectra
@@ -111,7 +111,7 @@ def test_spectra_are_identified_from_a_poor_start_through_faded_records():
     noisy = record(structure, truth.values(truth.start), rng)
     start = truth.started_at(truth.start * np.exp(0.5 * rng.standard_normal(12)))
     problem = spectra_problem(structure, start, noisy, band=(0.1, 12.0))
-    found = estimate(problem, plans=damped_stages(problem, noisy), restarts=2)
+    found = estimate(problem, plans=damped_stages(problem, noisy), search=Search(restarts=2))
     assert found.status is Status.CONVERGED
     assert found.covariance_basis == "noise"
     assert (np.abs(found.values - truth.start) < 4 * found.std).all()

@@ -9,7 +9,7 @@ import pytest
 import report_cases
 from page_parts import words
 
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 
 TITLE = 'Frame <b>7</b> & "base"'

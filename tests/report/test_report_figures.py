@@ -13,7 +13,7 @@ from page_parts import pieces
 
 import structid as si
 from conftest import Report
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.changes import look, shadings
 from structid.report.drawing.drawing import structure_picture

@@ -16,7 +16,7 @@ from plotly.offline import get_plotlyjs
 
 from conftest import PROVENANCE, TITLE, Report
 from structid.errors import FileError
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.identification.page import report_page
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.errors import FileError
-from structid.estimation import GaussNewton, LevenbergMarquardt, Linearization, minimize
+from structid.estimation import BaseProblem, GaussNewton, LevenbergMarquardt, Linearization, minimize
 from structid.records.io import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
@@ -194,7 +194,7 @@ def test_every_iteration_is_a_place_to_go_on_from(tmp_path, method, distance):
         assert (again.message, again.converged) == (whole.message, whole.converged)
 
 
-class Cubes:
+class Cubes(BaseProblem):
     """p^3 = 0.001 and q^3 + p = 0.1, from 10 and 8: the columns of the Jacobian and the sizes shrink a thousandfold."""
 
     names, kinds, units = ("p", "q"), ("test", "test"), ("1", "1")

@@ -16,7 +16,7 @@ from test_study_time import sampled_record, write_study
 from short_record_cases import RATE, chain, unknowns
 from structid import TimeRecord
 from structid.dynamics.transient import sampled_transient
-from structid.estimation import Linearization
+from structid.estimation import BaseProblem, Linearization
 from structid.estimation.estimate import estimate
 from structid.estimation.intervals.nuts import begun, continued, nuts_chain
 from structid.estimation.intervals.sampling import sample
@@ -131,7 +131,7 @@ def test_instruments_stopped_anywhere_go_on_to_the_same_bits(tmp_path, monkeypat
     assert len(made) <= n_steps + 3
 
 
-class Bowl:
+class Bowl(BaseProblem):
     """Two parameters of which one enters as its cube, so that the chains have something to turn."""
 
     names, kinds, units = ("p", "q"), ("test", "test"), ("1", "1")

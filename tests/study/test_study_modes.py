@@ -87,7 +87,7 @@ def test_check_of_modes_says_that_kilograms_are_missing(tmp_path):
     known = check_study(load_study(EXAMPLE / "study.toml"))
     assert known.determined
     assert not known.warnings
-    assert known.modes_used[0].n_modes == 4
+    assert [words[:7] for words in known.records] == ["4 modes"]
     done = invoke("check", EXAMPLE / "study.toml")
     assert done.exit_code == 0
     assert "record: 4 modes from 1.1309 to 5.6408 Hz at 3 sensors" in done.stdout

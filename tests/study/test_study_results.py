@@ -105,8 +105,8 @@ def test_the_arrays_agree_with_the_identification(result, folder):
         np.testing.assert_array_equal(file["parameters/covariance_model_error"], found.estimate.covariance_model_error)
         np.testing.assert_array_equal(file["parameters/history"], found.estimate.history)
         np.testing.assert_array_equal(file["frf/measured"], record.values)
-        np.testing.assert_array_equal(file["frf/residual"], found.predicted - record.values)
-        np.testing.assert_array_equal(file["frf/predicted_initial"], found.predicted_initial)
+        np.testing.assert_array_equal(file["frf/residual"], found.fits[0].predicted - record.values)
+        np.testing.assert_array_equal(file["frf/predicted_initial"], found.fits[0].predicted_initial)
         np.testing.assert_array_equal(file["modes/mode_shapes"], found.modes.mode_shapes)
         assert [dof.decode() for dof in file["modes/dofs"]] == ["1X+", "2X+", "3X+"]
         assert file["frf/frequency"].attrs["unit"] == "Hz"

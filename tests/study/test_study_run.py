@@ -88,8 +88,8 @@ def test_check_tells_sensors_lines_and_modes(tmp_path):
     assert [(c.channel, c.role, c.seen) for c in result.channels] == [
         ("1X-", "output", "-1 1X"), ("3X+", "output", "+1 3X"), ("3X+", "input", "+1 3X")
     ]  # fmt: skip
-    assert result.n_lines_total == 230
-    assert len(result.record.frequency) == 200
+    (words,) = result.records
+    assert words == "accelerance in (m/s^2)/N, 200 of 230 lines from 2 to 11.95 Hz, noise: declared"
     assert [mode.in_band for mode in result.modes] == [False, True, True]
     second = result.modes[1]
     assert second.lines_per_bandwidth == pytest.approx(2 * second.damping_ratio * second.frequency / 0.05, rel=1e-6)
@@ -122,7 +122,7 @@ def wrong_frequency(axis: np.ndarray) -> np.ndarray:
 
 def test_a_bare_array_is_read_by_the_names_of_read_options(tmp_path):
     ready = started(load_study(write_chain(tmp_path, bare(tmp_path))))
-    np.testing.assert_array_equal(ready.record.values, chain_record().values)
+    np.testing.assert_array_equal(ready.setups[0].record.values, chain_record().values)
 
 
 RECORDS = [
@@ -242,7 +242,7 @@ def test_repeats_give_the_noise_from_their_scatter(tmp_path):
     with pytest.raises(InputError, match="the noise comes from `repeats`"):
         load_study(write_chain(tmp_path, text))
     text = text.replace("[record.noise]\nrelative = 0.01\n", "")
-    record = started(load_study(write_chain(tmp_path, text))).record
+    record = started(load_study(write_chain(tmp_path, text))).setups[0].record
     assert record.noise_source == "repeats"
     relative = np.sqrt(np.median(record.variance / np.abs(record.values) ** 2))
     assert relative == pytest.approx(NOISE / 2, rel=0.15)  # standard error of the mean of 4; the median is 8 % low
@@ -251,16 +251,20 @@ def test_repeats_give_the_noise_from_their_scatter(tmp_path):
 def test_noise_comes_from_coherence_and_averages(tmp_path):
     coherence = np.full((230, 2, 1), 0.99)
     text = replaced("relative = 0.01", "from_coherence = true\naverages = 20")
-    record = started(load_study(write_chain(tmp_path, text, chain_record(coherence=coherence)))).record
+    record = started(load_study(write_chain(tmp_path, text, chain_record(coherence=coherence)))).setups[0].record
     np.testing.assert_allclose(record.variance, np.abs(record.values) ** 2 * 0.01 / (20 * 0.99), rtol=1e-12)
     silent = replaced("[record.noise]\nrelative = 0.01\n", "")
-    told = started(load_study(write_chain(tmp_path, silent, chain_record(coherence=coherence, averages=20)))).record
+    told = (
+        started(load_study(write_chain(tmp_path, silent, chain_record(coherence=coherence, averages=20))))
+        .setups[0]
+        .record
+    )
     np.testing.assert_array_equal(told.variance, record.variance)
 
 
 def test_channels_used_selects_sensors_whatever_their_sense(tmp_path):
     text = replaced('"frf.npz"', '"frf.npz"\nchannels_used = ["1X"]')
-    record = started(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X"))))).record
+    record = started(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X"))))).setups[0].record
     assert [str(dof) for dof in record.outputs] == ["1X-"]
 
 
@@ -280,7 +284,7 @@ def test_a_time_record_becomes_frequency_responses(tmp_path):
     write_record(tmp_path / "time.npz", time_record())
     frf = '[record.frf]\nestimator = "H1"\nsegment_length = 4096\n'
     text = replaced("[record.noise]\nrelative = 0.01\n", frf, replaced('"frf.npz"', '"time.npz"'))
-    record = started(load_study(write_chain(tmp_path, text))).record
+    record = started(load_study(write_chain(tmp_path, text))).setups[0].record
     assert [str(dof) for dof in record.outputs] == ["1X+", "3X+"]
     assert [str(dof) for dof in record.inputs] == ["3X+"]
     near = np.abs(record.frequency - 3.3) < 0.3  # away from resonances, where leakage is small

@@ -23,7 +23,7 @@ from structid.errors import InputError
 from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.intervals.profile import profiles
 from structid.estimation.search.work import PLAIN_TOOLS, Tools
-from structid.identification.search import shared_parts
+from structid.identification.together import shared_parts
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun, executor_for
 from structid.study.run.run import load_study, run_study, started, study_parts

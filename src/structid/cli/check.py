@@ -34,7 +34,7 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     """What `structid check` says: record, sensors, modes, rank and predicted accuracy."""
     study = result.study
     facts = [
-        *_measured(result),
+        *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
         f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
     ]
@@ -47,8 +47,8 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
     head = [*heading(study.title, result.warnings), *map(Text, facts), channels, modes]
-    if result.identifiability is None:
-        return [*head, *map(Text, _free_prediction(result))]
+    if not result.covariance.has_matrix:
+        return [*head, Text(_prediction(result))]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {number(found.condition, 3)}; predicted at the"
@@ -60,33 +60,15 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     return [*head, Text(rank), table, *groups(found)]
 
 
-def _free_prediction(result: CheckResult) -> list[str]:
+def _prediction(result: CheckResult) -> str:
     """How well very many parameters would be known, in words."""
-    if result.free is None:
-        return []
-    known = sorted(value for value in result.free.relative_std.tolist() if math.isfinite(value))
-    lost = len(result.names) - len(known)
-    words = f"{len(result.names)} parameters, of which the data determine about {number(result.free.n_determined, 3)}"
-    words += " combinations"
+    relative = (result.std / result.sizes).tolist()
+    known = sorted(value for value in relative if math.isfinite(value))
+    lost = len(relative) - len(known)
+    words = f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
     if known:
         words += (
             f"; predicted standard deviations with the smoothness above: median {number(100 * median(known), 2)} %,"
+            f" largest {number(100 * known[-1], 2)} %"
         )
-        words += f" largest {number(100 * known[-1], 2)} %"
-    return [words + (f"; {lost} that neither data nor smoothness see" if lost else "")]
-
-
-def _measured(result: CheckResult) -> list[str]:
-    """What was measured: the lines of responses, and modes."""
-    facts, record = [], result.record
-    if record is not None:
-        source = "declared" if record.noise_source == "declared" else f"from {record.noise_source}"
-        noise = "not stated" if record.variance is None else source
-        facts.append(
-            f"record: {record.kind} in {record.unit}, {len(record.frequency)} of {result.n_lines_total} lines from"
-            f" {number(record.frequency[0])} to {number(record.frequency[-1])} Hz, noise: {noise}"
-        )
-    for modes in result.modes_used:
-        span = f"{number(modes.frequency[0])} to {number(modes.frequency[-1])} Hz"
-        facts.append(f"record: {modes.n_modes} modes from {span} at {len(modes.channels)} sensors, {modes.source}")
-    return facts
+    return words + (f"; {lost} that neither data nor smoothness see" if lost else "")

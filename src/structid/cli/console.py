@@ -10,9 +10,10 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table, number
 from structid.estimation.intervals.intervals import span_digits
-from structid.identification.identified import Identification, RecordFit
-from structid.study.results.free import PARAMETERS, largest_changes
-from structid.study.results.result import FreeResult, StudyResult
+from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
+from structid.study.results.changes import PARAMETERS, largest_changes
+from structid.study.results.result import StudyResult
 
 _MOST_CHANGES = 10
 
@@ -21,8 +22,10 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     """Warnings, status, parameters, total mass, fit and modes of an identification."""
     found = result.identification
     estimate = found.estimate
+    if not estimate.uncertainty.has_matrix:
+        return _changes_summary(result)
     table = new_table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
-    ends = estimate.interval() if found.intervals is None else found.intervals.ends
+    ends = found.intervals.ends
     for i, name in enumerate(estimate.names):
         note = "" if estimate.identified[i] else "not identified"
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
@@ -40,19 +43,18 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"rank {identifiability.rank} of {len(estimate.names)} parameters, condition {number(identifiability.condition, 3)}"
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
-        f"; intervals: {'laplace' if found.intervals is None else found.intervals.kind}",
+        f"; intervals: {found.intervals.kind}",
         *_fit_facts(found.fits),
     ]
-    if found.intervals is not None:
-        facts += found.intervals.notes
+    facts += found.intervals.notes
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)
     return [*heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
 
 
-def free_summary_shown(result: FreeResult) -> list[RenderableType]:
-    """Warnings, status, the parameters that moved most, total mass, fit and modes of a search without a Jacobian."""
+def _changes_summary(result: StudyResult) -> list[RenderableType]:
+    """Warnings, status, the parameters that moved most, total mass and fit of a matrix-free search."""
     found = result.identification
     estimate = found.estimate
     facts = [
@@ -63,7 +65,7 @@ def free_summary_shown(result: FreeResult) -> list[RenderableType]:
         *_fit_facts(found.fits),
     ]
     table = new_table("parameter that moved most", "unit", "initial", "value", "std")
-    for i in largest_changes(result, _MOST_CHANGES):
+    for i in largest_changes(estimate, _MOST_CHANGES):
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
@@ -89,11 +91,11 @@ def _pairs(found: Identification) -> list[RenderableType]:
     shown = []
     for fit in found.modal_fits:
         table = new_table("measured mode", "Hz", "std", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
-        for i, mode in enumerate(fit.problem.measured.tolist()):
+        for i, mode in enumerate(fit.problem.data.measured.tolist()):
             table.add_row(
                 str(mode + 1),
                 number(fit.measured.frequency[mode]),
-                number(fit.problem.frequency_std[i], 2),
+                number(fit.problem.data.frequency_std[i], 2),
                 number(fit.fitted.frequency[i]),
                 number(fit.fitted.mac[i], 3),
                 number(fit.initial.frequency[i]),

@@ -26,17 +26,15 @@ from structid.cli.base import (
     reported,
     results_folder,
 )
-from structid.cli.console import free_summary_shown, identification_summary
+from structid.cli.console import identification_summary
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.estimation import Status
-from structid.estimation.free_estimate import FreeEstimate
 from structid.study.results.folder import staged_folder, write_results
-from structid.study.results.free import write_free_results
-from structid.study.results.result import FreeResult, StudyResult
+from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun, executor_for
-from structid.study.run.run import is_free, load_study, run_free_study, run_started, started
+from structid.study.run.run import load_study, run_started, started
 from structid.study.work.tasks import WorkersLostError
 
 Seconds = Annotated[
@@ -74,8 +72,7 @@ def identify(
         try:
             with run_progress(read.options.method.max_iterations) as progress, _terminable():
                 run.progress = progress.tasks
-                ready = started(read)
-                result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
+                result = run_started(started(read), progress.search, run)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png
             call = [*_call(study, out=out, workers=workers, scheduler=scheduler), *flags]
@@ -88,26 +85,22 @@ def identify(
         with staged_folder(folder) as staged:
             name = _write(result, staged, report, png)
         kept.remove()
-        show(free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result))
+        show(identification_summary(result))
         typer.echo(str(folder / name))
         estimate = result.identification.estimate
         if estimate.status is not Status.CONVERGED:
-            words = estimate.status_words if isinstance(estimate, FreeEstimate) else estimate.status.words
-            fail(f"{words} ({estimate.message})", NOT_DETERMINED)
+            fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
 
 
-def _write(result: StudyResult | FreeResult, folder: Path, report: bool, png: bool) -> str:
+def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
-    if isinstance(result, FreeResult):
-        write_free_results(result, folder)
-        if not report:
-            return "estimate.json"
-        from structid.report.identification.free_page import free_page
-
-        return free_page(result).write(folder, png).name
     write_results(result, folder)
     if not report:
         return "estimate.json"
+    if not result.identification.estimate.uncertainty.has_matrix:
+        from structid.report.identification.free_page import free_page
+
+        return free_page(result).write(folder, png).name
     from structid.report import write_report
 
     return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png).name

@@ -17,11 +17,12 @@ from structid.estimation import Estimate, Problem, Status
 from structid.estimation.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.estimation.comparison.multiple_tests import Correction, require_levels
 from structid.estimation.comparison.states import states_problem
-from structid.estimation.estimate import StageProgress, estimate
-from structid.identification.search import RecordProblem
-from structid.identification.time_fit import target
+from structid.estimation.estimate import estimate
+from structid.estimation.search.work import StageProgress
+from structid.identification.together import together
+from structid.observation import RecordProblem
 from structid.study.results.folder import plain
-from structid.study.run.run import SearchFailedError, run_study
+from structid.study.run.run import SearchFailedError, is_matrix_free, run_started, started
 from structid.study.schema.study import Study, load_study
 
 COMPARE_PAGE = "compare.html"
@@ -123,10 +124,10 @@ def compare(
     study = load_study(later)
     names = unchanged_parameters(first.estimate, study.parameters, chosen.unchanged)
     if first.result is None:
-        second = state_of(run_study(_from_baseline(study, first, names), progress))
+        second = _run(_from_baseline(study, first, names), progress)
         found = compare_states(first.estimate, second.estimate, names, **settings)
         return ComparisonResult(found, first, second, "carried", _warnings(found, first, second))
-    second = state_of(run_study(_from_baseline(study, first, ()), progress))
+    second = _run(_from_baseline(study, first, ()), progress)
     joint = states_problem(_problem(first), _problem(second, first), names)
     found = compare_jointly(_joint_estimate(joint), names, **settings)
     return ComparisonResult(found, first, second, "joint", _warnings(found, first, second))
@@ -142,7 +143,17 @@ def _joint_estimate(problem: Problem) -> Estimate:
 
 
 def _state(path: Path, progress: StageProgress | None) -> State:
-    return stored_state(path) if path.is_dir() else state_of(run_study(load_study(path), progress))
+    return stored_state(path) if path.is_dir() else _run(load_study(path), progress)
+
+
+def _run(study: Study, progress: StageProgress | None) -> State:
+    ready = started(study)
+    if is_matrix_free(ready):
+        raise InputError(
+            f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
+            " unknowns and leave it out"
+        )
+    return state_of(run_started(ready, progress))
 
 
 def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study:
@@ -159,20 +170,17 @@ def _problem(state: State, fallback: State | None = None) -> Problem:
     assert state.result is not None
     source = state if fallback is None or state.estimate.status is Status.CONVERGED else fallback
     known = dict(zip(source.estimate.names, source.estimate.values, strict=True))
-    fits = state.result.identification.fits
-    if any(fit.time is not None and fit.time.fit != "spectra" for fit in fits):
+    found = state.result.identification
+    if found.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    modal = state.result.identification.modal_fits
-    problems = [_begun(fit.problem, known) for fit in fits] + [_begun(fit.problem, known) for fit in modal]
-    times = [*(fit.time for fit in fits), *(None for _ in modal)]
-    return target(problems, times, state.result.study.options.exclude)
+    return together([_begun(problem, known) for problem in found.problems])
 
 
 def _begun(problem: RecordProblem, known: dict[str, float]) -> RecordProblem:
     unknown = problem.parameters
     start = np.array([known.get(name, own) for name, own in zip(unknown.names, unknown.start, strict=True)])
     inside = (start > unknown.transforms.lower) & (start < unknown.transforms.upper)
-    return replace(problem, parameters=unknown.started_at(np.where(inside, start, unknown.start)))
+    return problem.with_parameters(unknown.started_at(np.where(inside, start, unknown.start)))
 
 
 def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ...]:

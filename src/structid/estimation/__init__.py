@@ -7,14 +7,23 @@ from structid.estimation.intervals.bootstrap import Bootstrap, bootstrap, bootst
 from structid.estimation.intervals.intervals import Intervals, intervals
 from structid.estimation.intervals.profile import Profile, profile, profiles
 from structid.estimation.intervals.sampling import Samples, sample, to_arviz
-from structid.estimation.problem import Linearization, Problem, parameter_sizes
-from structid.estimation.problems.joint import JointProblem, stage_plans, thinned
-from structid.estimation.search.least_squares import GaussNewton, LevenbergMarquardt, Minimum, minimize
-from structid.estimation.search.multistart import Answer
+from structid.estimation.linearization import Linearization, OperatorLinearization
+from structid.estimation.problem import BaseProblem, Problem
+from structid.estimation.problems.joint import JointProblem
+from structid.estimation.search.gauss_newton import GaussNewton
+from structid.estimation.search.least_squares import Method, minimize
+from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
+from structid.estimation.search.matrix_free import MatrixFree
+from structid.estimation.search.minimum import Minimum
+from structid.estimation.search.multistart import Answer, Search
+from structid.estimation.uncertainty import Covariance, DenseCovariance
 
 __all__ = [
     "Answer",
+    "BaseProblem",
     "Bootstrap",
+    "Covariance",
+    "DenseCovariance",
     "Direction",
     "Estimate",
     "GaussNewton",
@@ -23,11 +32,15 @@ __all__ = [
     "JointProblem",
     "LevenbergMarquardt",
     "Linearization",
+    "MatrixFree",
+    "Method",
     "Minimum",
+    "OperatorLinearization",
     "Problem",
     "Profile",
     "ResidualTests",
     "Samples",
+    "Search",
     "Status",
     "bootstrap",
     "bootstrap_repeats",
@@ -35,12 +48,9 @@ __all__ = [
     "identifiability",
     "intervals",
     "minimize",
-    "parameter_sizes",
     "profile",
     "profiles",
     "residual_tests",
     "sample",
-    "stage_plans",
-    "thinned",
     "to_arviz",
 ]

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, IntArray
-from structid.estimation.problem import Linearization, Problem
+from structid.estimation.linearization import Linearization
+from structid.estimation.problem import Problem
 
 _FEWEST_BLOCKS = 10
 _FEWEST_CHANNELS = 4
@@ -34,33 +35,6 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     return covariance
 
 
-def score_covariance(problem: Problem, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-    """Covariance of J'r over repeats of the data, (n_params, n_params); None for J'J, as rows of independent errors have.
-
-    A problem whose rows have not has a method ``data_changes(theta)``, (n_changes, n_data), whose products sum to
-    their covariance, or ``score_covariance(theta, jacobian)``.
-
-    Parameters
-    ----------
-    jacobian : (n_data, n_params) float array
-        Data rows.
-    """
-    own = getattr(problem, "score_covariance", None)
-    if own is not None:
-        found: FloatArray | None = own(theta, jacobian)
-        return found
-    changes = _data_changes(problem, theta)
-    if changes is None:
-        return None
-    scores = changes @ jacobian
-    return scores.T @ scores
-
-
-def _data_changes(problem: Problem, theta: FloatArray) -> FloatArray | None:
-    changes = getattr(problem, "data_changes", None)
-    return None if changes is None else changes(theta)
-
-
 def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
     """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
 
@@ -68,7 +42,7 @@ def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> 
     """
     bread, rows = inverse_information(at.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
-    scores = score_covariance(problem, theta, at.jacobian[:rows])
+    scores = problem.score_covariance(theta, at.jacobian[:rows])
     if scores is None or not seen.any():
         return bread
     inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
@@ -85,8 +59,8 @@ def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tu
     Jacobian: sums of squares have the mean and variance of scale times chi-square (Satterthwaite 1946, Biometrics
     Bull. 2, 110-114).
     """
-    freedom = float(max(len(at.residual) - at.jacobian.shape[1] - at.n_eliminated, 0))
-    changes = _data_changes(problem, theta)
+    freedom = float(max(len(at.residual) - at.n_params - at.n_eliminated, 0))
+    changes = problem.data_changes(theta)
     if changes is None or freedom == 0:
         return 1.0, freedom
     basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]

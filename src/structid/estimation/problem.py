@@ -1,36 +1,23 @@
-"""What an estimator sees of a problem: names, a start, residuals and their derivatives, and nothing else."""
+"""What an estimator sees of a problem: names, a start, residuals and their derivatives, and what it offers beside them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class Linearization:
-    """Whitened residual and its derivative at one point.
-
-    Attributes
-    ----------
-    residual : (n_residuals,) float array
-        Data rows first, then one row for each prior; unit variance each where model and noise are right.
-    jacobian : (n_residuals, n_params) float array
-        Derivative with respect to the free variables.
-    n_eliminated : int
-        Unknowns that the problem solved for inside; each takes one degree of freedom from chi-square.
-    """
-
-    residual: FloatArray
-    jacobian: FloatArray
-    n_eliminated: int = 0
+from structid.errors import InputError
+from structid.estimation.linearization import Linearization, OperatorLinearization
 
 
 class Problem(Protocol):
-    """A least-squares problem in free variables theta, with its meaning in physical units."""
+    """A least-squares problem in free variables theta, with its meaning in physical units.
+
+    Whoever writes one inherits from `BaseProblem`, which answers all from `sizes` on.
+    """
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -71,12 +58,88 @@ class Problem(Protocol):
         """Derivative of each physical parameter with respect to its own free variable, (n_params,)."""
         ...
 
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        """What the standard deviation of each parameter is held against, (n_params,), physical units.
 
-def parameter_sizes(problem: Problem, physical: FloatArray) -> FloatArray:
-    """What the standard deviation of each parameter is held against, (n_params,), physical units.
+        The magnitude of its value, but where it may well be 0 (a delay, an offset).
+        """
+        ...
 
-    The magnitude of its value, unless the problem has a method ``sizes(physical)`` of its own, as it must where a
-    parameter may well be 0 (a delay, an offset).
-    """
-    own = getattr(problem, "sizes", None)
-    return np.abs(physical) if own is None else np.asarray(own(physical))
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        """Changes of the data rows whose products sum to their covariance, (n_changes, n_data); None for the unit matrix."""
+        ...
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        """Covariance of J'r over repeats of the data, (n_params, n_params), with the data rows J of the Jacobian.
+
+        None for J'J, as rows of independent errors have.
+        """
+        ...
+
+    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """Residual (n_priors,) of the priors and its derivative, sparse (n_priors, n_params)."""
+        ...
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        """What a matrix-free search cannot take in it, as in "takes no errors of channels"; "" where nothing is."""
+        ...
+
+    def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
+        """As `linearize`, with no Jacobian formed; where there is no `matrix_free_obstacle`."""
+        ...
+
+    def stage_plans(self) -> Sequence[Stages]:
+        """Ways to the answer for poor starts: easier forms of the problem, one after another; () where it has none."""
+        ...
+
+    def ways(self) -> Sequence[Way]:
+        """The ways that a search with restarts takes in turn: `stage_plans`, and what is made for a start."""
+        ...
+
+    def thinned(self) -> Problem | None:
+        """The problem with a part of its data, for the searches; None where it is small enough."""
+        ...
+
+
+#: Easier forms of a problem by name, run one after another before it.
+Stages = Sequence[tuple[str, Problem]]
+#: The same, or how they are made for a start.
+Way = Stages | Callable[[FloatArray], Stages]
+
+
+class BaseProblem:
+    """What a problem answers that has nothing to tell but its residual; others inherit from it and say more."""
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return np.abs(physical)
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        return None
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        changes = self.data_changes(theta)
+        if changes is None:
+            return None
+        scores = changes @ jacobian
+        return scores.T @ scores
+
+    def prior_rows(self: Problem, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        at = self.linearize(theta)
+        return at.residual[self.n_data :], sparse.csr_array(at.jacobian[self.n_data :])
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return "takes problems that give products with their Jacobian"
+
+    def linearize_operator(self: Problem, theta: FloatArray) -> OperatorLinearization:
+        raise InputError(f"a matrix-free search {self.matrix_free_obstacle}; take a search with a Jacobian")
+
+    def stage_plans(self) -> Sequence[Stages]:
+        return ()
+
+    def ways(self) -> Sequence[Way]:
+        return self.stage_plans()
+
+    def thinned(self) -> Problem | None:
+        return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.arrays import FloatArray, locked
 from structid.estimation import Estimate, Problem
-from structid.estimation.estimate import relative_jacobian
+from structid.estimation.uncertainty import relative_jacobian
 
 _NULL = 1e-10
 _SEEN = 1e-6

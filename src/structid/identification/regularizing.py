@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, locked
-from structid.estimation import Estimate, LevenbergMarquardt, Linearization, Problem, stage_plans
+from structid.estimation import Estimate, Linearization, Method, Problem
+from structid.estimation.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.estimation.regularization.strengths import (
     LocalModel,
     Strengths,
@@ -21,10 +23,12 @@ from structid.estimation.regularization.strengths import (
     settled,
     sparse_strengths,
 )
-from structid.estimation.search.least_squares import Method
-from structid.estimation.search.work import ALONE, Work
-from structid.identification.search import RecordProblem, decided, together
-from structid.unknowns import Coupling, Regularization, Smoothness, Sparsity, penalty, term_name
+from structid.estimation.search.multistart import named
+from structid.estimation.search.work import StageProgress, Work
+from structid.identification.options import IdentifyOptions
+from structid.identification.together import together
+from structid.observation import RecordProblem
+from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -45,6 +49,8 @@ class Held:
         Of a sparsity: how many parameters it lets differ from their start; None for smoothness.
     converged : bool
         Whether the choice settled.
+    determined : float
+        How many combinations the data determine in spite of it, where that was counted; NaN elsewhere.
     """
 
     name: str
@@ -52,6 +58,7 @@ class Held:
     strengths: FloatArray
     n_free: int | None
     converged: bool
+    determined: float = float("nan")
 
     @property
     def words(self) -> str:
@@ -67,26 +74,42 @@ class Held:
         return text + ("" if self.converged else "; the choice did not settle")
 
 
+@dataclass(frozen=True, eq=False)
+class Regularized:
+    """Problems with regularizations at their strengths.
+
+    Attributes
+    ----------
+    problems : tuple of RecordProblem
+    held : tuple of Held
+    theta : FloatArray or None
+        Free variables from which the search best goes on; None where it begins anew.
+    """
+
+    problems: tuple[RecordProblem, ...]
+    held: tuple[Held, ...] = ()
+    theta: FloatArray | None = None
+
+
 def regularized(
     problems: Sequence[RecordProblem],
-    terms: Sequence[Regularization],
+    options: IdentifyOptions,
     method: Method,
-    staged: bool = True,
-    work: Work = ALONE,
-) -> tuple[tuple[RecordProblem, ...], tuple[Held, ...]]:
-    """The problems with the rows of `terms` at the strengths that they give or the data choose.
+    progress: StageProgress | None,
+    work: Work,
+) -> Regularized:
+    """The problems with the rows of the regularizations at the strengths that they give or the data choose.
 
     The rows stand with the parameters of the first problem, which the others share by name.
 
     Parameters
     ----------
-    problems : sequence of FrfProblem or ModalProblem
+    problems : sequence of RecordProblem
         Of one or several records.
-    terms : sequence of Smoothness or Sparsity
+    options : IdentifyOptions
     method : Method
         Search of every fit.
-    staged : bool
-        Whether the first fit goes by easier forms of the residual.
+    progress : callable, optional
     work : Work
         Runs the fits.
 
@@ -95,33 +118,117 @@ def regularized(
     InputError
         If a term does not suit the parameters, or a rule for one term alone meets several.
     """
-    if not terms:
-        return tuple(problems), ()
-    search = _Search(tuple(decided(p, p.theta_start) for p in problems), tuple(terms), method, work)
-    theta = np.array(search.problem.theta_start)
-    if staged:
-        for _, stage in stage_plans(search.with_strengths(search.start))[0]:
-            theta = work.minimize(stage, LevenbergMarquardt(gain_tolerance=1e-6), theta).theta
-    found = settled(search.refit, search.model, search.choose, theta, search.start)
-    held = tuple(
-        _held(term, part.residual, strength, found.converged)
-        for term, part, strength in zip(search.terms, found.model.penalties, found.strengths, strict=True)
-    )
-    return coupled(problems, search.couplings(found.strengths)), held
+    if not options.regularization:
+        return Regularized(tuple(problems))
+    chosen = _by_draws if method.is_matrix_free else _by_local_models
+    return chosen(problems, options, method, progress, work)
+
+
+def takes_matrix_free(terms: Sequence[Regularization]) -> str:
+    """What a matrix-free search cannot do with these terms; "" where nothing stands in its way."""
+    for term in terms:
+        if term.is_sparse:
+            return f"takes smoothness as the only regularization, got {term_name(term)}"
+        if term.rule not in ("given", "marginal_likelihood"):
+            return f"takes a given strength or 'marginal_likelihood', got {term.strength!r} for {term_name(term)}"
+    return ""
 
 
 def coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) -> tuple[RecordProblem, ...]:
     """The problems with `couplings`, which stand with the parameters of the first."""
     first = problems[0]
-    return (replace(first, parameters=first.parameters.coupled(*couplings)), *problems[1:])
+    return (first.with_parameters(first.parameters.coupled(*couplings)), *problems[1:])
 
 
-def _held(term: Regularization, rest: FloatArray, strength: FloatArray | float, converged: bool) -> Held:
-    rule = term.strength if isinstance(term.strength, str) else "given"
-    strengths = np.array(np.broadcast_to(strength, rest.shape))
-    if isinstance(term, Sparsity):
-        return Held(term_name(term), rule, locked(strengths), int((np.abs(rest) > _SMOOTHING).sum()), converged)
-    return Held(term_name(term), rule, locked(strengths), None, converged or rule == "given")
+def unit_penalties(problems: Sequence[RecordProblem], terms: Sequence[Regularization]) -> tuple[Coupling, ...]:
+    """The rows of every term at strength 1, of the parameters of the first problem."""
+    first = problems[0]
+    return tuple(penalty(first.structure, first.parameters, term) for term in terms)
+
+
+def _by_draws(
+    problems: Sequence[RecordProblem],
+    options: IdentifyOptions,
+    method: Method,
+    progress: StageProgress | None,
+    work: Work,
+) -> Regularized:
+    """Strengths of smoothness for very many parameters; see `settled_strengths`."""
+    terms, unit = options.regularization, unit_penalties(problems, options.regularization)
+
+    def held_by(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
+        return coupled(problems, [c.scaled(s) for c, s in zip(unit, strengths, strict=True)])
+
+    def made(strengths: Sequence[float]) -> Problem:
+        return together(held_by(strengths))
+
+    given = tuple(term.given for term in terms)
+    unheld = made([1.0] * len(terms))
+    differences = [_differences(coupling, len(unheld.names)) for coupling in unit]
+    theta = np.asarray(unheld.theta_start)
+    strengths = balanced_strengths(unheld, theta, differences, given)
+    if None not in given:
+        held = [_held(term, part.target, s, True) for term, part, s in zip(terms, unit, strengths, strict=True)]
+        return Regularized(held_by(strengths), tuple(held))
+    if options.pole_free_start:
+        theta = _staged(made(strengths), method, theta, progress, work)
+    told = named(progress, "strength of smoothness")
+    found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
+    held = [
+        _held(term, part.target, s, found.converged, count)
+        for term, part, s, count in zip(terms, unit, found.strengths, found.determined, strict=True)
+    ]
+    return Regularized(held_by(found.strengths), tuple(held), found.theta)
+
+
+def _by_local_models(
+    problems: Sequence[RecordProblem],
+    options: IdentifyOptions,
+    method: Method,
+    progress: StageProgress | None,
+    work: Work,
+) -> Regularized:
+    """Strengths by fits and exact local models in turn; see `settled`."""
+    begun = tuple(problem.decided(problem.theta_start) for problem in problems)
+    search = _Search(begun, tuple(options.regularization), method, work)
+    theta = np.array(search.problem.theta_start)
+    if options.pole_free_start:
+        theta = _staged(search.with_strengths(search.start), method, theta, progress, work)
+    found = settled(search.refit, search.model, search.choose, theta, search.start)
+    held = tuple(
+        _held(term, part.residual, strength, found.converged)
+        for term, part, strength in zip(search.terms, found.model.penalties, found.strengths, strict=True)
+    )
+    return Regularized(coupled(problems, search.couplings(found.strengths)), held)
+
+
+def _staged(
+    problem: Problem, method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+) -> FloatArray:
+    """Where the easier forms of a problem lead to."""
+    for name, stage in next(iter(problem.stage_plans()), ()):
+        theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
+    return theta
+
+
+def _differences(coupling: Coupling, n_params: int) -> Differences:
+    """The rows of `coupling` among all parameters, of which its own are the first."""
+    wide = coupling.among(n_params, 0)
+    return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
+
+
+def _held(
+    term: Regularization,
+    rest: FloatArray,
+    strength: FloatArray | float,
+    converged: bool,
+    determined: float = float("nan"),
+) -> Held:
+    """`term` as it was used; `rest` is what its rows come to at the end."""
+    strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
+    n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
+    settled = converged or (term.rule == "given" and not term.is_sparse)
+    return Held(term_name(term), term.rule, strengths, n_free, settled, determined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,16 +248,14 @@ class _Search:
     @cached_property
     def unit(self) -> tuple[Coupling, ...]:
         """The rows of every term at strength 1."""
-        first = self.problems[0]
-        return tuple(penalty(first.structure, first.parameters, term) for term in self.terms)
+        return unit_penalties(self.problems, self.terms)
 
     @cached_property
     def start(self) -> Strengths:
         """Strengths of the first fit: those given, and where data and penalty weigh the same."""
         at = self.model(np.array(self.problem.theta_start))
         return tuple(
-            at.balance(k) if isinstance(term, Sparsity) or isinstance(term.strength, str) else float(term.strength)
-            for k, term in enumerate(self.terms)
+            at.balance(k) if term.is_sparse or term.given is None else term.given for k, term in enumerate(self.terms)
         )
 
     def couplings(self, strengths: Strengths) -> tuple[Coupling, ...]:
@@ -176,9 +281,7 @@ class _Search:
 
     def choose(self, model: LocalModel, strengths: Strengths) -> Strengths:
         made = list(strengths)
-        together = [
-            k for k, t in enumerate(self.terms) if isinstance(t, Smoothness) and t.strength == "marginal_likelihood"
-        ]
+        together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
         if together:
             found = marginal_likelihood_strengths(
                 _folded(model, together, strengths), tuple(float(np.asarray(strengths[k])) for k in together)
@@ -186,18 +289,18 @@ class _Search:
             for k, strength in zip(together, found, strict=True):
                 made[k] = strength
         for k, term in enumerate(self.terms):
-            if isinstance(term, Sparsity):
+            if term.is_sparse:
                 made[k] = self._sparse(model, k, tuple(made))
-            elif term.strength == "l_curve":
+            elif term.rule == "l_curve":
                 made[k] = l_curve_strength(_folded(model, [k], tuple(made)))
-            elif term.strength == "discrepancy":
+            elif term.rule == "discrepancy":
                 local = _folded(model, [k], tuple(made))
                 made[k] = discrepancy_strength(local, len(local.data.residual))
         return tuple(made)
 
     def _sparse(self, model: LocalModel, index: int, strengths: Strengths) -> FloatArray:
-        given = self.terms[index].strength
-        if isinstance(given, str):
+        given = self.terms[index].given
+        if given is None:
             return sparse_strengths(model, index, strengths)
         return absolute_strengths(model, index, strengths, given, _SMOOTHING)
 
@@ -213,21 +316,28 @@ def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> Loc
     return LocalModel(data, tuple(model.penalties[k] for k in kept))
 
 
-def shares(problem: Problem, found: Estimate) -> FloatArray:
-    """Part of each parameter's variance that stems from priors of any kind, in the order of `found`; see `prior_share`."""
+def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
+    """Part of each parameter's variance that stems from priors of any kind; see `prior_share`.
+
+    None without a covariance matrix; 0 where no problem was minimized.
+    """
+    if problem is None:
+        return np.zeros(len(found.names))
+    if not found.uncertainty.has_matrix:
+        return None
     return prior_share(problem.linearize(found.theta).jacobian, problem.n_data)
 
 
 def regularization_warnings(
-    problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray
+    problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray | None
 ) -> tuple[str, ...]:
     """What was used, and which parameters owe more than half of their variance to priors."""
     warnings = [item.words for item in held]
-    owing = [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
+    owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:
         listed = ", ".join(owing[:4]) + (f" and {len(owing) - 4} more" if len(owing) > 4 else "")
         sources = [coupling.name for p in problems for coupling in p.parameters.couplings]
-        sources += ["their priors"] if any(np.isfinite(p.prior_std).any() for p in problems) else []
+        sources += ["their priors"] if any(np.isfinite(p.unknowns.prior_std).any() for p in problems) else []
         warnings.append(
             f"{len(owing)} of {len(found.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
             f" by the data: {listed}"

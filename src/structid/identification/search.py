@@ -3,102 +3,118 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 
-from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation import Estimate, JointProblem, Problem, Status
-from structid.observation import ChannelErrors, FrfProblem, ModalProblem
-from structid.unknowns import Parameters
+from structid.estimation import Estimate, MatrixFree, Method, Problem, Search, Status
+from structid.estimation.estimate import estimate
+from structid.estimation.search.matrix_free import dense_search_fits
+from structid.estimation.search.work import StageProgress, Work
+from structid.identification.options import IdentifyOptions
+from structid.identification.regularizing import Held, regularized, takes_matrix_free
+from structid.identification.setups import AnySetup
+from structid.identification.together import together
+from structid.observation import RecordProblem
 
 _MOST_TRIED = 3
-_PRIOR_FIELDS = ("prior_mean", "prior_std", "prior_lognormal")
-
-Named = TypeVar("Named", Parameters, ChannelErrors)
-#: What one record of a study gives: the least-squares problem of its FRFs, or of its modes.
-RecordProblem = FrfProblem | ModalProblem
+#: Of the last stage of a matrix-free search.
+_GAIN_TOLERANCE = 1e-8
 
 
-def together(problems: Sequence[RecordProblem]) -> Problem:
-    """The one problem, or all in one."""
-    return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a search gave.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    problems : tuple of RecordProblem
+        Of each record, with the polarities that were found.
+    target : Problem or None
+        The problem that was solved, if one of many rows.
+    held : tuple of Held
+        The regularizations as they were used.
+    """
+
+    estimate: Estimate
+    problems: tuple[RecordProblem, ...]
+    target: Problem | None
+    held: tuple[Held, ...]
 
 
-def shared_parts(problems: Sequence[RecordProblem]) -> tuple[object, ...]:
-    """Structure and record of each problem: what another process that reads the same study has as well."""
-    return tuple(part for problem in problems for part in (problem.structure, problem.record))
-
-
-def decided(problem: RecordProblem, theta: FloatArray) -> RecordProblem:
-    """The problem with the polarities that `theta` asks for; modes have none."""
-    return problem.decided(theta) if isinstance(problem, FrfProblem) else problem
-
-
-def by_name(names: tuple[str, ...], problems: Sequence[RecordProblem], field: str) -> FloatArray:
-    """An array attribute of the problems for all parameters, each from the first problem that has it."""
-    known: dict[str, float] = {}
-    for problem in problems:
-        for name, value in zip(problem.names, getattr(problem, field), strict=True):
-            known.setdefault(name, value)
-    return np.array([known[name] for name in names])
-
-
-def alike(problems: Sequence[RecordProblem]) -> tuple[RecordProblem, ...]:
-    """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
+def answered(
+    setups: Sequence[AnySetup],
+    problems: tuple[RecordProblem, ...],
+    options: IdentifyOptions,
+    progress: StageProgress | None,
+    work: Work,
+) -> Answer:
+    """The answer of the search that the set-ups ask for.
 
     Raises
     ------
     InputError
-        If two of them state different priors of one parameter.
+        If their ways of fitting do not go together, or the study has what the search cannot do.
     """
-    if len(problems) == 1:
-        return tuple(problems)
-    starts: dict[str, float] = {}
-    scales: dict[str, float] = {}
-    priors: dict[str, tuple[float, ...]] = {}
-    parts = ((problem.parameters, _channels(problem)) for problem in problems)
-    for part in (part for pair in parts for part in pair if part is not None):
-        for i, name in enumerate(part.names):
-            starts.setdefault(name, float(part.start[i]))
-            if isinstance(part, ChannelErrors):
-                scales.setdefault(name, float(part.scale[i]))
-            stated = tuple(float(getattr(part, field)[i]) for field in _PRIOR_FIELDS)
-            if np.isfinite(stated[1]) and priors.setdefault(name, stated) != stated:
-                raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
-    made: list[RecordProblem] = []
-    for problem in problems:
-        begun = _begun(problem.parameters, starts, priors)
-        if isinstance(problem, ModalProblem):
-            made.append(replace(problem, parameters=begun))
-            continue
-        channels = problem.channels
-        if channels is not None:
-            channels = replace(channels, scale=locked([scales[name] for name in channels.names], float))
-            channels = _begun(channels, starts, priors)
-        made.append(replace(problem, parameters=begun, channels=channels))
-    return tuple(made)
+    alone = next((setup for setup in setups if setup.own_estimator), None)
+    if alone is not None:
+        if (
+            len(setups) > 1
+            or options.regularization
+            or options.intervals != "laplace"
+            or options.band
+            or options.exclude
+        ):
+            raise InputError(
+                f"{alone.own_estimator} takes one record, all of it, without regularization and with Laplace intervals;"
+                " use fit 'spectra' for more"
+            )
+        return Answer(alone.estimated(options, progress, work), problems, None, ())
+    method = chosen_method(problems, options)
+    regular = regularized(problems, options, method, progress, work)
+    search = Search(options.restarts, options.uniqueness_starts, options.seed)
+    if method.is_matrix_free:
+        search = Search(seed=options.seed, start=regular.theta)
+
+    def found(problem: Problem) -> Estimate:
+        plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
+        staged = options.pole_free_start and regular.theta is None
+        return estimate(
+            problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work
+        )
+
+    best, problems = searched(regular.problems, found)
+    return Answer(best, problems, together(problems), regular.held)
 
 
-def _channels(problem: RecordProblem) -> ChannelErrors | None:
-    return problem.channels if isinstance(problem, FrfProblem) else None
+def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
+    """The method of the search: matrix-free where that is asked for, or where a Jacobian would be too large.
+
+    Raises
+    ------
+    InputError
+        If it is asked for and the study has what such a search cannot do.
+    """
+    if options.matrix_free is False:
+        return options.method
+    obstacle = matrix_free_obstacle(problems, options)
+    if obstacle and options.matrix_free:
+        raise InputError(f"search 'matrix_free' {obstacle}; leave it out, or choose 'levenberg_marquardt'")
+    whole = together(problems)
+    if not options.matrix_free and (obstacle or dense_search_fits(len(whole.names), whole.n_data)[0]):
+        return options.method
+    return MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
 
 
-def _begun(part: Named, starts: dict[str, float], priors: dict[str, tuple[float, ...]]) -> Named:
-    none = (np.nan, np.nan, 0.0)
-    mean, std, lognormal = (
-        zip(*(priors.get(name, none) for name in part.names), strict=True) if part.names else ((),) * 3
-    )
-    return replace(
-        part,
-        start=locked([starts[name] for name in part.names], float),
-        prior_mean=locked(mean, float),
-        prior_std=locked(std, float),
-        prior_lognormal=locked(lognormal, bool),
-    )
+def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
+    """What a matrix-free search cannot do of this study; "" where nothing stands in its way."""
+    obstacle = together(problems).matrix_free_obstacle
+    if not obstacle and options.intervals != "laplace":
+        return f"takes intervals 'laplace', got {options.intervals!r}"
+    return obstacle or takes_matrix_free(options.regularization)
 
 
 def searched(
@@ -111,16 +127,16 @@ def searched(
 
     Parameters
     ----------
-    problems : tuple of FrfProblem or ModalProblem
+    problems : tuple of RecordProblem
     search : callable
         The estimate of one problem.
     """
-    current = tuple(decided(problem, problem.theta_start) for problem in problems)
+    current = tuple(problem.decided(problem.theta_start) for problem in problems)
     found = search(together(current))
     tried = {_polarities(current): (found, current)}
     while True:
         theta = dict(zip(found.names, found.theta, strict=True))
-        current = tuple(decided(p, np.array([theta[name] for name in p.names])) for p in current)
+        current = tuple(p.decided(np.array([theta[name] for name in p.names])) for p in current)
         if _polarities(current) in tried:
             break
         found = search(together(current))
@@ -134,18 +150,11 @@ def searched(
     return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
 
 
-def _polarities(problems: tuple[RecordProblem, ...]) -> tuple[float, ...]:
-    found = [channels.polarities for channels in map(_channels, problems) if channels is not None]
-    return tuple(float(sign) for own in found for sign in own)
+def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
+    return tuple(float(sign) for problem in problems for sign in problem.polarities)
 
 
-def _with_polarities(problems: tuple[RecordProblem, ...], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
-    made: list[RecordProblem] = []
-    rest = list(signs)
-    for problem in problems:
-        if isinstance(problem, FrfProblem) and problem.channels is not None:
-            count = len(problem.channels.polarities)
-            own, rest = rest[:count], rest[count:]
-            problem = replace(problem, channels=replace(problem.channels, polarities=locked(own, float)))
-        made.append(problem)
-    return tuple(made)
+def _with_polarities(problems: Sequence[RecordProblem], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
+    ends = np.cumsum([len(problem.polarities) for problem in problems])[:-1]
+    parts = np.split(np.asarray(signs), ends)
+    return tuple(problem.with_polarities(own.tolist()) for problem, own in zip(problems, parts, strict=True))

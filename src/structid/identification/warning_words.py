@@ -2,32 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from structid.estimation import Estimate, Status
-from structid.identification.identified import RecordFit
-from structid.identification.model_modes import rounding_warnings
-
-
-def record_fit_warnings(fits: Sequence[RecordFit], prepared: Sequence[Sequence[str]]) -> list[str]:
-    """What each record gives to warn of, with its name where there are several."""
-    first = [f"{fit.name}: " if len(fits) > 1 else "" for fit in fits]
-    warnings = [name + words for name, own in zip(first, prepared, strict=True) for words in own]
-    return warnings + [
-        name + words
-        for name, fit in zip(first, fits, strict=True)
-        for words in [*_polarity_warnings(fit), *rounding_warnings(fit.modes.rounding)]
-    ]
-
-
-def _polarity_warnings(fit: RecordFit) -> list[str]:
-    return [
-        f"{name} is -1: the channel reads with the opposite sense; correct its sign in the record or the study"
-        for name, sign in fit.polarities.items()
-        if sign < 0
-    ]
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
@@ -44,6 +21,23 @@ def _scale_warnings(found: Estimate) -> list[str]:
     return []
 
 
+def _unidentified(found: Estimate) -> list[str]:
+    """Each parameter that is not identified; very many of them together."""
+    lost = np.flatnonzero(~found.identified)
+    if not found.uncertainty.has_matrix:
+        listed = ", ".join(found.names[i] for i in lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+        words = (
+            f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
+            f" their values or not known: {listed}"
+        )
+        return [words] if lost.size else []
+    where = ["at the initial values " if found.std[i] <= abs(found.values[i]) else "" for i in lost]
+    return [
+        f"{found.names[i]} is not identified: {at}its standard deviation is larger than its value"
+        for i, at in zip(lost, where, strict=True)
+    ]
+
+
 def _several_fits(found: Estimate) -> str:
     """That other parameters fit as well, and how far off the nearest of them is."""
     best, other = [answer for answer in found.answers if answer.fits][:2]
@@ -57,15 +51,13 @@ def _several_fits(found: Estimate) -> str:
 
 
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
+    """What the estimate gives to warn of, the most important first."""
     warnings = []
     if found.status is not Status.CONVERGED:
-        warnings.append(f"{found.status.words} ({found.message})")
+        warnings.append(f"{found.status_words} ({found.message})")
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
-    for name, identified, value, std in zip(found.names, found.identified, found.values, found.std, strict=True):
-        if not identified:
-            where = "at the initial values " if std <= abs(value) else ""
-            warnings.append(f"{name} is not identified: {where}its standard deviation is larger than its value")
+    warnings.extend(_unidentified(found))
     if found.residual_tests is not None:
         chi_square = "than the stated noise"  # larger is told below, with what is done about it
         warnings.extend(w for w in found.residual_tests.words if f"larger {chi_square}" not in w)

@@ -2,8 +2,8 @@
 
 from structid.observation.channel_errors import ChannelErrors, ChannelUnknown, channel_errors
 from structid.observation.frf.equations import measures_everything, one_step_values
-from structid.observation.frf.frequency_continuation import frequency_continuation
-from structid.observation.frf.problem import Form, FrfProblem
+from structid.observation.frf.forms import Form
+from structid.observation.frf.problem import FrfProblem, frequency_continuation
 from structid.observation.frf.response import Response, response
 from structid.observation.frf.simulation import simulated_record
 from structid.observation.modal.problem import ModalForm, ModalProblem
@@ -16,6 +16,7 @@ from structid.observation.motion.stream import (
     motion_solution,
     reduced_by_chunks,
 )
+from structid.observation.record_problem import ParameterProblem, RecordProblem
 from structid.observation.time.identify_time import identify_time
 from structid.observation.time.options import Oscillation, TimeOptions
 from structid.observation.time.output_error import OutputErrorProblem
@@ -34,6 +35,8 @@ __all__ = [
     "MotionSolution",
     "Oscillation",
     "OutputErrorProblem",
+    "ParameterProblem",
+    "RecordProblem",
     "RecursiveMotionFit",
     "Response",
     "SpectraProblem",

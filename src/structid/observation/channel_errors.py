@@ -13,7 +13,8 @@ from structid.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.dof import Dof, parse_dof
 from structid.errors import InputError
 from structid.records import FrfRecord
-from structid.unknowns.priors import Prior, prior_rows
+from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.priors import Prior
 from structid.unknowns.transforms import Transform, Transforms
 
 ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
@@ -66,23 +67,16 @@ class ChannelUnknown:
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelErrors:
+class ChannelErrors(NamedUnknowns):
     """Errors of the channels of one record, as named parameters; made by `channel_errors`.
 
     The logarithm of the factor on the FRF of output o and input i is
     ``sum over gains exponents[k, o, i] log(p[k]) - s sum over delays exponents[k, o, i] p[k]``.
 
+    A delay is judged against one radian at the highest line.
+
     Attributes
     ----------
-    names, kinds, units : tuple of str
-        One entry a parameter, such as ``gain[401X+]``, ``gain``, ``1``.
-    start : (n_params,) float array
-    transforms : Transforms
-    prior_mean, prior_std : (n_params,) float arrays
-        NaN where there is none.
-    prior_lognormal : (n_params,) bool array
-    scale : (n_params,) float array
-        Size against which a delay is judged: one radian at the highest line.
     exponents : (n_params, n_outputs, n_inputs) float array
         +1 where the parameter belongs to the output, -1 where to the input, 0 where to neither or both.
     polarity_names : tuple of str
@@ -92,28 +86,10 @@ class ChannelErrors:
         +1 or -1.
     """
 
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    units: tuple[str, ...]
-    start: FloatArray
-    transforms: Transforms
-    prior_mean: FloatArray
-    prior_std: FloatArray
-    prior_lognormal: np.ndarray
-    scale: FloatArray
     exponents: FloatArray
     polarity_names: tuple[str, ...]
     polarity_members: np.ndarray
     polarities: FloatArray
-
-    @property
-    def n_params(self) -> int:
-        return len(self.names)
-
-    @property
-    def theta_start(self) -> FloatArray:
-        """Free variables of the initial values."""
-        return self.transforms.free(self.start)
 
     @property
     def sign(self) -> FloatArray:
@@ -123,10 +99,6 @@ class ChannelErrors:
     def rows(self, kind: str) -> IntArray:
         """Which parameters are of that kind."""
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each parameter is held against, (n_params,)."""
-        return np.maximum(np.abs(physical), np.where(np.array(self.kinds) == "delay", self.scale, 0.0))
 
     def factor(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
         """What the channels make of every FRF, (n_frequencies, n_outputs, n_inputs).
@@ -164,17 +136,6 @@ class ChannelErrors:
         """The window's decay, 1/s, where it is a parameter."""
         rows = self.rows("window_decay")
         return float(physical[rows[0]]) if len(rows) else None
-
-    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and its derivative with respect to the physical parameters."""
-        return prior_rows(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
-
-    def kept_near_start(self, relative: float) -> ChannelErrors:
-        """The same parameters, each without a prior drawn to its start by one of `relative` of its size."""
-        free = ~np.isfinite(self.prior_std)
-        mean = np.where(free, self.start, self.prior_mean)
-        std = np.where(free, relative * self.sizes(self.start), self.prior_std)
-        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
 
     def decided(self, measured: ComplexArray, predicted: ComplexArray) -> ChannelErrors:
         """The same with the polarities by which model and measurement agree best in phase.
@@ -242,6 +203,7 @@ def channel_errors(record: FrfRecord, unknowns: Iterable[ChannelUnknown]) -> Cha
     poles = [group for group in groups if group.unknown.property == "polarity"]
     shape = (0, len(record.outputs), len(record.inputs))
     limits = [_limits(group) for group in free]
+    radian = 1 / max(float(record.omega[-1]), np.finfo(float).tiny)
     made = ChannelErrors(
         names=tuple(group.name for group in free),
         kinds=tuple(group.unknown.property for group in free),
@@ -257,7 +219,7 @@ def channel_errors(record: FrfRecord, unknowns: Iterable[ChannelUnknown]) -> Cha
         prior_lognormal=locked(
             [g.unknown.prior is not None and g.unknown.prior.kind == "lognormal" for g in free], bool
         ),
-        scale=locked(np.full(len(free), 1 / max(float(record.omega[-1]), np.finfo(float).tiny))),
+        scale=locked([radian if g.unknown.property == "delay" else 0.0 for g in free], float),
         exponents=locked(np.array([g.exponents(record) for g in free]).reshape(len(free), *shape[1:])),
         polarity_names=tuple(group.name for group in poles),
         polarity_members=locked(np.array([g.exponents(record) != 0 for g in poles], bool).reshape(-1, *shape[1:])),

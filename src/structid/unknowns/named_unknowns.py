@@ -1,51 +1,163 @@
-"""The part of a least-squares problem that its parameters alone decide."""
+"""Unknowns with what an estimator needs of each: a name, a start, a range and what is known of it."""
 
 from __future__ import annotations
 
-from structid.arrays import FloatArray
-from structid.unknowns.parameters import Parameters
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray, locked, require_shape
+from structid.errors import InputError
+from structid.unknowns.priors import Coupling, prior_entries
+from structid.unknowns.transforms import Transforms
+
+#: Mean, standard deviation and whether it is log-normal, of a prior.
+StatedPrior = tuple[float, float, bool]
 
 
+@dataclass(frozen=True, eq=False)
 class NamedUnknowns:
-    """Names, units, start and transforms of a problem whose unknowns are `parameters` and nothing else."""
+    """Named unknowns, one entry each.
 
-    parameters: Parameters
+    Attributes
+    ----------
+    names, kinds, units : tuple of str
+        Such as ``mass[plate 2]``, ``mass``, ``kg``.
+    start : (n_params,) float array
+        Initial physical values.
+    transforms : Transforms
+        How each is kept in its range.
+    prior_mean, prior_std : (n_params,) float arrays
+        Prior in physical units; NaN where there is none.
+    prior_lognormal : (n_params,) bool array
+        Whether the prior is log-normal instead of Gaussian.
+    scale : (n_params,) float array
+        Size that a standard deviation is held against even where the value is smaller, as for a delay; 0 for most.
+    couplings : tuple of Coupling
+        What is known of several of them together: correlated priors, smoothness, sparsity.
+    held : ((n_params,) array, (n_params,) array), optional
+        Gaussian prior on the free variables besides: mean and standard deviation, NaN where there is none. It holds
+        what the data of an easier form of a problem do not say.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    start: FloatArray
+    transforms: Transforms
+    prior_mean: FloatArray
+    prior_std: FloatArray
+    prior_lognormal: np.ndarray
+    scale: FloatArray
+    couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
+    held: tuple[FloatArray, FloatArray] | None = field(default=None, kw_only=True)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.parameters.names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.parameters.units
-
-    @property
-    def start(self) -> FloatArray:
-        """Physical values that the search begins at, (n_params,)."""
-        return self.parameters.start
-
-    @property
-    def prior_mean(self) -> FloatArray:
-        """Of each parameter, physical units; NaN where there is no prior."""
-        return self.parameters.prior_mean
-
-    @property
-    def prior_std(self) -> FloatArray:
-        """Likewise."""
-        return self.parameters.prior_std
+    def n_params(self) -> int:
+        return len(self.names)
 
     @property
     def theta_start(self) -> FloatArray:
-        return self.parameters.theta_start
+        """Free variables of the initial values."""
+        return self.transforms.free(self.start)
 
-    def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical parameters, (n_params,)."""
-        return self.parameters.transforms.physical(theta)
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        """What the standard deviation of each is held against, (n_params,)."""
+        return np.maximum(np.abs(physical), self.scale)
 
-    def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of each with respect to its free variable, (n_params,)."""
-        return self.parameters.transforms.slope(theta)
+    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
+
+        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
+        """
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = np.zeros((len(rows), len(physical)))
+        own[np.arange(len(rows)), rows] = slope
+        parts = [(residual, own), *(coupling.rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+    def prior_residual(self, physical: FloatArray) -> FloatArray:
+        """The residual of `prior_rows` alone, (n_rows,)."""
+        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
+        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
+
+    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
+        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
+        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
+        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
+
+    def held_rows(self, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Of `held`: which free variable each row is about, its residual, and its one derivative, (n_rows,) each."""
+        if self.held is None:
+            return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
+        mean, std = self.held
+        rows = np.flatnonzero(np.isfinite(std))
+        return rows, ((theta - mean) / std)[rows], 1 / std[rows]
+
+    def stated_prior(self, index: int) -> StatedPrior | None:
+        """The prior of the unknown at `index`; None where there is none."""
+        mean, std = float(self.prior_mean[index]), float(self.prior_std[index])
+        return (mean, std, bool(self.prior_lognormal[index])) if np.isfinite(std) else None
+
+    def started_at(self, physical: FloatArray) -> Self:
+        """The same with other initial values."""
+        require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
+        outside = ~((self.transforms.lower < physical) & (physical < self.transforms.upper))
+        if outside.any():
+            k = int(np.argmax(outside))
+            low, high = self.transforms.lower[k], self.transforms.upper[k]
+            raise InputError(
+                f"initial value of {self.names[k]} must lie between {low:g} and {high:g}, got {physical[k]:g}"
+            )
+        return replace(self, start=locked(physical, np.float64))
+
+    def kept_near_start(self, relative: float) -> Self:
+        """The same, each without a prior drawn to its start by one of `relative` of its size as standard deviation."""
+        width = relative * self.sizes(self.start)
+        free = ~np.isfinite(self.prior_std) & (width > 0)
+        mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
+        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
+
+    def shared(self, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, StatedPrior]) -> Self:
+        """The same with start and scale of each as the unknowns that `first` names by it, and with these `priors`."""
+        if not self.names:
+            return self
+        origin = [first[name] for name in self.names]
+        mean, std, lognormal = zip(*(priors.get(name, (np.nan, np.nan, False)) for name in self.names), strict=True)
+        return replace(
+            self,
+            start=locked([unknowns.start[i] for unknowns, i in origin], float),
+            scale=locked([unknowns.scale[i] for unknowns, i in origin], float),
+            prior_mean=locked(mean, float),
+            prior_std=locked(std, float),
+            prior_lognormal=locked(lognormal, bool),
+        )
+
+
+def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
+    """Those of both, one after the other."""
+
+    def both(one: FloatArray, other: FloatArray) -> FloatArray:
+        return np.concatenate([one, other])
+
+    one, other, n = first.transforms, second.transforms, first.n_params + second.n_params
+    held = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
+    couplings = [c.among(n, 0) for c in first.couplings] + [c.among(n, first.n_params) for c in second.couplings]
+    return NamedUnknowns(
+        names=first.names + second.names,
+        kinds=first.kinds + second.kinds,
+        units=first.units + second.units,
+        start=both(first.start, second.start),
+        transforms=Transforms(one.kinds + other.kinds, both(one.lower, other.lower), both(one.upper, other.upper)),
+        prior_mean=both(first.prior_mean, second.prior_mean),
+        prior_std=both(first.prior_std, second.prior_std),
+        prior_lognormal=both(first.prior_lognormal, second.prior_lognormal),
+        scale=both(first.scale, second.scale),
+        couplings=tuple(couplings),
+        held=(both(held[0][0], held[1][0]), both(held[0][1], held[1][1])),
+    )

@@ -11,87 +11,37 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked, require_shape
+from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, family, require_distinct
-from structid.unknowns.priors import Coupling, prior_entries, prior_rows
+from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
+class Parameters(NamedUnknowns):
     """Named unknowns of a structure; property values are ``offset + design @ p`` for physical parameters p.
 
     Attributes
     ----------
-    names, kinds, units : tuple of str
-        One entry a parameter, such as ``mass[plate 2]``, ``mass``, ``kg``.
     elements : tuple of tuple of str
         Element sets that each parameter belongs to.
-    start : (n_params,) float array
-        Initial physical values.
-    transforms : Transforms
-        How each parameter is kept in its range.
-    prior_mean, prior_std : (n_params,) float arrays
-        Prior in physical units; NaN where there is none.
-    prior_lognormal : (n_params,) bool array
-        Whether the prior is log-normal instead of Gaussian.
     offset : (n_values,) float array
         Property values that do not depend on the parameters.
     design : (n_values, n_params) sparse array
         How the parameters make up the property values.
-    couplings : tuple of Coupling
-        What is known of several parameters together: correlated priors, smoothness, sparsity.
     """
 
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    units: tuple[str, ...]
     elements: tuple[tuple[str, ...], ...]
-    start: FloatArray
-    transforms: Transforms
-    prior_mean: FloatArray
-    prior_std: FloatArray
-    prior_lognormal: np.ndarray
     offset: FloatArray
     design: sparse.csc_array
-    couplings: tuple[Coupling, ...] = ()
-
-    @property
-    def n_params(self) -> int:
-        return len(self.names)
-
-    @property
-    def theta_start(self) -> FloatArray:
-        """Free variables of the initial values."""
-        return self.transforms.free(self.start)
 
     def values(self, physical: FloatArray) -> FloatArray:
         """Property values of the structure for physical parameters, (n_values,)."""
         return self.offset + self.design @ physical
-
-    def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
-
-        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
-        """
-        parts = [prior_rows(physical, self.prior_mean, self.prior_std, self.prior_lognormal)]
-        parts += [coupling.rows(physical) for coupling in self.couplings]
-        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-    def prior_residual(self, physical: FloatArray) -> FloatArray:
-        """The residual of `prior_rows` alone, (n_rows,)."""
-        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
-        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
-
-    def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
-        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
-        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
-        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
-        return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
 
     @property
     def has_priors(self) -> bool:
@@ -117,25 +67,6 @@ class Parameters:
                 name = self.names[int(np.argmax(used))]
                 raise InputError(f"{name} must be kept positive for {coupling.name}; declare it `positive`")
         return replace(self, couplings=(*self.couplings, *couplings))
-
-    def started_at(self, physical: FloatArray) -> Parameters:
-        """The same parameters with other initial values."""
-        require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
-        outside = ~((self.transforms.lower < physical) & (physical < self.transforms.upper))
-        if outside.any():
-            k = int(np.argmax(outside))
-            low, high = self.transforms.lower[k], self.transforms.upper[k]
-            raise InputError(
-                f"initial value of {self.names[k]} must lie between {low:g} and {high:g}, got {physical[k]:g}"
-            )
-        return replace(self, start=locked(physical, np.float64))
-
-    def kept_near_start(self, relative: float) -> Parameters:
-        """The same parameters, each without a prior drawn to its start by one of `relative` standard deviation."""
-        width = relative * np.abs(self.start)
-        free = ~np.isfinite(self.prior_std) & (width > 0)
-        mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
-        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
 
 
 def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
@@ -189,6 +120,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         prior_mean=each(prior.mean if prior else np.nan for prior in priors),
         prior_std=each(prior.std if prior else np.nan for prior in priors),
         prior_lognormal=each((prior is not None and prior.kind == "lognormal" for prior in priors), bool),
+        scale=locked(np.zeros(sum(counts))),
         offset=locked(offset),
         design=design,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy import sparse
@@ -22,8 +22,25 @@ from structid.unknowns.priors import Coupling
 _DENSE_UP_TO = 2_000_000
 
 
+class _Term:
+    """What both kinds have in common."""
+
+    is_sparse: ClassVar[bool]
+    strength: float | StrengthRule
+
+    @property
+    def given(self) -> float | None:
+        """The strength, where it is a number."""
+        return None if isinstance(self.strength, str) else float(self.strength)
+
+    @property
+    def rule(self) -> str:
+        """How the strength is chosen: ``given``, or by which rule."""
+        return self.strength if isinstance(self.strength, str) else "given"
+
+
 @dataclass(frozen=True)
-class Smoothness:
+class Smoothness(_Term):
     """A property varies little from one element to the next: differences of its logarithm are held to 0.
 
     Neighbours are elements that share a node. The prior of each difference is Gaussian with a standard deviation of
@@ -39,13 +56,15 @@ class Smoothness:
         Given, or the rule that chooses it from the data.
     """
 
+    is_sparse: ClassVar[bool] = False
+
     property: str
     elements: str | Sequence[str]
     strength: Positive | StrengthRule = "marginal_likelihood"
 
 
 @dataclass(frozen=True)
-class Sparsity:
+class Sparsity(_Term):
     """Few elements differ from their start, as where damage is sought from a baseline.
 
     Parameters
@@ -58,6 +77,8 @@ class Sparsity:
         ``marginal_likelihood``: every change has a Gaussian prior of its own width, and the widths that make the data
         most probable are 0 for most. A number: the sum of squares gains 2 strength sum abs(log(p / start)).
     """
+
+    is_sparse: ClassVar[bool] = True
 
     property: str
     elements: str | Sequence[str]
@@ -83,7 +104,7 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
     """
     _require_strength(term)
     columns, values = _columns(structure, unknown, term)
-    if isinstance(term, Smoothness):
+    if not term.is_sparse:
         pairs = _neighbours(structure, columns, values)
         if not len(pairs):
             raise InputError(

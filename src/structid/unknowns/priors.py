@@ -108,6 +108,13 @@ class Coupling:
             return self.residual(physical), np.array(self.matrix)
         return self.residual(physical), self.matrix / np.where(self.used, physical, 1.0)
 
+    def among(self, n_params: int, first: int) -> Coupling:
+        """The same of the parameters from number `first` on among `n_params`."""
+        matrix = sparse.csr_array(self.matrix)
+        wide = sparse.csr_array((matrix.data, matrix.indices + first, matrix.indptr), (matrix.shape[0], n_params))
+        kept = wide if sparse.issparse(self.matrix) else wide.toarray()
+        return Coupling(self.name, kept, self.target, self.logarithmic)
+
     def scaled(self, strengths: FloatArray | float) -> Coupling:
         """The same with the information of every row multiplied by its strength."""
         root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
@@ -167,10 +174,10 @@ def joint_prior(
     return Coupling(name, matrix, whitener @ mean, logarithmic)
 
 
-def prior_rows(
+def prior_entries(
     physical: FloatArray, mean: FloatArray, std: FloatArray, lognormal: np.ndarray
-) -> tuple[FloatArray, FloatArray]:
-    """Whitened residual of the priors of single parameters and its derivative, one row a parameter with a prior.
+) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    """Whitened rows of the priors of single parameters: which each is about, residual and derivative, (n_rows,) each.
 
     (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) - s^2 / 2.
 
@@ -181,16 +188,6 @@ def prior_rows(
         NaN where there is no prior.
     lognormal : (n_params,) bool array
     """
-    rows, residual, slope = prior_entries(physical, mean, std, lognormal)
-    jacobian = np.zeros((len(rows), len(physical)))
-    jacobian[np.arange(len(rows)), rows] = slope
-    return residual, jacobian
-
-
-def prior_entries(
-    physical: FloatArray, mean: FloatArray, std: FloatArray, lognormal: np.ndarray
-) -> tuple[np.ndarray, FloatArray, FloatArray]:
-    """Which parameter each row of `prior_rows` is about, its residual, and its one derivative, (n_rows,) each."""
     rows = np.flatnonzero(np.isfinite(std))
     p, m, s, log = physical[rows], mean[rows], std[rows], lognormal[rows]
     slope, residual = 1 / s, (p - m) / s

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from structid.arrays import FloatArray
 from structid.errors import InputError
-from structid.estimation.problem import Problem, parameter_sizes
-from structid.estimation.problems.joint import JointProblem, stage_plans
+from structid.estimation.problem import Problem
+from structid.estimation.problems.joint import JointProblem
 from structid.estimation.problems.wrapped import Wrapped
 
 #: What is added to the names of the later state's own parameters.
@@ -26,22 +25,11 @@ class Renamed(Wrapped):
         One a parameter, in order.
     """
 
-    problem: Problem
     new_names: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
         return self.new_names
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return parameter_sizes(self.problem, physical)
-
-    def stage_plans(self) -> tuple[tuple[tuple[str, Problem], ...], ...]:
-        """The problem's own ways, with the same names."""
-        return tuple(
-            tuple((stage, Renamed(problem, self.new_names)) for stage, problem in plan)
-            for plan in stage_plans(self.problem)
-        )
 
 
 def states_problem(baseline: Problem, later: Problem, shared: Sequence[str]) -> JointProblem:

@@ -10,7 +10,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import SingularModelError
 from structid.estimation.covariance import inverse_information
 from structid.estimation.diagnostics.collinearity import percent_text
-from structid.estimation.problem import Problem, parameter_sizes
+from structid.estimation.problem import Problem
 
 #: An estimate that fits to the noise and is this well determined overrules a hopeless bound at the initial values: a
 #: value that wandered off with the noise is seldom four of its standard deviations from 0.
@@ -64,7 +64,7 @@ def bound_at(problem: Problem, theta: FloatArray, place: str) -> Bound:
             covariance = inverse_information(problem.linearize(theta).jacobian)
     except (SingularModelError, np.linalg.LinAlgError):
         covariance = np.full((len(values), len(values)), np.nan)
-    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), parameter_sizes(problem, values), place)
+    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.sizes(values), place)
 
 
 def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
+from structid.estimation.comparison.multiple_tests import adjusted_p_values
 from structid.estimation.problem import Problem
 
 _DOUBT = 1e-3
@@ -77,14 +78,14 @@ class ResidualTests:
     @property
     def not_white(self) -> tuple[str, ...]:
         """Names of the channels whose residual is correlated along its axis, at 0.001 for all of them together."""
-        adjusted = holm([test.whiteness_probability for test in self.series])
+        adjusted = adjusted_p_values(np.array([test.whiteness_probability for test in self.series]))
         named = [test.name for test, p in zip(self.series, adjusted, strict=True) if p < _DOUBT]
         return tuple(dict.fromkeys(named))
 
     @property
     def one_sided(self) -> tuple[str, ...]:
         """Names of the channels whose signs come in too long or too short runs, by the same measure."""
-        adjusted = holm([test.runs_probability for test in self.series])
+        adjusted = adjusted_p_values(np.array([test.runs_probability for test in self.series]))
         named = [test.name for test, p in zip(self.series, adjusted, strict=True) if p < _DOUBT]
         return tuple(dict.fromkeys(named))
 
@@ -122,13 +123,12 @@ class ResidualTests:
         return tuple(said)
 
     def named(self, names: Sequence[str]) -> ResidualTests:
-        """The same tests with the names of their channels, one a series or one for two (real and imaginary part)."""
-        each = 2 if len(names) * 2 == len(self.series) else 1
-        series = [replace(test, name=names[i // each]) for i, test in enumerate(self.series)]
+        """The same tests with the names of their channels, one a series."""
+        series = [replace(test, name=name) for test, name in zip(self.series, names, strict=True)]
         return replace(self, series=tuple(series))
 
 
-def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: int) -> ResidualTests:
+def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
     """Tests of the whitened `residual` of `problem` at its minimum.
 
     Parameters
@@ -137,7 +137,7 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: i
         Says which row belongs to which channel and line.
     residual : (n_residuals,) float array
         Data rows first; rows of priors are not tested.
-    degrees_of_freedom : int
+    degrees_of_freedom : float
         Of chi-square.
 
     Returns
@@ -163,11 +163,11 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: i
         tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.lines[rows], kind="stable")]]))
     return ResidualTests(
         series=tuple(tests),
-        chi_square_per_dof=chi_square / freedom if freedom else float("nan"),
-        chi_square_probability=float(special.gammaincc(freedom / 2, chi_square / 2)) if freedom else float("nan"),
+        chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
+        chi_square_probability=float(special.gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else float("nan"),
         whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
         runs_probability=_smallest(tests, lambda test: test.runs_probability),
-        normality_probability=_jarque_bera(data) if freedom else float("nan"),
+        normality_probability=_jarque_bera(data) if freedom > 0 else float("nan"),
     )
 
 
@@ -216,28 +216,8 @@ def runs_test(values: FloatArray) -> tuple[int, float, float]:
     return runs, mean, float(2 * special.ndtr(-distance))
 
 
-def holm(probabilities: Sequence[float]) -> FloatArray:
-    """Probabilities adjusted for their number, so that the chance of any below a limit is at most that limit.
-
-    In rising order the k-th of n is multiplied by n - k + 1, and none is below the one before it. NaN stays and
-    is not counted.
-
-    Examples
-    --------
-    >>> holm([0.01, 0.04, 0.03]).round(2).tolist()
-    [0.03, 0.06, 0.06]
-    """
-    given = np.asarray(probabilities, dtype=np.float64)
-    adjusted = np.full(len(given), np.nan)
-    known = np.flatnonzero(np.isfinite(given))
-    order = known[np.argsort(given[known], kind="stable")]
-    factors = np.arange(len(order), 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(factors * given[order]), 1.0)
-    return adjusted
-
-
 def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], float]) -> float:
-    adjusted = holm([probability(test) for test in tests])
+    adjusted = adjusted_p_values(np.array([probability(test) for test in tests]))
     known = adjusted[np.isfinite(adjusted)]
     return float(known.min()) if known.size else float("nan")
 

@@ -15,7 +15,7 @@ from structid.estimation.covariance import LEAST_FREEDOM, effective_blocks, erro
 from structid.estimation.estimate import Estimate, Status
 from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Shifted
-from structid.estimation.search.least_squares import LevenbergMarquardt
+from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
 from structid.estimation.search.work import ALONE, Tools, Work
 
 BootstrapKind = Literal["noise", "blocks"]

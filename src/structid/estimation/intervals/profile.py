@@ -14,7 +14,8 @@ from structid.errors import InputError, SingularModelError
 from structid.estimation.estimate import Estimate
 from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Held
-from structid.estimation.search.least_squares import LevenbergMarquardt, minimize
+from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
 from structid.estimation.search.work import ALONE, Tools, Work
 
 _SEARCH = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-8, initial_damping=1e-4)

@@ -11,16 +11,14 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
-from structid.estimation.covariance import score_covariance
-from structid.estimation.problem import Linearization, Problem, parameter_sizes
-from structid.estimation.problems.joint_free import joined_linearization, kept_prior_rows
-from structid.estimation.search.free_linearization import FreeLinearization
+from structid.estimation.linearization import Linearization, OperatorLinearization
+from structid.estimation.problem import BaseProblem, Problem, Stages
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class JointProblem:
+class JointProblem(BaseProblem):
     """Several problems in one fit: different records, set-ups or kinds of data of one structure.
 
     Parameters are merged by name, in the order of their first appearance, and begin where the first problem that has
@@ -116,7 +114,7 @@ class JointProblem:
         """What each standard deviation is held against: the largest that a problem names."""
         sizes = np.zeros(len(self.names))
         for problem, index in self._members():
-            sizes[index] = np.maximum(sizes[index], parameter_sizes(problem, physical[index]))
+            sizes[index] = np.maximum(sizes[index], problem.sizes(physical[index]))
         return sizes
 
     def residual(self, theta: FloatArray) -> FloatArray:
@@ -128,33 +126,59 @@ class JointProblem:
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
-    def linearize_free(self, theta: FloatArray) -> FreeLinearization:
-        """As `linearize`, without a Jacobian; for problems that all have such a form."""
-        parts = []
-        for number, (problem, index) in enumerate(self._members(), 1):
-            own = getattr(problem, "linearize_free", None)
-            if own is None:
-                raise InputError(f"`problems` must all linearize without a Jacobian, problem {number} does not")
-            parts.append(own(theta[index]))
-        return joined_linearization(parts, self.columns, self._kept_priors, len(self.names))
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return next((p.matrix_free_obstacle for p in self.problems if p.matrix_free_obstacle), "")
+
+    def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
+        parts = [problem.linearize_operator(theta[index]) for problem, index in self._members()]
+        pairs, n_params = list(zip(parts, self.columns, strict=True)), len(self.names)
+        ends = np.cumsum([part.n_data for part in parts])[:-1]
+        priors = [
+            _widened_rows(part.prior[rows - part.n_data], index, n_params)
+            for (part, index), rows in zip(pairs, self._kept_priors, strict=True)
+        ]
+        squares = np.zeros(n_params)
+        for part, index in pairs:
+            squares[index] += part.data_squares
+
+        def forward(v: FloatArray) -> FloatArray:
+            return np.concatenate([part.forward(v[index]) for part, index in pairs])
+
+        def adjoint(u: FloatArray) -> FloatArray:
+            total = np.zeros(n_params)
+            for own, (part, index) in zip(np.split(u, ends), pairs, strict=True):
+                total[index] += part.adjoint(own)
+            return total
+
+        stored = [self._widened(part.jacobian, index) for part, index in pairs if part.jacobian is not None]
+        return OperatorLinearization(
+            residual=self._stacked([part.residual for part in parts]),
+            forward=forward,
+            adjoint=adjoint,
+            data_squares=squares,
+            prior=sparse.csr_array(sparse.vstack(priors)),
+            words=parts[0].words,
+            jacobian=np.concatenate(stored) if len(stored) == len(parts) else None,
+        )
 
     def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        """Of J'r over repeats of the data: the sum of that of each problem (see `covariance.score_covariance`)."""
+        """The sum of that of each problem."""
         total, first, independent = np.zeros((len(self.names),) * 2), 0, True
         for problem, index in self._members():
             rows = jacobian[first : first + problem.n_data][:, index]
-            own = score_covariance(problem, theta[index], rows)
+            own = problem.score_covariance(theta[index], rows)
             independent &= own is None
             total[np.ix_(index, index)] += rows.T @ rows if own is None else own
             first += problem.n_data
         return None if independent else total
 
-    def stage_plans(self) -> tuple[tuple[tuple[str, JointProblem], ...], ...]:
+    def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: the ways of each problem, joined stage by stage.
 
         A problem with fewer ways or stages than another stays in its last one, and one without any is as it is.
         """
-        own = [stage_plans(problem) for problem in self.problems]
+        own = [problem.stage_plans() for problem in self.problems]
         joined = []
         for way in range(max(len(plans) for plans in own)):
             paths = [plans[min(way, len(plans) - 1)] if plans else () for plans in own]
@@ -163,12 +187,12 @@ class JointProblem:
 
     def thinned(self) -> JointProblem | None:
         """The same with a part of the data; None where every problem is small enough."""
-        parts = [thinned(problem) for problem in self.problems]
+        parts = [problem.thinned() for problem in self.problems]
         if all(part is None for part in parts):
             return None
         return JointProblem(tuple(part or whole for part, whole in zip(parts, self.problems, strict=True)))
 
-    def _joined_stage(self, paths: Sequence[Sequence[tuple[str, Problem]]], stage: int) -> tuple[str, JointProblem]:
+    def _joined_stage(self, paths: Sequence[Stages], stage: int) -> tuple[str, JointProblem]:
         names, problems = [], []
         for problem, path in zip(self.problems, paths, strict=True):
             name, at = path[min(stage, len(path) - 1)] if path else ("", problem)
@@ -181,8 +205,8 @@ class JointProblem:
     @cached_property
     def _kept_priors(self) -> tuple[IntArray, ...]:
         """Of each problem the rows of those priors that no earlier problem states."""
-        priors = [_prior_rows(problem, self.theta_start[index]) for problem, index in self._members()]
-        kept = kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
+        priors = [problem.prior_rows(self.theta_start[index]) for problem, index in self._members()]
+        kept = _kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
     def _members(self) -> list[tuple[Problem, IntArray]]:
@@ -214,16 +238,6 @@ class JointProblem:
         return tuple(words)
 
 
-def _prior_rows(problem: Problem, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-    """Residual and derivative of the priors, without that of the data where the problem can tell them apart."""
-    own = getattr(problem, "sparse_prior", None)
-    if own is not None:
-        found: tuple[FloatArray, sparse.csr_array] = own(theta)
-        return found
-    at = problem.linearize(theta)
-    return at.residual[problem.n_data :], sparse.csr_array(at.jacobian[problem.n_data :])
-
-
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
     """Numbers of each part moved beyond those of the parts before, to a multiple of `step`."""
     moved, first = [], 0
@@ -233,13 +247,62 @@ def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
     return np.concatenate(moved)
 
 
-def thinned(problem: Problem) -> Problem | None:
-    """The problem with a part of its data, for the searches; None where it is small enough or has no such form."""
-    make = getattr(problem, "thinned", None)
-    return None if make is None else make()
+def _widened_rows(rows: sparse.csr_array, index: IntArray, n_params: int) -> sparse.csr_array:
+    """`rows` of the parameters at `index` as rows of all `n_params`."""
+    return sparse.csr_array((rows.data, index[rows.indices], rows.indptr), (rows.shape[0], n_params))
 
 
-def stage_plans(problem: Problem) -> tuple[tuple[tuple[str, Problem], ...], ...]:
-    """The problem's own ways to its answer; () for a problem that has none."""
-    plans = getattr(problem, "stage_plans", None)
-    return tuple(plans()) if plans is not None else ()
+def _kept_prior_rows(
+    priors: Sequence[tuple[FloatArray, sparse.csr_array]],
+    columns: Sequence[IntArray],
+    names: tuple[str, ...],
+    first_counts: bool,
+) -> tuple[IntArray, ...]:
+    """Of each problem the rows of those priors that no earlier problem states: residual and derivative tell.
+
+    Parameters
+    ----------
+    priors : sequence of (residual, sparse derivative)
+        Rows of the priors of each problem at the start.
+    columns : sequence of (n_own,) int arrays
+        Positions of each problem's parameters among all.
+    names : tuple of str
+        All parameters.
+    first_counts : bool
+        Whether the first of several different priors of one parameter is taken instead of an error raised.
+
+    Raises
+    ------
+    InputError
+        If two problems state different priors of one parameter.
+    """
+    known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
+    found = []
+    for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):
+        rows = _widened_rows(sparse.csr_array(prior), index, len(names))
+        rows.eliminate_zeros()
+        rows.sort_indices()
+        kept = []
+        for k, value in enumerate(residual.tolist()):
+            span = slice(rows.indptr[k], rows.indptr[k + 1])
+            members, entries = tuple(rows.indices[span].tolist()), rows.data[span]
+            stated = known.setdefault(members, [])
+            if any(_is_same(other, (entries, value)) for other in stated):
+                continue
+            if stated and len(members) == 1:
+                if first_counts:
+                    continue
+                raise InputError(
+                    f"prior of {names[members[0]]} must be the same in all problems, got another in problem {number};"
+                    " state it once, or alike"
+                )
+            stated.append((entries, value))
+            kept.append(k)
+        found.append(np.array(kept, dtype=int))
+    return tuple(found)
+
+
+def _is_same(first: tuple[FloatArray, float], second: tuple[FloatArray, float]) -> bool:
+    return bool(
+        np.allclose(first[0], second[0], rtol=_SAME, atol=0) and np.isclose(first[1], second[1], rtol=_SAME, atol=_SAME)
+    )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray
-from structid.estimation.covariance import score_covariance
-from structid.estimation.problem import Linearization, Problem
+from structid.estimation.linearization import Linearization, OperatorLinearization
+from structid.estimation.problem import Problem, Stages
 from structid.estimation.problems.wrapped import Wrapped
 
 
@@ -22,7 +24,6 @@ class Shifted(Wrapped):
     shift : (n_residuals,) float array
     """
 
-    problem: Problem
     shift: FloatArray
 
     def residual(self, theta: FloatArray) -> FloatArray:
@@ -30,7 +31,22 @@ class Shifted(Wrapped):
 
     def linearize(self, theta: FloatArray) -> Linearization:
         at = self.problem.linearize(theta)
-        return Linearization(at.residual + self.shift, at.jacobian, at.n_eliminated)
+        return replace(at, residual=at.residual + self.shift)
+
+    def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
+        at = self.problem.linearize_operator(theta)
+        return replace(at, residual=at.residual + self.shift)
+
+    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        residual, rows = self.problem.prior_rows(theta)
+        return residual + self.shift[self.n_data :], rows
+
+    def stage_plans(self) -> Sequence[Stages]:
+        """None: their rows are others than those that are shifted."""
+        return ()
+
+    def thinned(self) -> Problem | None:
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +62,6 @@ class Held(Wrapped):
         Where.
     """
 
-    problem: Problem
     index: int
     value: float
 
@@ -66,6 +81,10 @@ class Held(Wrapped):
     def theta_start(self) -> FloatArray:
         return np.delete(self.problem.theta_start, self.index)
 
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return "takes no variable that is held"
+
     def whole(self, others: FloatArray) -> FloatArray:
         """All free variables, (n_params,)."""
         return np.insert(others, self.index, self.value)
@@ -75,18 +94,28 @@ class Held(Wrapped):
 
     def linearize(self, others: FloatArray) -> Linearization:
         at = self.problem.linearize(self.whole(others))
-        return Linearization(at.residual, np.delete(at.jacobian, self.index, axis=1), at.n_eliminated)
-
-    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        whole = np.insert(jacobian, self.index, 0.0, axis=1)
-        found = score_covariance(self.problem, self.whole(others), whole)
-        return None if found is None else np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
+        return replace(at, jacobian=np.delete(at.jacobian, self.index, axis=1))
 
     def physical(self, others: FloatArray) -> FloatArray:
         return np.delete(self.problem.physical(self.whole(others)), self.index)
 
     def slope(self, others: FloatArray) -> FloatArray:
         return np.delete(self.problem.slope(self.whole(others)), self.index)
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        own = self.problem.physical(self.whole(self.theta_start))[self.index]
+        return np.delete(self.problem.sizes(np.insert(physical, self.index, own)), self.index)
+
+    def data_changes(self, others: FloatArray) -> FloatArray | None:
+        return self.problem.data_changes(self.whole(others))
+
+    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        found = self.problem.score_covariance(self.whole(others), np.insert(jacobian, self.index, 0.0, axis=1))
+        return None if found is None else np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
+
+    def prior_rows(self, others: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        residual, rows = self.problem.prior_rows(self.whole(others))
+        return residual, sparse.csr_array(rows[:, np.delete(np.arange(rows.shape[1]), self.index)])
 
     def _without(self, entries: tuple[str, ...]) -> tuple[str, ...]:
         return entries[: self.index] + entries[self.index + 1 :]

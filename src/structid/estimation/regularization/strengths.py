@@ -16,7 +16,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.covariance import inverse_information
-from structid.estimation.problem import Linearization
+from structid.estimation.linearization import Linearization
 
 StrengthRule = Literal["marginal_likelihood", "l_curve", "discrepancy"]
 #: Range of strengths that is searched, as parts of what makes data and penalty equally informative.

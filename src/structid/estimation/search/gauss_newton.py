@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.declared import Count, Positive
+from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem
-from structid.estimation.search.minimum import Keeper, Minimum, Progress, State, cost_at
+from structid.estimation.search.least_squares import Damping, End, Point, Trial
+from structid.estimation.search.levenberg_marquardt import WithJacobian
+from structid.estimation.search.minimum import residual_at, squared
+
+_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True)
-class GaussNewton:
+class GaussNewton(WithJacobian):
     """Full Gauss-Newton steps, halved while the residual grows if `step_control` is on.
 
     Parameters
@@ -32,53 +36,29 @@ class GaussNewton:
     step_control: bool = True
     step_tolerance: Positive = 1e-11
 
+    initial_damping: ClassVar[float] = 0.0
+    largest_step: ClassVar[float] = np.inf
 
-def gauss_newton(
-    problem: Problem,
-    method: GaussNewton,
-    theta: FloatArray,
-    progress: Progress | None,
-    keeper: Keeper | None = None,
-) -> Minimum:
-    """The minimum that `GaussNewton` reaches from `theta`, or from the state that `keeper` has."""
-    begun = None if keeper is None else keeper.state
-    if begun is not None:
-        theta = np.array(begun["theta"])
-    at = problem.linearize(theta)
-    cost = float(at.residual @ at.residual)
-    history, costs = [theta], [cost]
-    if begun is not None:
-        history, costs = list(np.array(begun["history"])), np.asarray(begun["costs"]).tolist()
-        cost = costs[-1]
-    message, converged = f"stopped after {method.max_iterations} iterations", False
-    for iteration in range(len(costs) - 1, method.max_iterations):
-        step = -np.linalg.lstsq(at.jacobian, at.residual, rcond=None)[0]
-        size = 1.0
-        new_cost = cost_at(problem, theta + step)
-        while method.step_control and not new_cost <= cost and size > 1e-6:
+    def for_polishing(self) -> GaussNewton:
+        return self
+
+    def at(self, problem: Problem, theta: FloatArray) -> Point[Linearization]:
+        none = np.zeros(len(theta))
+        return Point(theta, problem.linearize(theta), none, none + np.inf)
+
+    def tried(self, problem: Problem, here: Point[Linearization], damping: Damping) -> Trial:
+        def cost_at(theta: FloatArray) -> float:
+            return squared(residual_at(problem, theta))
+
+        step = -np.linalg.lstsq(here.at.jacobian, here.at.residual, rcond=None)[0]
+        size, cost = 1.0, cost_at(here.theta + step)
+        while self.step_control and not cost <= here.cost and size > _SHORTEST:
             size /= 2
-            new_cost = cost_at(problem, theta + size * step)
-        if not np.isfinite(new_cost):
-            message = "the step leads where the model cannot be evaluated"
-            break
-        if method.step_control and new_cost > cost:
-            converged = bool(np.abs(step).max(initial=0.0) < 1e3 * method.step_tolerance)
-            message = "no shorter step lowers the residual"
-            break
-        theta, cost = theta + size * step, new_cost
-        at = problem.linearize(theta)
-        history.append(theta)
-        costs.append(cost)
-        if progress is not None:
-            progress(iteration + 1, cost)
-        if np.abs(size * step).max(initial=0.0) < method.step_tolerance:
-            message, converged = "the step fell below its tolerance", True
-            break
-        if keeper is not None:
-            keeper.keep(iteration + 1, cost, partial(_state, theta, tuple(history), tuple(costs)))
-    return Minimum(theta, at, np.array(history), np.array(costs), converged, message)
-
-
-def _state(theta: FloatArray, history: Sequence[FloatArray], costs: Sequence[float]) -> State:
-    """All that the next iteration depends on, but what the problem gives at `theta`."""
-    return {"theta": theta, "history": np.array(history), "costs": np.array(costs)}
+            cost = cost_at(here.theta + size * step)
+        if not np.isfinite(cost):
+            return Trial(None, end=End(False, "the step leads where the model cannot be evaluated"))
+        if self.step_control and cost > here.cost:
+            is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * self.step_tolerance)
+            return Trial(None, end=End(is_small, "no shorter step lowers the residual"))
+        arrived = np.abs(size * step).max(initial=0.0) < self.step_tolerance
+        return Trial(size * step, end=End(True, "the step fell below its tolerance") if arrived else None)

@@ -8,9 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray
 from structid.errors import SingularModelError
-from structid.estimation.problem import Linearization, Problem
+from structid.estimation.linearization import Linearization, OperatorLinearization
+from structid.estimation.problem import Problem
 
 Progress = Callable[[int, float], None]
 #: All that a search needs to go on with the same digits: numbers and arrays by name, free variables as ``theta``.
@@ -37,21 +38,24 @@ class Minimum:
     Attributes
     ----------
     theta : (n_params,) float array
-    linearization : Linearization
-        At `theta`.
+    linearization : Linearization or OperatorLinearization
+        At `theta`, as the method makes it.
     history : (n_iterations + 1, n_params) float array
         Free variables from the start to the end.
     costs : (n_iterations + 1,) float array
         Sum of squared residuals along the history.
+    inner : (n_iterations,) int array
+        Conjugate gradient iterations of every step; 0 where it is found at once.
     converged : bool
     message : str
         What ended the search.
     """
 
     theta: FloatArray
-    linearization: Linearization
+    linearization: Linearization | OperatorLinearization
     history: FloatArray
     costs: FloatArray
+    inner: IntArray
     converged: bool
     message: str
 
@@ -66,9 +70,8 @@ def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
     return residual if np.isfinite(residual).all() else None
 
 
-def cost_at(problem: Problem, theta: FloatArray) -> float:
-    """Sum of squares, infinite where the model cannot be evaluated."""
-    residual = residual_at(problem, theta)
+def squared(residual: FloatArray | None) -> float:
+    """Sum of squares, infinite where there is no residual."""
     if residual is None:
         return np.inf
     with np.errstate(over="ignore"):

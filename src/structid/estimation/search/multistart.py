@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import SingularModelError
-from structid.estimation.problem import Problem, parameter_sizes
-from structid.estimation.search.least_squares import LevenbergMarquardt, Method, Minimum
+from structid.estimation.problem import Problem, Stages, Way
+from structid.estimation.search.least_squares import Method
+from structid.estimation.search.minimum import Minimum, Progress
 from structid.estimation.search.work import (
     ALONE,
     Minimizer,
@@ -23,12 +25,7 @@ from structid.estimation.search.work import (
     stored_minimum,
 )
 
-Stages = Sequence[tuple[str, Problem]]
-#: Easier forms of the problem by name, run one after another before it; or how they are made for a start.
-Way = Stages | Callable[[FloatArray], Stages]
-
 _SPREAD = 0.2
-_STAGE = LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
 _SAME = 3.0
 
 
@@ -57,13 +54,28 @@ class Answer:
     fits: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Search:
-    """How often and from where is searched; see `estimate`."""
+    """How often and from where is searched.
+
+    Parameters
+    ----------
+    restarts : int
+        How many more searches are tried where the fit misses the noise: by each other way from the given start, then
+        from random points about 20 % from it. The lowest minimum is kept.
+    uniqueness_starts : int
+        How many more searches begin at random points about 20 % from the start even where a search fits: a test
+        whether other parameters fit the data as well. See ``Estimate.answers``.
+    seed : int
+        Of the random starts, and of draws.
+    start : (n_params,) float array, optional
+        Free variables where the first search begins; the problem's own start by default.
+    """
 
     restarts: int = 0
     uniqueness_starts: int = 0
     seed: int = 0
+    start: FloatArray | None = None
 
 
 def searched_minima(
@@ -81,9 +93,9 @@ def searched_minima(
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
-    start = np.array(problem.theta_start)
+    start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[Way] = ways or ((),)
-    spread = _SPREAD * parameter_sizes(problem, problem.physical(start)) / problem.slope(start)
+    spread = _SPREAD * problem.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
     points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + search.uniqueness_starts)]
     starts, drawn = [], 0
@@ -100,14 +112,14 @@ def searched_minima(
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
         for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
-            minima.append(_found(problem, task))
+            minima.append(_found(problem, method, task))
             good = fits(minima[-1][0])
             if good:
                 break
     used = max(0, len(minima) - len(chosen))
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][: search.uniqueness_starts])]
     found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
-    return minima + [_found(problem, task) for task in found]
+    return minima + [_found(problem, method, task) for task in found]
 
 
 def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Any:
@@ -123,11 +135,11 @@ def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, in
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, task: Any) -> tuple[Minimum, int]:
+def _found(problem: Problem, method: Method, task: Any) -> tuple[Minimum, int]:
     """What the task found; its failure counts when its turn comes, as if it had run then."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
-    return restored_minimum(problem, task), int(task["iterations"])
+    return restored_minimum(problem, method, task), int(task["iterations"])
 
 
 def staged(
@@ -142,18 +154,15 @@ def staged(
     """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
     iterations = 0
     for name, stage in stages:
-        minimum = minimize(stage, _STAGE, theta, named(progress, prefix + name))
+        minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
     return minimum, iterations + len(minimum.costs) - 1
 
 
-def named(progress: StageProgress | None, name: str) -> Callable[[int, float], None] | None:
+def named(progress: StageProgress | None, name: str) -> Progress | None:
     """`progress` of one stage."""
-    if progress is None:
-        return None
-    report = progress
-    return lambda iteration, cost: report(name, iteration, cost)
+    return None if progress is None else partial(progress, name)
 
 
 def distinct_answers(
@@ -192,5 +201,5 @@ def distinct_answers(
 def _distance(first: Minimum, second: Minimum) -> float:
     """Posterior standard deviations between two minima, by the linearization that sees more of them."""
     step = second.theta - first.theta
-    found = max(float(np.linalg.norm(m.linearization.jacobian @ step)) for m in (first, second))
+    found = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
     return found if np.isfinite(found) else np.inf

@@ -127,19 +127,15 @@ def stored_minimum(found: Minimum) -> dict[str, Any]:
         "theta": found.theta,
         "history": found.history,
         "costs": found.costs,
+        "inner": found.inner,
         "converged": found.converged,
         "message": found.message,
     }
 
 
-def restored_minimum(problem: Problem, stored: Mapping[str, Any]) -> Minimum:
+def restored_minimum(problem: Problem, method: Method, stored: Mapping[str, Any]) -> Minimum:
     """The minimum that `stored_minimum` gave, linearized again."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
-    return Minimum(
-        theta,
-        problem.linearize(theta),
-        np.asarray(stored["history"]),
-        np.asarray(stored["costs"]),
-        bool(stored["converged"]),
-        str(stored["message"]),
-    )
+    history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
+    at = method.at(problem, theta).at
+    return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]))

@@ -1,35 +1,49 @@
-"""Frequency response functions as a least-squares problem, in several forms of the residual."""
+"""Frequency response functions as a least-squares problem, in several forms of the residual, with easier forms of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal
+from functools import cached_property, partial
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import linalg, sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
+from structid.arrays import ComplexArray, FloatArray, IntArray, locked, stack_real
 from structid.errors import InputError
-from structid.estimation.problem import Linearization
-from structid.estimation.search.free_linearization import FreeLinearization
+from structid.estimation.linearization import Linearization, OperatorLinearization
+from structid.estimation.problem import Way
 from structid.observation.channel_errors import ChannelErrors
-from structid.observation.frf.continuation import continuation_plan, nearer, thinned_problem
-from structid.observation.frf.products import STORED_BYTES, Whitening, free_response
+from structid.observation.frf.continuation import (
+    START_ERROR,
+    is_noisy,
+    smoothed_records,
+    start_deviation,
+    thinned_lines,
+)
+from structid.observation.frf.forms import Form, WhitenedFrf
+from structid.observation.frf.observed import ObservedFrf
+from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Response, response
-from structid.observation.frf.window_decay import laplace_slope, moved
+from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import NamedUnknowns, joined
 
+#: Standard deviations of the starts, and errors of the values, of two ways by the pole-free residual.
 _PLANS = ((0.3, (0.5,)), (0.25, (3.0, 1.0, 0.3, 0.1)))
+#: What a start is expected to be off by where lines are added from the lowest on, and the error of each value meanwhile.
+LINES_START_ERROR, LINES_ERROR = 0.3, 0.1
+_MOST_STAGES, _MOST_LINES = 12, 60
+#: A part of the data is worth it where it is smaller by this factor.
+_WORTH_THINNING = 10
 
-Form = Literal["output", "log", "pole_free", "equation"]
+FrfStages = tuple[tuple[str, "FrfProblem"], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class FrfProblem:
+class FrfProblem(RecordProblem):
     """Parameters of a structure from measured FRFs.
 
     Forms of the residual between model h and measurement m, whose noise has standard deviation s:
@@ -54,9 +68,6 @@ class FrfProblem:
         Whether friction slides with measured amplitudes, for poor starts; see `Friction`.
     channels : ChannelErrors, optional
         Errors of the record's channels; their parameters follow those of the structure.
-    start_prior : ((n_params,) array, (n_params,) array), optional
-        Gaussian prior on the free variables besides the parameters' own: mean and standard deviation. It holds what
-        the data of an easier form of the problem do not say; see `continuation_plan`.
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
         first, which carries far. None begins with ways for a start that is near.
@@ -75,7 +86,6 @@ class FrfProblem:
     model_error: float = 0.0
     measured_sliding: bool = False
     channels: ChannelErrors | None = None
-    start_prior: tuple[FloatArray, FloatArray] | None = None
     start_error: float | None = None
     factorizer: str | None = None
     reduced: float | None = None
@@ -86,8 +96,9 @@ class FrfProblem:
                 "the record has no noise level; declare `noise` (relative or absolute), give coherence and averages,"
                 " or give `model_error`"
             )
-        if self.form != "equation" and not (self._deviation > 0).all():
-            line, output, _ = np.argwhere(self._deviation <= 0)[0]
+        deviation = self._whitened.deviation
+        if self.form != "equation" and not (deviation > 0).all():
+            line, output, _ = np.argwhere(deviation <= 0)[0]
             raise InputError(
                 f"noise of {self.record.outputs[output]} is 0 at {self.record.frequency[line]:g} Hz;"
                 " declare an absolute noise or a model error, so that every line has a finite weight"
@@ -100,185 +111,129 @@ class FrfProblem:
     def _require_sound_channels(self, channels: ChannelErrors) -> None:
         if self.form == "equation":
             raise InputError("form 'equation' takes no errors of channels; use form 'output'")
-        if channels.decay(channels.start) is None:
-            return
-        if any(isinstance(element, Friction) for element in self.structure.elements):
+        if channels.decay(channels.start) is not None and self._has_friction:
             raise InputError("a window's decay as a parameter needs a structure without friction; give its known value")
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.parameters.names + (self.channels.names if self.channels else ())
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.parameters.kinds + (self.channels.kinds if self.channels else ())
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.parameters.units + (self.channels.units if self.channels else ())
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return _joined(self.parameters.theta_start, self.channels.theta_start if self.channels else None)
-
-    @property
-    def start(self) -> FloatArray:
-        """Initial physical values, (n_params,)."""
-        return _joined(self.parameters.start, self.channels.start if self.channels else None)
-
-    @property
-    def prior_mean(self) -> FloatArray:
-        """Mean of each parameter's own prior, NaN where it has none, (n_params,)."""
-        return _joined(self.parameters.prior_mean, self.channels.prior_mean if self.channels else None)
-
-    @property
-    def prior_std(self) -> FloatArray:
-        """Standard deviation of each parameter's own prior, NaN where it has none, (n_params,)."""
-        return _joined(self.parameters.prior_std, self.channels.prior_std if self.channels else None)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each parameter is held against: its value, for a delay at least its scale."""
-        n = self.parameters.n_params
-        return _joined(np.abs(physical[:n]), self.channels.sizes(physical[n:]) if self.channels else None)
-
-    @property
-    def n_data(self) -> int:
-        return 2 * self.record.values.size
+    def _has_friction(self) -> bool:
+        return any(isinstance(element, Friction) for element in self.structure.elements)
 
     @cached_property
-    def lines(self) -> IntArray:
-        """Frequency index of each data row."""
-        index = np.broadcast_to(np.arange(len(self.record.frequency))[:, None, None], self.record.values.shape)
-        return np.concatenate([index.ravel(), index.ravel()])
+    def unknowns(self) -> NamedUnknowns:
+        """Parameters of the structure, then those of the record's channels."""
+        return self.parameters if self.channels is None else joined(self.parameters, self.channels)
 
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row: 2 (output n_inputs + input), plus 1 for imaginary parts."""
-        n_lines, n_outputs, n_inputs = self.record.values.shape
-        index = np.tile(2 * np.arange(n_outputs * n_inputs), n_lines)
-        return np.concatenate([index, index + 1])
+    @property
+    def parts(self) -> tuple[NamedUnknowns, ...]:
+        return (self.parameters,) if self.channels is None else (self.parameters, self.channels)
 
-    @cached_property
-    def model(self) -> Response:
-        """The structure's response at the record's lines, sensors and loads."""
-        return response(
-            self.structure, self.parameters, self.record, self.measured_sliding, self.factorizer, self.reduced
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> FrfProblem:
+        parameters, *channels = parts
+        return replace(
+            self,
+            parameters=cast(Parameters, parameters),
+            channels=cast(ChannelErrors, channels[0]) if channels else None,
         )
 
-    def stage_plans(self) -> tuple[tuple[tuple[str, FrfProblem], ...], ...]:
-        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
-
-        Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
-        where it is until the rest has settled. The short way takes errors of half of each value, which follows a
-        start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
-        surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
-        right half-plane, which carries furthest and comes first where `start_error` is given; see `continuation_plan`.
-        """
-        near = tuple(self._plan(std, errors) for std, errors in _PLANS)
-        if self.start_error is None:
-            far = continuation_plan(self)
-            return (*near, far) if far else near
-        far = continuation_plan(self, self.start_error)
-        return (far, nearer(far), *near) if far else near
-
-    def thinned(self) -> FrfProblem | None:
-        """The problem on about 2000 lines, closer together at low frequencies; None with less than ten times as many."""
-        return thinned_problem(self)
-
-    def _plan(self, std: float, errors: tuple[float, ...]) -> tuple[tuple[str, FrfProblem], ...]:
-        near = replace(self, form="pole_free", parameters=self.parameters.kept_near_start(std), measured_sliding=True)
-        if self.channels is not None:
-            near = replace(near, channels=self.channels.kept_near_start(std))
-        first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
-        if not any(isinstance(e, Friction) and e.measured_by for e in self.structure.elements):
-            return first
-        return *first, ("measured sliding", replace(self, measured_sliding=True))
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        own, rest = self._split(theta)
-        return _joined(
-            self.parameters.transforms.physical(own),
-            self.channels.transforms.physical(rest) if self.channels else None,
-        )
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        own, rest = self._split(theta)
-        return _joined(
-            self.parameters.transforms.slope(own), self.channels.transforms.slope(rest) if self.channels else None
-        )
-
-    def _split(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Those of the structure, and those of the channels."""
-        return values[: self.parameters.n_params], values[self.parameters.n_params :]
-
-    def predicted(self, theta: FloatArray) -> ComplexArray:
-        """The model's FRF in the record's kind, errors of channels included, (n_frequencies, n_outputs, n_inputs)."""
-        own, rest = self._split(self.physical(theta))
-        if self.channels is None:
-            return self.model.values_at(own)
-        model, laplace = self._moved(rest)
-        return model.values_at(own) * self.channels.factor(rest, laplace)
-
-    def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
-        """The same for the lines of `record`, which has the same channels, with physical parameters."""
-        own, rest = self._split(physical)
-        if self.channels is None and record is self.record and not self.measured_sliding:
-            return self.model.values_at(own)
-        if self.channels is None:
-            again = response(self.structure, self.parameters, record, False, self.factorizer, self.reduced)
-            return again.values_at(own)
-        decay = self.channels.decay(rest)
-        there = record if decay is None else replace(record, decay=record.laplace.real + decay)
-        model = response(self.structure, self.parameters, there)
-        return model.values_at(own) * self.channels.factor(rest, there.laplace)
+    @property
+    def polarities(self) -> FloatArray:
+        return locked(np.zeros(0)) if self.channels is None else self.channels.polarities
 
     def decided(self, theta: FloatArray) -> FrfProblem:
-        """The same problem with the polarities that the model at `theta` asks for."""
         if self.channels is None or not self.channels.polarity_names:
             return self
         return replace(self, channels=self.channels.decided(self.record.values, self.predicted(theta)))
 
-    def _moved(self, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """The response and its Laplace variables, moved by the window's decay where that is a parameter."""
-        decay = self.channels.decay(rest) if self.channels else None
-        if decay is None:
-            return self.model, self.record.laplace
-        laplace = self.record.laplace + decay
-        return moved(self.model, laplace, self.record.kind), laplace
-
-    def _derivatives(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The model's FRF and its derivative with respect to the physical parameters."""
-        own, rest = self._split(self.physical(theta))
+    def with_polarities(self, signs: Sequence[float]) -> FrfProblem:
         if self.channels is None:
-            return self.model.derivatives_at(own)
-        model, laplace = self._moved(rest)
-        values, derivative = model.derivatives_at(own)
-        change = self.channels.log_slopes(rest, laplace) * values[..., None]
-        for row in self.channels.rows("window_decay"):
-            steep = laplace_slope(model, own, values, laplace, self.record.kind)
-            change[..., row] = steep - self.channels.lateness(rest) * values
-        factor = self.channels.factor(rest, laplace)[..., None]
-        return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
+            return self
+        return replace(self, channels=replace(self.channels, polarities=locked(signs, float)))
+
+    @property
+    def frequency(self) -> FloatArray:
+        return self.record.frequency
+
+    @property
+    def line_spacing(self) -> FloatArray:
+        gaps = np.diff(self.frequency)
+        return np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf)
+
+    @property
+    def n_channels(self) -> int:
+        return int(np.prod(self.record.values.shape[1:]))
+
+    @property
+    def is_large(self) -> bool:
+        return self.model.is_large
+
+    def with_lines(self, keep: IntArray) -> FrfProblem:
+        return replace(self, record=self.record.lines(keep))
+
+    @property
+    def sources(self) -> tuple[object, ...]:
+        return self.structure, self.record
+
+    @cached_property
+    def rows(self) -> DataRows:
+        """Of each sensor, with its load where there are several."""
+        loads = [f"/{load}" if len(self.record.inputs) > 1 else "" for load in self.record.inputs]
+        return complex_rows(
+            len(self.frequency), [f"{output}{load}" for output in self.record.outputs for load in loads]
+        )
+
+    @cached_property
+    def model(self) -> Response:
+        """The structure's response at the record's lines, sensors and loads."""
+        return self._response(self.record, self.measured_sliding)
+
+    def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
+        return response(self.structure, self.parameters, record, measured_sliding, self.factorizer, self.reduced)
+
+    @cached_property
+    def _observed(self) -> ObservedFrf:
+        return ObservedFrf(self.model, self.channels, self.record)
+
+    @cached_property
+    def _whitened(self) -> WhitenedFrf:
+        variance = 0.5 * (self.model_error * np.abs(self.record.values)) ** 2
+        if self.record.variance is not None:
+            variance = variance + 0.5 * self.record.variance
+        return WhitenedFrf(self.form, self.record.values, np.sqrt(variance))
+
+    def predicted(self, theta: FloatArray) -> ComplexArray:
+        """The model's FRF in the record's kind, errors of channels included, (n_frequencies, n_outputs, n_inputs)."""
+        return self._observed.values(self.physical(theta))
+
+    def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
+        """The same for the lines of `record`, which has the same channels, with physical parameters."""
+        if record is self.record and not self.measured_sliding:
+            return self._observed.values(physical)
+        return ObservedFrf(self._response(record, False), self.channels, record).values(physical)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         if self.form == "equation":
             return self.linearize(theta).residual
-        data, _ = self._whitened(self.predicted(theta), None)
-        return np.concatenate([stack_real(data.ravel()), self._prior_residual(theta)])
+        data, _ = self._whitened.residual(self.predicted(theta))
+        return self._residual(theta, stack_real(data.ravel()))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        slope = self.slope(theta)
-        predicted, derivative = self._derivatives(theta)
-        derivative = derivative * slope
+        predicted, derivative = self._observed.derivatives(self.physical(theta))
+        derivative = derivative * self.slope(theta)
         if self.form == "equation":
             data, change = self._equation(theta, predicted, derivative)
         else:
-            data, change = self._whitened(predicted, derivative)
-        prior, prior_slope = self._prior(theta)
-        jacobian = np.concatenate([stack_real(change.reshape(-1, len(theta))), prior_slope])
-        return Linearization(np.concatenate([stack_real(data.ravel()), prior]), jacobian)
+            data, change = self._whitened.residual(predicted, derivative)
+        return self._linearized(theta, stack_real(data.ravel()), stack_real(change.reshape(-1, len(theta))))
 
-    def linearize_free(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> FreeLinearization:
+    @property
+    def matrix_free_obstacle(self) -> str:
+        if self.channels is not None:
+            return "takes no errors of channels"
+        if self.form == "equation":
+            return "takes no residual of form 'equation'"
+        return "takes no dry friction" if self._has_friction else ""
+
+    def linearize_operator(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> OperatorLinearization:
         """The residual and products with its derivative, which is not formed, for very many parameters.
 
         Parameters
@@ -290,18 +245,15 @@ class FrfProblem:
         Raises
         ------
         InputError
-            With errors of channels, the form ``equation`` or friction that slides with the model's own amplitude.
+            Where there is a `matrix_free_obstacle`.
         """
-        if self.channels is not None or self.form == "equation" or self.start_prior is not None:
-            raise InputError(
-                "a search without a Jacobian takes neither errors of channels nor form 'equation' nor a prior of the"
-                " start; leave them out, or have fewer parameters"
-            )
+        if self.matrix_free_obstacle:
+            return super().linearize_operator(theta)
         physical, slope = self.physical(theta), self.slope(theta)
-        at = free_response(self.model, physical, self._whitening, stored_bytes)
-        residual, prior = self.sparse_prior(theta)
-        data, _ = self._whitened(at.values, None)
-        return FreeLinearization(
+        at = response_products(self.model, physical, self._whitened.whitening, stored_bytes)
+        residual, prior = self.prior_rows(theta)
+        data, _ = self._whitened.residual(at.values)
+        return OperatorLinearization(
             residual=np.concatenate([stack_real(data.ravel()), residual]),
             forward=lambda v: at.forward(slope * v),
             adjoint=lambda u: slope * at.adjoint(u),
@@ -310,46 +262,6 @@ class FrfProblem:
             words=at.words,
             jacobian=None if at.jacobian is None else at.jacobian * slope,
         )
-
-    def sparse_prior(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Residual (n_rows,) of the priors and its derivative, sparse (n_rows, n_params)."""
-        if self.channels is not None or self.start_prior is not None:
-            residual, dense = self._prior(theta)
-            return residual, sparse.csr_array(dense)
-        residual, rows = self.parameters.sparse_prior_rows(self.physical(theta))
-        return residual, sparse.csr_array(rows @ sparse.diags_array(self.slope(theta)))
-
-    def _whitening(self, h: ComplexArray, lines: slice) -> Whitening:
-        """How the whitened residual at some lines changes with the response h there."""
-        m, s = self.record.values[lines], self._deviation[lines]
-        if self.form == "output":
-            return Whitening((1 / s).astype(np.complex128), np.zeros_like(h))
-        relative = s / np.abs(m)
-        if self.form == "log":
-            return Whitening(1 / (h * relative), np.zeros_like(h))
-        size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
-        turn = (h - m) / (4 * size**3 * relative)
-        return Whitening(1 / (size * relative) - turn * np.conj(h), -turn * h)
-
-    @cached_property
-    def _deviation(self) -> FloatArray:
-        """Standard deviation of the real (and of the imaginary) part of every value."""
-        variance = 0.5 * (self.model_error * np.abs(self.record.values)) ** 2
-        return np.sqrt(variance if self.record.variance is None else variance + 0.5 * self.record.variance)
-
-    def _whitened(self, h: ComplexArray, dh: ComplexArray | None) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Complex residual and its derivative; `dh` None where only the residual is wanted."""
-        m, s = self.record.values, self._deviation
-        change = np.zeros((*h.shape, 0), dtype=np.complex128) if dh is None else dh
-        if self.form == "output":
-            return (h - m) / s, change / s[..., None]
-        relative = s / np.abs(m)
-        if self.form == "log":
-            return np.log(h / m) / relative, change / (h * relative)[..., None]
-        size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
-        growth = (np.conj(h)[..., None] * change).real / (2 * size**2)[..., None]
-        data = (h - m) / size
-        return data / relative, (change / size[..., None] - data[..., None] * growth) / relative[..., None]
 
     def _equation(self, theta: FloatArray, h: ComplexArray, dh: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
@@ -361,27 +273,130 @@ class FrfProblem:
         change = np.linalg.solve(factor, flat).reshape(dh.shape)
         return data, change
 
-    def _prior_residual(self, theta: FloatArray) -> FloatArray:
-        """The residual of `_prior` alone."""
-        if self.channels is not None or self.start_prior is not None:
-            return self._prior(theta)[0]
-        return self.parameters.prior_residual(self.physical(theta))
+    def stage_plans(self) -> tuple[FrfStages, ...]:
+        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
 
-    def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows of the priors and their derivative with respect to the free variables."""
-        own, rest = self._split(self.physical(theta))
-        residual, jacobian = self.parameters.prior_rows(own)
-        if self.channels is not None:
-            more, slopes = self.channels.prior_rows(rest)
-            residual, jacobian = np.concatenate([residual, more]), linalg.block_diag(jacobian, slopes)
-        jacobian = jacobian * self.slope(theta)
-        if self.start_prior is None:
-            return residual, jacobian
-        mean, std = self.start_prior
-        rows = np.flatnonzero(np.isfinite(std))
-        held = ((theta - mean) / std)[rows]
-        return np.concatenate([residual, held]), np.concatenate([jacobian, np.diag(1 / std)[rows]])
+        Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
+        where it is until the rest has settled. The short way takes errors of half of each value, which follows a
+        start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
+        surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
+        right half-plane, which carries furthest and comes first where `start_error` is given; see `continuation_plan`.
+        """
+        near = tuple(_pole_free_plan(self, std, errors) for std, errors in _PLANS)
+        if self.start_error is None:
+            far = continuation_plan(self)
+            return (*near, far) if far else near
+        far = continuation_plan(self, self.start_error)
+        return (far, nearer(far), *near) if far else near
+
+    def ways(self) -> Sequence[Way]:
+        """`stage_plans`, and with up to 60 lines first of all `frequency_continuation`.
+
+        With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
+        """
+        plans = self.stage_plans()
+        return (partial(frequency_continuation, self), *plans) if 1 < len(self.frequency) <= _MOST_LINES else plans
+
+    def thinned(self) -> FrfProblem | None:
+        """The problem on about 2000 of its lines, closer together at low frequencies; None with less than ten times as many.
+
+        Fewer lines say less: what noisy lines determine only together may be lost, so that the search takes all of
+        them where their number allows.
+        """
+        keep = thinned_lines(self.record.omega)
+        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
 
-def _joined(first: FloatArray, second: FloatArray | None) -> FloatArray:
-    return first if second is None else np.concatenate([first, second])
+def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfStages:
+    """Stages with falling errors of the values, every parameter drawn to its start by so much of its size."""
+    held = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
+    near = replace(held, form="pole_free", measured_sliding=True)
+    first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
+    if not any(isinstance(e, Friction) and e.measured_by for e in problem.structure.elements):
+        return first
+    return *first, ("measured sliding", replace(problem, measured_sliding=True))
+
+
+def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> FrfStages:
+    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few.
+
+    At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
+    to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
+    smoothing leaves; the last one the FRF itself, with the start still held, by the pole-free residual or, where noise
+    is more than a fifth of most values, by the plain one.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+        Its `theta_start` is the centre of the prior that holds what the smooth data do not say.
+    start_error : float
+        Standard deviation of that prior, in the logarithm; for damping at least 1.
+
+    References
+    ----------
+    Shin and Cha (2009), Geophysical Journal International 177, 1067-1079.
+    """
+    decay = problem.record.decay
+    if problem.form == "equation" or (decay is not None and np.ptp(decay) > 0):
+        return ()
+    smooth = smoothed_records(problem.record)
+    if not smooth:
+        return ()
+    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
+    held = replace(held, measured_sliding=True)
+    stages = [
+        (f"decay {level:g} omega", replace(held, form="log", model_error=0.0, record=record))
+        for level, record in smooth
+    ]
+    near = replace(held, form="output") if is_noisy(problem.record) else replace(held, form="pole_free")
+    return *stages, ("held on the axis", near.thinned() or near)
+
+
+def nearer(plan: FrfStages, ratio: float = 0.5) -> FrfStages:
+    """The same stages with the start expected to be closer: its error smaller by `ratio`."""
+    held = [(name, stage, stage.unknowns.held) for name, stage in plan]
+    return tuple((name, stage if p is None else stage.held(p[0], ratio * p[1])) for name, stage, p in held)
+
+
+def frequency_continuation(
+    problem: FrfProblem,
+    centre: FloatArray | None = None,
+    start_error: float = LINES_START_ERROR,
+    stage_error: float = LINES_ERROR,
+) -> FrfStages:
+    """Stages with more and more lines from the lowest on, then all of them by the pole-free residual alone.
+
+    Below the first resonance an FRF changes smoothly with every parameter; with each line added the model is close
+    enough for the next resonance. What few lines do not say is held by a Gaussian prior at the start, which the last
+    stage goes without. Undamped and noise-free records are followed to their exact answer.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+        In any form but ``equation``, which gives no stages.
+    centre : (n_params,) float array, optional
+        Free variables that the prior draws to; the problem's start by default.
+    start_error : float
+        Standard deviation of the prior, in the logarithm; for damping at least 1.
+    stage_error : float
+        Error of each value while lines are added, as a part of its magnitude.
+
+    Returns
+    -------
+    tuple of (name, FrfProblem)
+        At most thirteen stages, for `estimate`.
+    """
+    if problem.form == "equation" or (problem.record.values == 0).any():
+        return ()
+    order = np.argsort(problem.record.frequency, kind="stable")
+    n_lines = len(order)
+    counts = np.unique(np.ceil(np.linspace(0, n_lines, min(n_lines, _MOST_STAGES) + 1)[1:]).astype(int))
+    centre = problem.theta_start if centre is None else centre
+    held = problem.held(centre, start_deviation(problem.unknowns, start_error))
+    error = max(stage_error, problem.model_error)
+    held = replace(held, form="pole_free", model_error=error, measured_sliding=True)
+    stages = []
+    for count in counts:
+        used = held.record.lines(np.sort(order[:count]))
+        stages.append((f"pole-free, up to {used.frequency.max():g} Hz", replace(held, record=used)))
+    return *stages, ("pole-free", replace(problem, form="pole_free"))

@@ -102,7 +102,7 @@ class FieldJacobian:
 
 
 @dataclass(frozen=True, eq=False)
-class FreeResponse:
+class ResponseProducts:
     """An FRF and products with the Jacobian of its whitened residual, physical parameters.
 
     Attributes
@@ -125,13 +125,13 @@ class FreeResponse:
     jacobian: FloatArray | None = None
 
 
-def free_response(
+def response_products(
     model: Response,
     physical: FloatArray,
     whitening: Callable[[ComplexArray, slice], Whitening],
     stored_bytes: float = STORED_BYTES,
-) -> FreeResponse:
-    """The `FreeResponse` of a model at `physical`: one factorization a line.
+) -> ResponseProducts:
+    """The `ResponseProducts` of a model at `physical`: one factorization a line.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def free_response(
     """
     if model.contacts:
         raise InputError(
-            "a search without a Jacobian needs a structure without sliding friction; give `measured_sliding`,"
+            "a matrix-free search needs a structure without sliding friction; give `measured_sliding`,"
             " or fewer parameters"
         )
     shape = (len(model.frequency), model.channels.n_outputs, len(model.channels.inputs[0]))
@@ -175,7 +175,7 @@ def free_response(
     if stored is not None:
         matrix = stored.reshape(-1, n_params)
         words = f"the Jacobian of the data, {size / 1e6:.0f} MB, is stored"
-        return FreeResponse(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words, matrix)
+        return ResponseProducts(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words, matrix)
     parts, _ = model.slopes.parts_at(physical, model.fixed_coefficients)
     jacobian = FieldJacobian(model, parts, factors, x.reshape(n_dofs, -1), y)
     white = whitening(values, slice(None))
@@ -190,4 +190,4 @@ def free_response(
         real, imaginary = np.split(u, 2)
         return jacobian.adjoint(white.functional((real + 1j * imaginary).reshape(shape)))
 
-    return FreeResponse(values, forward, adjoint, squares, words)
+    return ResponseProducts(values, forward, adjoint, squares, words)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.arrays import FloatArray, locked
-from structid.estimation import Direction, Estimate, Identifiability, Status
+from structid.estimation import DenseCovariance, Direction, Estimate, Identifiability, Status
 from structid.estimation.diagnostics.identifiability import identifiability
 from structid.observation.motion.equations import TimeEquations
 from structid.regression.block_least_squares import BlockFit
@@ -44,14 +44,15 @@ def motion_estimate(
         units=unknown.units,
         initial=unknown.start,
         values=found.values,
-        covariance_noise=found.covariance,
-        covariance_model_error=locked(none),
+        noise=DenseCovariance(found.covariance),
+        model_error=DenseCovariance(none),
         covariance_basis="noise",
         identified=locked(identified),
         status=Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE,
         message="; ".join(_words(equations, found, n_samples, bias)),
         identifiability=_identifiability(equations, found),
         chi_square=float("nan"),
+        n_data=equations.n_dofs * n_samples,
         degrees_of_freedom=found.degrees_of_freedom,
         residual_correlation=float("nan"),
         n_iterations=1,

@@ -9,24 +9,23 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, IntArray, locked
-from structid.estimation import Estimate, Linearization, Status
+from structid.estimation import DenseCovariance, Estimate, Linearization, Status
 from structid.estimation.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.estimation.diagnostics.identifiability import identifiability
 from structid.observation.motion.equations import TimeEquations
+from structid.observation.record_problem import ParameterProblem
 from structid.unknowns import Parameters
 
 _UNSOUND = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedRows:
-    """Equations linear in the parameters, with rows of unit variance, and instruments for them.
-
-    It has the attributes of a `Problem` that the covariance from residuals needs.
+class WhitenedRows(ParameterProblem):
+    """Equations linear in the parameters, with rows of unit variance, and instruments for them; no variable is transformed.
 
     Attributes
     ----------
-    unknown : Parameters
+    parameters : Parameters
     regressors : (n_rows, n_params) float array
     right : (n_rows,) float array
     instruments : (n_rows, n_params) float array
@@ -35,7 +34,7 @@ class WhitenedRows:
         Instant (or window), and twice the degree of freedom, of each row.
     """
 
-    unknown: Parameters
+    parameters: Parameters
     regressors: FloatArray
     right: FloatArray
     instruments: FloatArray
@@ -43,20 +42,14 @@ class WhitenedRows:
     series: IntArray
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.unknown.names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.unknown.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.unknown.units
-
-    @property
     def theta_start(self) -> FloatArray:
-        return self.unknown.start
+        return self.parameters.start
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        return theta
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        return np.ones(len(theta))
 
     @property
     def n_data(self) -> int:
@@ -67,12 +60,6 @@ class WhitenedRows:
 
     def linearize(self, theta: FloatArray) -> Linearization:
         return Linearization(self.residual(theta), self.instruments)
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return theta
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return np.ones(len(theta))
 
     @cached_property
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
@@ -134,7 +121,7 @@ def linear_estimate(
     `values` None stands for none found; `known_noise` False for rows whose unit
     variance is that of their own residual, so that chi-square says nothing.
     """
-    unknown = rows.unknown
+    unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None
     found = np.full(n_params, np.nan) if values is None else values
     residual = rows.residual(found) if determined else np.full(rows.n_data, np.nan)
@@ -158,8 +145,8 @@ def linear_estimate(
         units=unknown.units,
         initial=locked(unknown.start),
         values=locked(found),
-        covariance_noise=locked(noise),
-        covariance_model_error=locked(model),
+        noise=DenseCovariance(noise),
+        model_error=DenseCovariance(model),
         covariance_basis=basis,
         identified=locked(identified),
         status=status,
@@ -167,6 +154,7 @@ def linear_estimate(
         identifiability=identifiability(
             rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
         ),
+        n_data=rows.n_data,
         chi_square=chi_square if known_noise else float("nan"),
         degrees_of_freedom=freedom,
         residual_correlation=correlation_length(residual, rows.lines, rows.series) if determined else float("nan"),

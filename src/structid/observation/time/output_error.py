@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray, require_shape
 from structid.errors import InputError
-from structid.estimation.problem import Linearization
+from structid.estimation.linearization import Linearization
+from structid.observation.record_problem import DataRows, RecordProblem
 from structid.observation.time.model import TimeModel
 from structid.observation.time.options import Oscillation
+from structid.structure import Structure
 from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import NamedUnknowns
 
 _MOST_FORCE_SAMPLES = 1000
 _SEEN = 1e-10
@@ -37,7 +42,7 @@ class Incidental:
 
 
 @dataclass(frozen=True, eq=False)
-class OutputErrorProblem:
+class OutputErrorProblem(RecordProblem):
     """Parameters of a structure from what its sensors read over time; maximum likelihood for Gaussian noise.
 
     The amplitudes of a noisy oscillation, the errors of noisy force samples and an unknown state at the start enter
@@ -68,8 +73,12 @@ class OutputErrorProblem:
     force: FloatArray
     force_deviation: FloatArray
     free_start: bool = False
+    structure: Structure = field(init=False)
+    parameters: Parameters = field(init=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "structure", self.model.structure)
+        object.__setattr__(self, "parameters", self.model.unknown)
         n_times, n_loads = len(self.measured), len(self.model.loads)
         require_shape("measured", self.measured, (None, len(self.model.sensors)), "one column a sensor")
         require_shape("deviation", self.deviation, (len(self.model.sensors),), "one value a sensor")
@@ -84,60 +93,41 @@ class OutputErrorProblem:
                 " variance 0 where its noise matters little"
             )
 
-    @property
-    def unknown(self) -> Parameters:
-        return self.model.unknown
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
+        return replace(self, model=replace(self.model, unknown=cast(Parameters, parts[0])))
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.unknown.names
+    def frequency(self) -> FloatArray:
+        """Multiples of one over the record's duration, up to half the sampling rate."""
+        return np.fft.rfftfreq(self.n_times, self.model.step)[1:]
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.unknown.kinds
+    def line_spacing(self) -> FloatArray:
+        return np.full(len(self.frequency), 1 / (self.n_times * self.model.step))
 
     @property
-    def units(self) -> tuple[str, ...]:
-        return self.unknown.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.unknown.theta_start
+    def n_channels(self) -> int:
+        return len(self.deviation)
 
     @property
     def n_times(self) -> int:
         return len(self.measured)
 
-    @property
-    def n_data(self) -> int:
-        return self.measured.size + self.n_times * len(self.noisy_loads)
-
     @cached_property
-    def lines(self) -> IntArray:
-        """Sample of each data row: readings first, then noisy force samples."""
-        index = np.arange(self.n_times)
-        return np.concatenate([np.repeat(index, len(self.deviation)), np.repeat(index, len(self.noisy_loads))])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Twice the channel of each data row: sensors, and then noisy loads."""
+    def rows(self) -> DataRows:
+        """Readings of each sensor at each sample, then samples of each noisy load."""
         n_times, n_sensors = self.measured.shape
-        forces = n_sensors + np.arange(len(self.noisy_loads))
-        return 2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)])
+        index, forces = np.arange(n_times), n_sensors + np.arange(len(self.noisy_loads))
+        loads = (f"force at {self.model.loads[i]}" for i in self.noisy_loads)
+        return DataRows(
+            np.concatenate([np.repeat(index, n_sensors), np.repeat(index, len(forces))]),
+            2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)]),
+            (*map(str, self.model.sensors), *loads),
+        )
 
     def first(self, n_times: int) -> OutputErrorProblem:
         """The problem of the first samples only."""
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
-
-    def with_parameters(self, unknown: Parameters) -> OutputErrorProblem:
-        """The same data with other starts or priors of the parameters."""
-        return replace(self, model=replace(self.model, unknown=unknown))
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self.unknown.transforms.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self.unknown.transforms.slope(theta)
 
     @property
     def oscillates(self) -> bool:
@@ -195,18 +185,16 @@ class OutputErrorProblem:
         values = self.physical(theta)
         at = self.incidental(values)
         data = self._data(self.model.readings(values, at.force, at.initial, self.n_times), at.force)
-        return np.concatenate([data, self.unknown.prior_rows(values)[0]])
+        return self._residual(theta, data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        values, slope = self.physical(theta), self.slope(theta)
+        values = self.physical(theta)
         at = self.incidental(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
         rows = np.zeros((self.n_data, len(values)))
         rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, len(values))
         rows -= at.basis @ (at.basis.T @ rows)
-        prior, prior_slope = self.unknown.prior_rows(values)
-        residual = np.concatenate([self._data(predicted, at.force), prior])
-        return Linearization(residual, np.concatenate([rows, prior_slope]) * slope, at.basis.shape[1])
+        return self._linearized(theta, self._data(predicted, at.force), rows * self.slope(theta), at.basis.shape[1])
 
     def _data(self, predicted: FloatArray, force: FloatArray) -> FloatArray:
         """Whitened errors of readings, and of noisy force samples, (n_data,)."""

@@ -11,7 +11,7 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation import Estimate, LevenbergMarquardt, Linearization
+from structid.estimation import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
 from structid.estimation.diagnostics.refusal import bound_at
 from structid.estimation.estimate import estimate
 from structid.estimation.search.multistart import named
@@ -105,7 +105,7 @@ def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
     """Numbers of samples, the last all of them."""
     n_times, n_sensors = problem.measured.shape
     n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
-    size = options.first_samples or max(2, -(-(problem.unknown.n_params + n_initial) // n_sensors))
+    size = options.first_samples or max(2, -(-(problem.parameters.n_params + n_initial) // n_sensors))
     sizes = []
     while size < n_times:
         sizes.append(size)
@@ -131,7 +131,7 @@ def _followed(
     for passed, size in enumerate(sizes):
         stage = problem.first(size)
         if size < problem.n_times:
-            begin = problem.unknown.started_at(problem.physical(theta))
+            begin = problem.parameters.started_at(problem.physical(theta))
             stage = stage.with_parameters(begin.kept_near_start(_HELD))
         minimum = tools.minimize(stage, method, theta, named(tools.progress, f"{size} samples"))
         spent += len(minimum.costs) - 1
@@ -142,10 +142,10 @@ def _followed(
     return len(sizes), excess, theta, spent
 
 
-def _misfit(problem: OutputErrorProblem, at: Linearization) -> tuple[float, float]:
+def _misfit(problem: OutputErrorProblem, at: Linearization | OperatorLinearization) -> tuple[float, float]:
     """Chi-square per degree of freedom, and the probability of a larger one."""
     data = at.residual[: problem.n_data]
-    freedom, chi_square = problem.n_data - at.jacobian.shape[1] - at.n_eliminated, float(data @ data)
+    freedom, chi_square = problem.n_data - at.n_params - at.n_eliminated, float(data @ data)
     if freedom <= 0:
         return 1.0, 1.0
     return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
+from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.dynamics.modes import modes
 from structid.errors import InputError
-from structid.estimation.problem import Linearization, Problem
+from structid.estimation.linearization import Linearization
+from structid.estimation.problem import Stages
 from structid.observation.frf.response import Response, response
+from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
-from structid.unknowns import NamedUnknowns, Parameters
+from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import NamedUnknowns
 
 #: Columns of the transients with singular values below this part of the largest count as dependent.
 _DEPENDENT = 1e-10
@@ -29,7 +34,7 @@ _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class SpectraProblem(NamedUnknowns):
+class SpectraProblem(RecordProblem):
     """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
 
     A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
@@ -53,6 +58,8 @@ class SpectraProblem(NamedUnknowns):
     order : int
         Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
         the modes above the band, and the alias of the jump between the end and the start of the record.
+    record : TimeRecord, optional
+        What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
 
     Raises
     ------
@@ -71,6 +78,7 @@ class SpectraProblem(NamedUnknowns):
     spectra: FiniteSpectra
     transient: bool = True
     order: int = 4
+    record: TimeRecord | None = None
 
     def __post_init__(self) -> None:
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
@@ -80,21 +88,33 @@ class SpectraProblem(NamedUnknowns):
                 " use FRFs of a stepped sine"
             )
 
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> SpectraProblem:
+        return replace(self, parameters=cast(Parameters, parts[0]))
+
     @property
-    def n_data(self) -> int:
-        return 2 * self.spectra.motion.size
+    def sources(self) -> tuple[object, ...]:
+        return (self.structure,) if self.record is None else (self.structure, self.record)
+
+    @property
+    def frequency(self) -> FloatArray:
+        return self.spectra.frequency
+
+    @property
+    def line_spacing(self) -> FloatArray:
+        return np.full(len(self.frequency), 1 / self.spectra.duration)
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.spectra.outputs)
 
     @cached_property
-    def lines(self) -> IntArray:
-        """Frequency index of each data row."""
-        index = np.repeat(np.arange(len(self.spectra.frequency)), len(self.spectra.outputs))
-        return np.concatenate([index, index])
+    def rows(self) -> DataRows:
+        """Of each sensor."""
+        return complex_rows(len(self.frequency), [str(output) for output in self.spectra.outputs])
 
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row: 2 output, plus 1 for imaginary parts."""
-        index = np.tile(2 * np.arange(len(self.spectra.outputs)), len(self.spectra.frequency))
-        return np.concatenate([index, index + 1])
+    def stage_plans(self) -> Sequence[Stages]:
+        """Ways to the answer; see `damped_stages`."""
+        return () if self.record is None else damped_stages(self, self.record)
 
     @cached_property
     def model(self) -> Response:
@@ -181,18 +201,16 @@ class SpectraProblem(NamedUnknowns):
         stacked = stack_real(whitened.reshape(error.size, -1))
         basis, unknowns, scale = _orthonormal(stacked[:, 1:])
         data = stacked[:, 0] - basis @ (basis.T @ stacked[:, 0])
-        prior, prior_slope = self.parameters.prior_rows(physical)
-        rank = basis.shape[1]
-        residual = np.concatenate([data, prior])
         if not wanted:
-            return Linearization(residual, np.zeros((len(residual), 0)), rank)
+            residual = self._residual(theta, data)
+            return Linearization(residual, np.zeros((len(residual), 0)), basis.shape[1])
         coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
         drive = self._drive(h, noise, error + columns @ coefficients, coefficients)
         motion = (x @ drive[:, :, None])[:, :, :1]
         change = self.model.sensitivity_at(physical, motion, y)[:, :, 0] * self._powers[:, :, None]
         rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
         rows -= basis @ (basis.T @ rows)
-        return Linearization(residual, np.concatenate([rows, prior_slope]) * self.slope(theta), rank)
+        return self._linearized(theta, data, rows * self.slope(theta), basis.shape[1])
 
     def _drive(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray, given: FloatArray) -> ComplexArray:
         """The likeliest forces, u - cov(u) H' C^-1 e, and after them the amplitudes of the transient's forces."""
@@ -234,10 +252,10 @@ def spectra_problem(
     transient : bool
         Off for periodic records and for those that start and end at rest.
     """
-    return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient)
+    return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient, record=record)
 
 
-def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[tuple[tuple[str, Problem], ...], ...]:
+def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, ...]:
     """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
 
     Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient

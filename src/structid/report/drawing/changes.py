@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 from structid.report.text import exact, percent, with_unit

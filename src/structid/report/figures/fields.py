@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray
-from structid.identification.free_search import FreeIdentification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.changes import Change, Shading, round_limit, shading
 from structid.report.drawing.drawing import structure_picture
@@ -17,22 +18,23 @@ from structid.report.rendering import plot
 from structid.report.text import percent
 
 
-def field_figures(found: FreeIdentification) -> dict[str, plot.Figure]:
+def field_figures(found: Identification) -> dict[str, plot.Figure]:
     """By name, one for each property that has at least three different parameters over an element set."""
-    problem, estimate = found.fit.problem, found.estimate
-    unknown, records = problem.parameters, [fit.problem.record for fit in found.fits]
-    before, after = unknown.values(estimate.initial), unknown.values(estimate.values)
-    design, draws = unknown.design.tocsr(), estimate.physical_draws
+    estimate, unknown, own = found.estimate, found.parameters, found.own_index
+    records = [fit.problem.record for fit in found.fits]
+    before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])
+    design = unknown.design.tocsr()
     sensors = tuple(dict.fromkeys(dof for record in records for dof in record.outputs))
     loads = tuple(dict.fromkeys(dof for record in records for dof in record.inputs))
-    drawn = structure_picture(problem.structure, sensors, loads, is_field=True)
+    drawn = structure_picture(found.structure, sensors, loads, is_field=True)
     figures = {}
-    for item in problem.structure.properties:
+    for item in found.structure.properties:
         part = design[item.values.start : item.values.stop]
         if len(np.unique(part.indices)) < 3:
             continue
         size = np.where(np.diff(part.indptr) > 0, before[item.values], np.nan)
-        std = np.sqrt(((part @ draws.T) ** 2).mean(axis=1)) if len(draws) > 1 else np.full(len(size), np.nan)
+        wide = sparse.csr_array((part.data, own[part.indices], part.indptr), (part.shape[0], len(estimate.names)))
+        std = np.sqrt(estimate.uncertainty.variance(wide))
         change = after[item.values] / size - 1
         name = f"{item.term.property.replace('_', ' ')} of {item.element}"
         figures[name] = _field_figure(

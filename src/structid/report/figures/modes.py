@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.identification.identified import RecordFit
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification, RecordFit
 from structid.identification.modal_setup import ModalFit
 from structid.report.drawing import palette
 from structid.report.figures.parameters import NORMAL_95
@@ -51,7 +50,7 @@ def mode_rows(found: Identification | RecordFit) -> ModeRows:
 def band_used(fits: Sequence[RecordFit], modal_fits: Sequence[ModalFit] = ()) -> plot.Limits:
     """Lowest and highest line used, or measured mode, Hz."""
     used = [fit.problem.record.frequency for fit in fits]
-    used += [fit.problem.record.frequency[fit.problem.measured] for fit in modal_fits]
+    used += [fit.problem.data.frequency for fit in modal_fits]
     return min(float(lines.min()) for lines in used), max(float(lines.max()) for lines in used)
 
 
@@ -75,9 +74,9 @@ def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
 def modal_fit_figure(fit: ModalFit) -> plot.Figure:
     """Differences in frequency from what was measured, and MAC, before and after."""
     problem = fit.problem
-    number, measured = problem.measured + 1, problem.record.frequency[problem.measured]
+    number, measured = problem.data.measured + 1, problem.data.frequency
     before, after = (100 * (model.frequency / measured - 1) for model in (fit.initial, fit.fitted))
-    half = 100 * NORMAL_95 * problem.frequency_std / measured
+    half = 100 * NORMAL_95 * problem.data.frequency_std / measured
     x = _numbers(number, "measured mode")
     interval = plot.boxes(
         (number - 0.25, number + 0.25), (-half, half), palette.FAINT, "95 % interval of the measurement"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 from structid.report.text import with_std
@@ -27,10 +27,9 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     found = identification.estimate
     scale = np.where(found.initial != 0, found.initial, np.nan)
     ratio, std, sure = found.values / scale, found.std / np.abs(scale), found.identified
-    one_std, interval = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
-    if identification.intervals is not None:
-        ends = np.sort(identification.intervals.ends / scale[:, None], axis=1)
-        interval = np.where(np.isfinite(ends), ends, interval)
+    one_std, normal = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
+    given = np.sort(identification.intervals.ends / scale[:, None], axis=1)
+    interval = np.where(np.isfinite(given), given, normal)
     prior = (identification.prior_mean / scale)[:, None] + (identification.prior_std / np.abs(scale))[:, None] * _BOTH
     low, high, log = _ratio_limits(ratio, interval, prior, sure)
     shown, below, above = np.clip(ratio, low, high), ratio < low, ratio > high
@@ -40,10 +39,12 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     notes = ("" if initial else " (initial value 0)" for initial in found.initial)
     names = [name + note for name, note in zip(found.names, notes, strict=True)]
     texts = [f"{name}: {with_std(r, s)}" for name, r, s in zip(names, ratio, std, strict=True)]
-    place, given = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
+    place, has_prior = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
     rows, known = (place, place), ~wild
     traces: list[plot.Trace] = [
-        plot.boxes(prior[given].T, (place[given] - 0.36, place[given] + 0.36), palette.SKY, "prior ± 1 std", 0.35),
+        plot.boxes(
+            prior[has_prior].T, (place[has_prior] - 0.36, place[has_prior] + 0.36), palette.SKY, "prior ± 1 std", 0.35
+        ),
         plot.segments((1.0, 1.0), (-0.6, len(names) - 0.4), plot.Pen(palette.INITIAL, 1.6), "initial value"),
         plot.segments((low, high), (place[wild], place[wild]), plot.Pen(palette.MUTED, 1.4, "dash"), "not determined"),
     ]

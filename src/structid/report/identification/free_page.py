@@ -1,4 +1,4 @@
-"""The page of a search without a Jacobian: what changed where on the mesh, how sure that is, and how the record is met."""
+"""The page of a matrix-free search: what changed where on the mesh, how sure that is, and how the record is met."""
 
 from __future__ import annotations
 
@@ -10,36 +10,37 @@ from structid.estimation import Status
 from structid.report.figures.fields import field_figures
 from structid.report.figures.modes import band_used, mode_rows
 from structid.report.figures.responses import responses_figure
+from structid.report.identification.page import sorted_warnings
 from structid.report.identification.tables import mode_table
 from structid.report.page import Page
 from structid.report.tables import Table, provenance_facts
 from structid.report.text import NOTHING, counted, number, percent, with_std, with_unit
-from structid.study.results.free import largest_changes
-from structid.study.results.result import FreeResult
+from structid.study.results.changes import largest_changes, search_reason
+from structid.study.results.result import StudyResult
 
 _MOST_ROWS = 25
 _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard deviations")
 
 
-def free_page(result: FreeResult) -> Page:
+def free_page(result: StudyResult) -> Page:
     """The page and its figures."""
     found = result.identification
     estimate = found.estimate
     maps = field_figures(found)
     responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(found.fits, 1)}
-    rows = tuple(_row(result, i) for i in largest_changes(result, _MOST_ROWS))
+    rows = tuple(_row(result, i) for i in largest_changes(estimate, _MOST_ROWS))
     words = {
         "title": result.study.title,
         "status": estimate.status.value,
         "status_words": f"{estimate.status_words} ({estimate.message})",
         "is_good": estimate.status is Status.CONVERGED and estimate.covariance_basis == "noise",
-        "warnings": found.warnings,
+        "warnings": sorted_warnings(found)[0],
         "summary": _cards(result),
         "maps": [(f"map_{k}", name) for k, name in enumerate(maps, 1)],
         "changes": Table(_HEADER, rows, (1, 2, 3, 4)),
         "std_words": _std_words(result),
         "records": [(name, fit.name if len(responses) > 1 else "") for name, fit in responses.items()],
-        "modes": mode_table(mode_rows(found.fit), band_used(found.fits)),
+        "modes": mode_table(mode_rows(found.fits[0]), band_used(found.fits)),
         "provenance": provenance_facts(asdict(result.provenance)),
     }
     figures = {
@@ -49,7 +50,7 @@ def free_page(result: FreeResult) -> Page:
     return Page("report.html", "free.html.j2", figures, words)
 
 
-def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
+def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
     found = result.identification
     estimate = found.estimate
     error, before = (
@@ -76,11 +77,11 @@ def _cards(result: FreeResult) -> tuple[tuple[str, str, str], ...]:
         ("Chi-square per degree of freedom", number(estimate.chi_square_per_dof, 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", counted(estimate.n_iterations, "iteration"), estimate.reason),
+        ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 
-def _row(result: FreeResult, i: int) -> tuple[str, ...]:
+def _row(result: StudyResult, i: int) -> tuple[str, ...]:
     found = result.identification.estimate
     initial, value, std = float(found.initial[i]), float(found.values[i]), float(found.std[i])
     return (
@@ -92,9 +93,10 @@ def _row(result: FreeResult, i: int) -> tuple[str, ...]:
     )
 
 
-def _std_words(result: FreeResult) -> str:
+def _std_words(result: StudyResult) -> str:
     found = result.identification.estimate
-    spread = found.std_error[np.isfinite(found.std_error)]
+    spread = found.uncertainty.std_error[np.isfinite(found.uncertainty.std_error)]
     if not spread.size:
         return "Standard deviations are not known."
-    return f"Standard deviations come from {len(found.draws)} draws, each known to {percent(float(spread.max()), 2, signed=False)}."
+    known = percent(float(spread.max()), 2, signed=False)
+    return f"Standard deviations come from {len(found.uncertainty.draws)} draws, each known to {known}."

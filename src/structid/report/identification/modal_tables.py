@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.identification.identify import Identification
-from structid.identification.modal_setup import ModalFit
+from structid.identification.identified import Identification
+from structid.identification.modal_fit import ModalFit
 from structid.report.tables import Table
 from structid.report.text import NOTHING, counted, number, percent, with_std
 
@@ -23,10 +23,10 @@ def modal_table(fit: ModalFit) -> Table:
         "Difference / std", "Initial MAC", "Fitted MAC", "Mode of the model", "Measured damping ratio",
         "Fitted damping ratio", "Close modes",
     )  # fmt: skip
-    groups = {int(mode): group for group in problem.groups for mode in group.members}
+    groups = {int(mode): group for group in problem.data.groups for mode in group.members}
     rows = []
-    for i, mode in enumerate(problem.measured.tolist()):
-        f, std = float(problem.record.frequency[mode]), float(problem.frequency_std[i])
+    for i, mode in enumerate(problem.data.measured.tolist()):
+        f, std = float(problem.record.frequency[mode]), float(problem.data.frequency_std[i])
         before, after = float(fit.initial.frequency[i]), float(fit.fitted.frequency[i])
         size = len(groups[mode].members)
         angle = f"{size}, largest angle {number(float(np.degrees(fit.fitted.angle[i])), 2)}°"
@@ -54,7 +54,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     assumed += [f"{percent(problem.shape_error, 3, signed=False)} of the largest shape entry"] * bool(
         problem.shape_error
     )
-    f = record.frequency[problem.measured]
+    f = record.frequency[problem.data.measured]
     scale = (
         "modes give ratios of stiffness to mass only; kilograms rest on "
         + ("known masses, priors or other records" if masses_unknown else "the masses of the model")
@@ -75,7 +75,7 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
     fits = identification.modal_fits
     if not fits:
         return ()
-    measured = [fit.problem.record.frequency[fit.problem.measured] for fit in fits]
+    measured = [fit.problem.data.frequency for fit in fits]
     after, before = ([fit.fitted for fit in fits], [fit.initial for fit in fits])
     worst, worst_before = (
         max(float(np.abs(model.frequency / f - 1).max()) for model, f in zip(models, measured, strict=True))

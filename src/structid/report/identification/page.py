@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from structid.estimation import Status
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
@@ -96,7 +96,7 @@ def report_page(
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),
         "intervals": tables.interval_words(identification),
-        "interval_notes": () if identification.intervals is None else identification.intervals.notes,
+        "interval_notes": identification.intervals.notes,
         "residual_tests": tables.residual_table(found),
         "residual_words": () if found.residual_tests is None else found.residual_tests.words,
         "modes": tables.mode_table(rows, band),
@@ -163,4 +163,4 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 
 def _status_warning(identification: Identification) -> str:
     found = identification.estimate
-    return f"{found.status.words} ({found.message})"
+    return f"{found.status_words} ({found.message})"

@@ -10,7 +10,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
-from structid.identification.identify import Identification
+from structid.identification.identified import Identification
 from structid.identification.resonances import Resonance
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
@@ -66,7 +66,7 @@ def parameter_table(identification: Identification) -> Table:
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
-    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+    ends = identification.intervals.ends
     rows = []
     for i, name in enumerate(found.names):
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
@@ -102,8 +102,7 @@ def span_text(low: float, high: float) -> str:
 
 def interval_words(identification: Identification) -> str:
     """How the intervals of the parameters were found."""
-    kind = "laplace" if identification.intervals is None else identification.intervals.kind
-    return _INTERVALS[kind]
+    return _INTERVALS[identification.intervals.kind]
 
 
 def residual_table(found: Estimate) -> Table | None:

@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 
 from structid.errors import FileError
-from structid.identification.identified import RecordFit
+from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
+from structid.identification.regularizing import Held
+from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult, correlation
@@ -71,11 +74,13 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
 
 
 def write_results(result: StudyResult, folder: Path) -> None:
-    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`.
+    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`; and parameters.csv of very many.
 
     The same result gives the same bytes.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
+    if not result.identification.estimate.uncertainty.has_matrix:
+        (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
 
@@ -104,11 +109,13 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
     """The content of estimate.json, before what is not finite becomes null."""
     found = result.identification
     estimate, identifiability = found.estimate, found.estimate.identifiability
+    has_matrix = estimate.uncertainty.has_matrix
     return {
         "title": result.study.title,
         "status": estimate.status.value,
-        "status_text": estimate.status.words,
+        "status_text": estimate.status_words,
         "message": estimate.message,
+        **({} if has_matrix else search_summary(estimate)),
         "rank": identifiability.rank,
         "n_parameters": len(estimate.names),
         "condition": identifiability.condition,
@@ -124,15 +131,10 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         **record_summaries(found.fits),
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
-        "parameters": _parameters(result),
+        **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
-            {
-                "name": item.name,
-                "rule": item.rule,
-                "strengths": item.strengths,
-                "text": item.words,
-                "settled": item.converged,
-            }
+            {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
+             "settled": item.converged}
             for item in found.held
         ],
         "unidentifiable_directions": [
@@ -143,19 +145,26 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
             {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
             for g in identifiability.groups
         ],
-        "correlation": correlation(estimate.covariance),
+        **({"correlation": correlation(estimate.covariance)} if has_matrix else {}),
         "modes": [
             {"frequency_hz": frequency, "damping_ratio": ratio}
             for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
         ],
         "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
         "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
-        "intervals": None
-        if found.intervals is None
-        else {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
+        "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
         "provenance": asdict(result.provenance),
-    }
+    }  # fmt: skip
+
+
+def _strengths(item: Held, has_matrix: bool) -> dict[str, Any]:
+    """Of every row, or of a smoothness over very many the one that all rows have."""
+    return (
+        {"strengths": item.strengths}
+        if has_matrix
+        else {"strength": item.strengths[0], "n_determined": item.determined}
+    )
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:
@@ -191,11 +200,10 @@ def fit_summary(fit: RecordFit) -> dict[str, Any]:
     }
 
 
-def _parameters(result: StudyResult) -> list[dict[str, Any]]:
-    identification, found = result.identification, result.identification.estimate
-    parts = [fit.problem.parameters for fit in identification.fits]
-    parts += [fit.problem.parameters for fit in identification.modal_fits]
-    ends = found.interval() if identification.intervals is None else identification.intervals.ends
+def _parameters(identification: Identification) -> list[dict[str, Any]]:
+    found = identification.estimate
+    parts = [problem.parameters for problem in identification.problems]
+    share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
     elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     return [
         {
@@ -208,12 +216,12 @@ def _parameters(result: StudyResult) -> list[dict[str, Any]]:
             "std": found.std[i],
             "std_noise": found.std_noise[i],
             "std_model_error": found.std_model_error[i],
-            "interval_95": ends[i],
+            "interval_95": identification.intervals.ends[i],
             "initial": found.initial[i],
             "identified": bool(found.identified[i]),
             "prior_mean": identification.prior_mean[i],
             "prior_std": identification.prior_std[i],
-            "prior_share": math.nan if identification.prior_share is None else identification.prior_share[i],
+            "prior_share": share[i],
         }
         for i, name in enumerate(found.names)
     ]

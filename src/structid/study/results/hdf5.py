@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from structid.dynamics import Modes
-from structid.identification.identified import RecordFit
-from structid.identification.modal_setup import ModalFit
+from structid.estimation import Estimate
+from structid.identification.modal_fit import ModalFit
+from structid.identification.record_fit import RecordFit
 from structid.structure import Structure
 from structid.study.results.result import StudyResult, correlation
 
@@ -19,9 +19,9 @@ def hdf5_bytes(result: StudyResult) -> bytes:
     """The content of estimate.h5.
 
     Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in ``record_2``
-    and so on for further records of responses; ``modal_record_1`` and so on for
-    those of modes; units are attributes. It is made in memory, so that a full disk shows as an ordinary
-    error when the bytes are written.
+    and so on for further records of responses; ``modal_record_1`` and so on for those of modes; units are attributes. Of
+    very many parameters ``parameters`` has posterior draws in place of covariance matrices. It is made in memory, so that a
+    full disk shows as an ordinary error when the bytes are written.
     """
     import h5py  # so that `import structid` stays light
 
@@ -30,28 +30,23 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         file.attrs["format"] = "structid estimate 1"
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
-        _parameters(file.create_group("parameters"), result)
         found = result.identification
+        _parameters(file.create_group("parameters"), found.estimate)
         if found.fits:
-            put_record(file, found.fits[0])
+            _record(file, found.fits[0])
         else:
             _modes(file.create_group("modes"), found.modes, found.structure)
             _modes(file.create_group("modes_initial"), found.modes_initial, found.structure)
         for number, fit in enumerate(found.modal_fits, 1):
             _modal(file.create_group(f"modal_record_{number}"), fit)
-        put_further_records(file, found.fits)
+        for number, further in enumerate(found.fits[1:], 2):
+            group = file.create_group(f"record_{number}", track_order=True)
+            group.attrs["name"] = further.name
+            _record(group, further)
     return buffer.getvalue()
 
 
-def put_further_records(file: Any, fits: Sequence[RecordFit]) -> None:
-    """Groups ``record_2`` and so on."""
-    for number, fit in enumerate(fits[1:], 2):
-        group = file.create_group(f"record_{number}", track_order=True)
-        group.attrs["name"] = fit.name
-        put_record(group, fit)
-
-
-def put_record(group: Any, fit: RecordFit) -> None:
+def _record(group: Any, fit: RecordFit) -> None:
     """What belongs to one record: groups ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
     _frf(group.create_group("frf"), fit)
     _evaluation(group.create_group("evaluation"), fit)
@@ -59,7 +54,7 @@ def put_record(group: Any, fit: RecordFit) -> None:
     _modes(group.create_group("modes_initial"), fit.modes_initial, fit.problem.structure)
 
 
-def put(group: Any, name: str, values: Any, unit: str = "") -> None:
+def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
     """One array, its unit beside it."""
     array = np.asarray(values)
     dataset = group.create_dataset(name, data=array, track_times=False)
@@ -67,76 +62,79 @@ def put(group: Any, name: str, values: Any, unit: str = "") -> None:
         dataset.attrs["unit"] = unit
 
 
-def put_texts(group: Any, name: str, values: Any) -> None:
+def _texts(group: Any, name: str, values: Any) -> None:
     """Texts as bytes of one length."""
     group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
 
 
-def _parameters(group: Any, result: StudyResult) -> None:
-    found = result.identification.estimate
-    put_texts(group, "names", found.names)
-    put_texts(group, "kinds", found.kinds)
-    put_texts(group, "units", found.units)
+def _parameters(group: Any, found: Estimate) -> None:
+    _texts(group, "names", found.names)
+    _texts(group, "kinds", found.kinds)
+    _texts(group, "units", found.units)
     note = "as in units, one a parameter"
-    put(group, "initial", found.initial, note)
-    put(group, "values", found.values, note)
-    put(group, "std", found.std, note)
-    put(group, "covariance_noise", found.covariance_noise, "products of units")
-    put(group, "covariance_model_error", found.covariance_model_error, "products of units")
+    _put(group, "initial", found.initial, note)
+    _put(group, "values", found.values, note)
+    _put(group, "std", found.std, note)
+    if found.uncertainty.has_matrix:
+        _put(group, "covariance_noise", found.covariance_noise, "products of units")
+        _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
+        _put(group, "correlation", correlation(found.covariance), "1")
+    else:
+        _put(group, "std_relative_error", found.uncertainty.std_error, "1")
+        _put(group, "draws", found.uncertainty.draws, note)
     group.attrs["covariance_basis"] = found.covariance_basis
-    put(group, "correlation", correlation(found.covariance), "1")
-    put(group, "identified", found.identified)
-    put(group, "singular_values", found.identifiability.singular_values, "1")
+    _put(group, "identified", found.identified)
+    _put(group, "singular_values", found.identifiability.singular_values, "1")
     directions = [item.vector for item in found.identifiability.directions]
-    put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
-    put(group, "history", found.history, note)
+    _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
+    _put(group, "history", found.history, note)
 
 
 def _frf(group: Any, fit: RecordFit) -> None:
     record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
-    put_texts(group, "outputs", record.outputs)
-    put_texts(group, "inputs", record.inputs)
-    put(group, "frequency", record.frequency, "Hz")
-    put(group, "measured", record.values, record.unit)
-    put(group, "predicted", fit.predicted, record.unit)
-    put(group, "predicted_initial", fit.predicted_initial, record.unit)
-    put(group, "residual", fit.predicted - record.values, record.unit)
+    _texts(group, "outputs", record.outputs)
+    _texts(group, "inputs", record.inputs)
+    _put(group, "frequency", record.frequency, "Hz")
+    _put(group, "measured", record.values, record.unit)
+    _put(group, "predicted", fit.predicted, record.unit)
+    _put(group, "predicted_initial", fit.predicted_initial, record.unit)
+    _put(group, "residual", fit.predicted - record.values, record.unit)
     if record.variance is not None:
-        put(group, "variance", record.variance, f"({record.unit})^2")
+        _put(group, "variance", record.variance, f"({record.unit})^2")
     if record.coherence is not None:
-        put(group, "coherence", record.coherence, "1")
+        _put(group, "coherence", record.coherence, "1")
 
 
 def _evaluation(group: Any, fit: RecordFit) -> None:
     """The lines on which the fit is judged, which may be more than were fitted."""
     unit = fit.evaluation.unit
-    put(group, "frequency", fit.evaluation.frequency, "Hz")
-    put(group, "measured", fit.evaluation.values, unit)
-    put(group, "predicted", fit.evaluation_predicted, unit)
-    put(group, "predicted_initial", fit.evaluation_initial, unit)
-    put(group, "relative_error", fit.relative_error, "1")
+    _put(group, "frequency", fit.evaluation.frequency, "Hz")
+    _put(group, "measured", fit.evaluation.values, unit)
+    _put(group, "predicted", fit.evaluation_predicted, unit)
+    _put(group, "predicted_initial", fit.evaluation_initial, unit)
+    _put(group, "relative_error", fit.relative_error, "1")
 
 
 def _modal(group: Any, fit: ModalFit) -> None:
     """Measured modes beside those of the model."""
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
-    put_texts(group, "channels", measured.channels)
-    put(group, "frequency", measured.frequency, "Hz")
-    put(group, "damping_ratio", measured.damping_ratio, "1")
-    put(group, "mode_shapes", measured.mode_shapes)
+    _texts(group, "channels", measured.channels)
+    _put(group, "frequency", measured.frequency, "Hz")
+    _put(group, "damping_ratio", measured.damping_ratio, "1")
+    _put(group, "mode_shapes", measured.mode_shapes)
     if measured.covariance is not None:
-        put(group, "covariance", measured.covariance, "products of Hz and 1")
+        _put(group, "covariance", measured.covariance, "products of Hz and 1")
     for name, pairs in (("initial", fit.initial), ("fitted", fit.fitted)):
-        put(group, f"frequency_{name}", pairs.frequency, "Hz")
-        put(group, f"damping_ratio_{name}", pairs.damping_ratio, "1")
-        put(group, f"mac_{name}", pairs.mac, "1")
+        _put(group, f"frequency_{name}", pairs.frequency, "Hz")
+        _put(group, f"damping_ratio_{name}", pairs.damping_ratio, "1")
+        _put(group, f"mac_{name}", pairs.mac, "1")
 
 
 def _modes(group: Any, modes: Modes, structure: Structure) -> None:
-    put_texts(group, "dofs", structure.dofs)
-    put(group, "frequency", modes.frequency, "Hz")
-    put(group, "damping_ratio", modes.damping_ratio, "1")
-    put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")
+    _texts(group, "dofs", structure.dofs)
+    _put(group, "frequency", modes.frequency, "Hz")
+    _put(group, "damping_ratio", modes.damping_ratio, "1")
+    _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")

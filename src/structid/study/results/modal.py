@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from structid.identification.identified import Identification
-from structid.identification.modal_setup import ModalFit
+from structid.identification.modal_fit import ModalFit
 
 
 def modal_summary(found: Identification) -> dict[str, Any]:
@@ -32,8 +32,8 @@ def modal_summary(found: Identification) -> dict[str, Any]:
 
 def _record(fit: ModalFit) -> dict[str, Any]:
     problem = fit.problem
-    sizes = {int(mode): len(group.members) for group in problem.groups for mode in group.members}
-    damping = problem.record.damping_ratio[problem.measured]
+    sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}
+    damping = problem.record.damping_ratio[problem.data.measured]
     return {
         "name": fit.name,
         "source": fit.measured.source,
@@ -43,7 +43,7 @@ def _record(fit: ModalFit) -> dict[str, Any]:
             {
                 "measured": int(mode) + 1,
                 "frequency_hz": problem.record.frequency[mode],
-                "frequency_std_hz": problem.frequency_std[i],
+                "frequency_std_hz": problem.data.frequency_std[i],
                 "damping_ratio": damping[i],
                 "multiplicity": sizes[int(mode)],
                 "model_mode": int(fit.fitted.number[i]) + 1,
@@ -55,7 +55,7 @@ def _record(fit: ModalFit) -> dict[str, Any]:
                 "initial_model_frequency_hz": fit.initial.frequency[i],
                 "initial_mac": fit.initial.mac[i],
             }
-            for i, mode in enumerate(problem.measured)
+            for i, mode in enumerate(problem.data.measured)
         ],
         "unpaired_model_modes_hz": fit.fitted.passed_over,
     }

@@ -11,7 +11,6 @@ import scipy
 from structid._version import __version__
 from structid.arrays import FloatArray
 from structid.dynamics.receptance import factorizer_words
-from structid.identification.free_search import FreeIdentification
 from structid.identification.identified import Identification
 from structid.provenance import Provenance
 from structid.study.schema.study import Study
@@ -30,22 +29,6 @@ class StudyResult:
 
     study: Study
     identification: Identification
-    provenance: Provenance
-
-
-@dataclass(frozen=True, eq=False)
-class FreeResult:
-    """A study, what was identified without a Jacobian, and from what.
-
-    Attributes
-    ----------
-    study : Study
-    identification : FreeIdentification
-    provenance : Provenance
-    """
-
-    study: Study
-    identification: FreeIdentification
     provenance: Provenance
 
 

@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.estimation import Identifiability
+from structid.estimation import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.estimation.covariance import inverse_information
 from structid.estimation.diagnostics.identifiability import identifiability
-from structid.estimation.estimate import relative_jacobian
-from structid.estimation.problem import Linearization, Problem, parameter_sizes
-from structid.identification.identified import AnySetup
-from structid.identification.identify import titles
+from structid.estimation.posterior_draws import counted_draws, drawn_covariance
+from structid.estimation.uncertainty import relative_jacobian
 from structid.identification.model_modes import rounding_warnings, structure_modes
 from structid.identification.ratios import common_scale, scale_words
-from structid.identification.regularizing import coupled
-from structid.identification.search import RecordProblem, by_name, together
-from structid.identification.time_fit import target
-from structid.modal import ModalRecord
-from structid.observation import ModalProblem
-from structid.records import FrfRecord
-from structid.structure import Structure
+from structid.identification.regularizing import coupled, unit_penalties
+from structid.identification.setups import AnySetup, prefixes
+from structid.identification.together import by_name, places, together
+from structid.observation import RecordProblem
 from structid.structure.mesh_point import MeshPoint
-from structid.study.run.free_check import FreePrediction, free_prediction
-from structid.study.run.run import Start, is_free, started
+from structid.study.run.run import Start, is_matrix_free, started
 from structid.study.schema.study import Study
-from structid.unknowns import Smoothness, Sparsity, penalty, term_name
+from structid.unknowns import Regularization, term_name
 
 _MOST_DIRECTIONS = 12
+#: Strength that stands for one that the data will choose: neighbours within 10 %.
+USUAL_STRENGTH = 100.0
+_DRAWS = 16
 
 
 @dataclass(frozen=True)
@@ -82,49 +79,55 @@ class CheckResult:
     Attributes
     ----------
     study : Study
-    record : FrfRecord or None
-        The lines in the band, of the first record of responses.
-    n_lines_total : int
-        Lines of the whole record.
-    modes_used : tuple of ModalRecord
-        The records of modes.
+    records : tuple of str
+        What was measured, and which part of it is used, a line each.
     channels : tuple of ChannelCheck
     modes : tuple of ModeCheck
         Of the first set-up.
-    identifiability : Identifiability or None
-        Rank, condition and undetermined directions at the initial values, from the data alone; None where the
-        parameters are too many for a Jacobian.
-    free : FreePrediction or None
-        What takes its place there.
-    names, units : tuple of str
-        Of the parameters of the structure, then those of the records' channels.
-    start, sizes : (n_params,) float arrays
-        Initial value of each, and what its standard deviation is held against.
-    std : (n_params,) float array
-        Predicted standard deviation of each parameter: the Cramer-Rao bound at the initial values, with the noise
-        (and model error) of the study, its priors and regularizations of given strength; NaN where the data do not
-        determine it.
+    problem : Problem
+        All that would be fitted.
+    start : (n_params,) float array
+        Initial value of each parameter.
+    covariance : Covariance
+        The Cramer-Rao bound at the initial values, with the noise (and model error) of the study, its priors and
+        regularizations of given strength; by draws where the parameters are too many for a Jacobian.
+    identifiability : Identifiability
+        Rank, condition and undetermined directions there, from the data alone; of very many parameters the rank only.
     total_mass, total_mass_std : float
         Of the initial model, kg, and predicted.
     warnings : tuple of str
     """
 
     study: Study
-    record: FrfRecord | None
-    n_lines_total: int
-    modes_used: tuple[ModalRecord, ...]
+    records: tuple[str, ...]
     channels: tuple[ChannelCheck, ...]
     modes: tuple[ModeCheck, ...]
-    identifiability: Identifiability | None
-    free: FreePrediction | None
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    problem: Problem
     start: FloatArray
-    sizes: FloatArray
-    std: FloatArray
+    covariance: Covariance
+    identifiability: Identifiability
     total_mass: float
     total_mass_std: float
     warnings: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters of the structure, then those of the records' channels."""
+        return self.problem.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.problem.units
+
+    @property
+    def sizes(self) -> FloatArray:
+        """What each standard deviation is held against, (n_params,)."""
+        return self.problem.sizes(self.start)
+
+    @property
+    def std(self) -> FloatArray:
+        """Predicted standard deviation of each parameter, (n_params,); NaN where the data do not determine it."""
+        return self.covariance.std
 
     @property
     def determined(self) -> bool:
@@ -141,42 +144,34 @@ def check_study(study: Study) -> CheckResult:
         As `run_study` would.
     """
     ready = started(study)
-    free = free_prediction(ready) if is_free(ready) else None
-    predicted = _free_part(ready, free) if free is not None else _dense_part(ready)
-    problem, names = predicted.problem, predicted.problem.names
-    start = by_name(names, ready.problems, "start")
-    checked = [_modes(setup, part, study.options.n_modes) for setup, part in _pairs(ready)]
-    titled = [f"{title}: " if len(checked) > 1 else "" for title in titles(ready.setups)]
+    predicted = _by_draws(ready) if is_matrix_free(ready) else _by_jacobian(ready)
+    problem, options = predicted.problem, study.options
+    checked = [_modes(setup, part, options.n_modes) for setup, part in zip(ready.setups, ready.problems, strict=True)]
+    titled = prefixes(ready.setups)
+    values = study.parameters.values(study.parameters.start)
+    row = np.zeros((1, len(problem.names)))
+    gradient = study.structure.mass_gradient(options.direction, values) @ study.parameters.design
+    row[0, places(problem.names, study.parameters.names)] = gradient
     return CheckResult(
         study=study,
-        record=ready.used,
-        n_lines_total=0 if ready.record is None else len(ready.record.frequency),
-        modes_used=tuple(part.record for part in ready.problems if isinstance(part, ModalProblem)),
+        records=tuple(setup.words(options) for setup in ready.setups),
         channels=tuple(
-            replace(channel, channel=name + channel.channel)
-            for name, (setup, part) in zip(titled, _pairs(ready), strict=True)
-            for channel in _channels(setup.structure, part.record)
+            check for name, setup in zip(titled, ready.setups, strict=True) for check in _channels(name, setup)
         ),
         modes=checked[0],
+        problem=problem,
+        start=by_name(problem.names, ready.problems, lambda part: part.start),
+        covariance=predicted.covariance,
         identifiability=predicted.identifiability,
-        free=free,
-        names=names,
-        units=problem.units,
-        start=start,
-        sizes=parameter_sizes(problem, start),
-        std=predicted.std,
-        total_mass=study.structure.mass_of(_start_values(study), study.options.direction),
-        total_mass_std=predicted.total_mass_std,
+        total_mass=study.structure.mass_of(values, options.direction),
+        total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
         warnings=(
             *ready.unit_warnings,
             *ready.warnings,
             *(
                 name + words
-                for name, modes, (_, part) in zip(titled, checked, _pairs(ready), strict=True)
-                for words in [
-                    *rounding_warnings(np.array([mode.rounding for mode in modes])),
-                    *([] if isinstance(part, ModalProblem) else _mode_warnings(modes)),
-                ]
+                for name, modes in zip(titled, checked, strict=True)
+                for words in (*rounding_warnings(np.array([m.rounding for m in modes])), *_mode_warnings(modes))
             ),
             *predicted.warnings,
         ),
@@ -188,57 +183,51 @@ class _Predicted:
     """What a linearization at the initial values tells."""
 
     problem: Problem
-    std: FloatArray
-    total_mass_std: float
+    covariance: Covariance
+    identifiability: Identifiability
     warnings: tuple[str, ...]
-    identifiability: Identifiability | None = None
 
 
-def _dense_part(ready: Start) -> _Predicted:
-    study = ready.study
-    first = ready.problems[0]
-    given = [
-        penalty(first.structure, first.parameters, term).scaled(term.strength)
-        for term in study.options.regularization
-        if isinstance(term, Smoothness) and not isinstance(term.strength, str)
-    ]
-    problem = target(coupled(ready.problems, given), [s.time for s in ready.setups], study.options.exclude)
+def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
+    """All of the problems, with these regularizations."""
+    rows = unit_penalties(ready.problems, terms)
+    return together(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
+
+
+def _by_jacobian(ready: Start) -> _Predicted:
+    terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
+    problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
     theta = np.asarray(problem.theta_start)
     at = problem.linearize(theta)
-    covariance = cramer_rao_bound(problem, at)
-    std = np.sqrt(np.diag(covariance))
+    covariance = DenseCovariance(cramer_rao_bound(problem, at))
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
-    gradient = _mass_gradient(study)
-    place = {name: k for k, name in enumerate(problem.names)}
-    own = np.array([place[name] for name in study.parameters.names], dtype=int)[gradient != 0]
-    used = gradient[gradient != 0]
     warnings: list[str] = []
-    if any(isinstance(part, ModalProblem) for part in ready.problems):
-        warnings += _ratio_warnings(problem, relative, std <= parameter_sizes(problem, problem.physical(theta)))
-    warnings += [*_direction_warnings(found), *_regularization_warnings(study)]
-    mass_std = float(np.sqrt(used @ covariance[np.ix_(own, own)] @ used))
-    return _Predicted(problem, std, mass_std, tuple(warnings), found)
+    if not all(part.measures_force for part in ready.problems):
+        identified = covariance.std <= problem.sizes(problem.physical(theta))
+        warnings += _ratio_warnings(problem, relative, identified)
+    left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
+    warnings += _direction_warnings(found)
+    warnings += [f"predicted without the {' and '.join(left)} that `identify` will use"] if left else []
+    return _Predicted(problem, covariance, found, tuple(warnings))
 
 
-def _free_part(ready: Start, free: FreePrediction) -> _Predicted:
-    problem = together(ready.problems)
-    start = problem.physical(np.asarray(problem.theta_start))
-    known = 0.0 if not _mass_gradient(ready.study).any() else float("nan")
-    return _Predicted(problem, free.relative_std * np.abs(start), known, free.words)
-
-
-def _start_values(study: Study) -> FloatArray:
-    return study.parameters.values(study.parameters.start)
-
-
-def _mass_gradient(study: Study) -> FloatArray:
-    gradient = study.structure.mass_gradient(study.options.direction, _start_values(study))
-    return np.asarray(gradient @ study.parameters.design)
-
-
-def _pairs(ready: Start) -> list[tuple[AnySetup, RecordProblem]]:
-    return list(zip(ready.setups, ready.problems, strict=True))
+def _by_draws(ready: Start) -> _Predicted:
+    """Of very many parameters: with every smoothness, at a usual strength where the data are to choose it."""
+    terms = ready.study.options.regularization
+    strengths = [USUAL_STRENGTH if term.given is None else term.given for term in terms]
+    problem = _with_strengths(ready, terms, strengths)
+    theta = np.asarray(problem.theta_start)
+    at = problem.linearize_operator(theta)
+    draws, determined, _ = counted_draws(at, _DRAWS, np.random.default_rng(ready.study.options.seed))
+    words = [
+        f"{term_name(term)}: strength {strength:.3g}"
+        + (", for one that `identify` will choose by the data" if term.given is None else ", as given")
+        for term, strength in zip(terms, strengths, strict=True)
+    ]
+    covariance = drawn_covariance(problem, theta, at, draws)
+    rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
+    return _Predicted(problem, covariance, rank, tuple(words))
 
 
 def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
@@ -250,41 +239,35 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
     return inverse_information(at.jacobian) * np.outer(slope, slope)
 
 
-def _channels(structure: Structure, record: FrfRecord | ModalRecord) -> tuple[ChannelCheck, ...]:
-    if isinstance(record, ModalRecord):
-        roles: tuple[tuple[str, tuple[Dof, ...]], ...] = (("output", record.channels),)
-    else:
-        roles = ("output", record.outputs), ("input", record.inputs)
-    found = []
-    for role, dofs in roles:
+def _channels(name: str, setup: AnySetup) -> list[ChannelCheck]:
+    """What each channel sees of the structure; `name` stands before it."""
+    structure, found = setup.structure, []
+    nearest = {tie.label: tie.distance for tie in structure.ties if isinstance(tie, MeshPoint)}
+    for role, dofs in setup.channels:
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()
             pairs = zip(part.coords[0], part.data, strict=True)
             terms = [f"{value:+.3g} {structure.dofs[int(row)].unsigned}"[:-1] for row, value in pairs]
-            place = next((tie for tie in structure.ties if isinstance(tie, MeshPoint) and tie.label == dof.node), None)
-            terms += [] if place is None else [f"(nearest node, {place.distance:.3g} m away)"]
-            found.append(ChannelCheck(str(dof), role, " ".join(terms)))
-    return tuple(found)
+            terms += [f"(nearest node, {nearest[dof.node]:.3g} m away)"] if dof.node in nearest else []
+            found.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
+    return found
 
 
 def _modes(setup: AnySetup, problem: RecordProblem, n_modes: int) -> tuple[ModeCheck, ...]:
-    values = setup.parameters.values(setup.parameters.start)
-    found = structure_modes(setup.structure, values, n_modes)
-    axis = problem.record.frequency
-    checks = []
-    known = list(zip(found.frequency.tolist(), found.damping_ratio.tolist(), found.rounding.tolist(), strict=True))
-    if isinstance(problem, ModalProblem):
-        return tuple(ModeCheck(f, ratio, bool(axis[0] <= f <= axis[-1]), np.nan, error) for f, ratio, error in known)
-    for frequency, ratio, error in known:
-        near = int(np.clip(np.searchsorted(axis, frequency), 1, max(len(axis) - 1, 1)))
-        spacing = float(axis[near] - axis[near - 1]) if len(axis) > 1 else np.inf
-        inside = bool(axis[0] <= frequency <= axis[-1])
-        checks.append(ModeCheck(frequency, ratio, inside, 2 * ratio * frequency / spacing, error))
-    return tuple(checks)
+    found = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), n_modes)
+    axis, spacing = problem.frequency, problem.line_spacing
+    near = np.clip(np.searchsorted(axis, found.frequency), 0, len(axis) - 1)
+    inside = (axis[0] <= found.frequency) & (found.frequency <= axis[-1])
+    lines = 2 * found.damping_ratio * found.frequency / spacing[near]
+    rows = zip(found.frequency, found.damping_ratio, inside, lines, found.rounding, strict=True)
+    return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 
 
 def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
+    """Where no mode of the initial model is seen by lines, or too few lines see one; none where modes were measured."""
+    if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
+        return []
     if not any(mode.in_band for mode in modes):
         return ["no mode of the initial model lies in the band: damping cannot be told from it; check band and model"]
     coarse = [mode for mode in modes if mode.in_band and 0 < mode.lines_per_bandwidth < 1]
@@ -293,15 +276,6 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
         " measure with a finer frequency spacing to tell its damping"
         for mode in coarse
     ]
-
-
-def _regularization_warnings(study: Study) -> list[str]:
-    terms = " and ".join(
-        term_name(term)
-        for term in study.options.regularization
-        if isinstance(term, Sparsity) or isinstance(term.strength, str)
-    )
-    return [f"predicted without the {terms} that `identify` will use"] if terms else []
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:

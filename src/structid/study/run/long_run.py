@@ -12,8 +12,8 @@ from typing import Any
 from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation import Minimum, Problem, minimize
-from structid.estimation.search.least_squares import Method, Progress
-from structid.estimation.search.minimum import Keeper, State
+from structid.estimation.search.least_squares import Method
+from structid.estimation.search.minimum import Keeper, Progress, State
 from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.schema.study import Study
@@ -125,7 +125,7 @@ class LongRun:
         if kept is None:
             return minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, None))
         if name in kept.entries:
-            return restored_minimum(problem, kept.entries[name])
+            return restored_minimum(problem, method, kept.entries[name])
         found = minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, kept))
         kept.finished(name, stored_minimum(found))
         return found

@@ -6,15 +6,15 @@ import os
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from structid.errors import InputError
-from structid.identification.free_search import searches_free
-from structid.identification.search import RecordProblem
-from structid.observation import FrfProblem, ModalProblem
+from structid.estimation import Method
+from structid.identification.search import chosen_method
+from structid.observation import RecordProblem
 from structid.observation.frf.products import STORED_BYTES
 from structid.study.schema.study import Study
 
@@ -66,8 +66,8 @@ class Sizes:
         return 8 * self.n_parameters**2
 
     @property
-    def free_bytes(self) -> int:
-        """Of a search without a Jacobian: the stored one of the data with its preconditioner, or the fields."""
+    def matrix_free_bytes(self) -> int:
+        """Of a matrix-free search: the stored Jacobian of the data with its preconditioner, or the fields."""
         data = 16 * self.n_lines * self.n_channels
         if data * self.n_parameters <= STORED_BYTES:
             return 3 * data * self.n_parameters
@@ -118,22 +118,20 @@ class Needs:
 
 def sizes(problems: Sequence[RecordProblem]) -> Sizes:
     """The sizes of the problems of a study."""
-    lines = [len(p.record.frequency) for p in problems]
-    channels = [int(np.prod(p.record.values.shape[1:])) if isinstance(p, FrfProblem) else 1 for p in problems]
     return Sizes(
         n_dofs=max(p.structure.n_dofs for p in problems),
         n_elements=max(sum(part.blocks.n_elements for part in p.structure.contributions) for p in problems),
-        n_lines=max(lines),
-        n_channels=max(channels),
+        n_lines=max(len(p.frequency) for p in problems),
+        n_channels=max(p.n_channels for p in problems),
         n_records=len(problems),
         n_parameters=len({name for p in problems for name in p.names}),
         n_rows=sum(p.n_data for p in problems),
-        record_bytes=sum(_bytes(p) for p in problems),
+        record_bytes=sum(_bytes(source) for p in problems for source in p.sources[1:]),
     )
 
 
-def _bytes(problem: RecordProblem) -> int:
-    return sum(value.nbytes for value in vars(problem.record).values() if isinstance(value, np.ndarray))
+def _bytes(record: object) -> int:
+    return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))
 
 
 def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
@@ -145,20 +143,20 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
         If even those do not fit in memory.
     """
     size, options = sizes(problems), study.options
-    is_free = searches_free(problems, options)
-    if not is_free:
+    method = chosen_method(problems, options)
+    if not method.is_matrix_free:
         require_room(study, problems)
     analysis = seconds = peak = 0.0
     before = resident_bytes() or 0
     for problem in problems:
         try:
-            once, each, scratch = _measured(problem, is_free)
+            once, each, scratch = _measured(problem, method)
         except MemoryError as error:
             raise InputError(
                 f"{study.path}: {_MEASURED_LINES} lines of {problem.structure.n_dofs} degrees of freedom do not fit in"
                 " the memory that is free; refine the mesh less, or take a machine with more memory"
             ) from error
-        n_lines = 1 if isinstance(problem, ModalProblem) else len(problem.record.frequency)
+        n_lines = len(problem.frequency)
         analysis, seconds, peak = analysis + once, seconds + each * n_lines, max(peak, scratch * n_lines)
     search = USUAL_ITERATIONS * seconds
     refits = {
@@ -169,8 +167,8 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     }[options.intervals]
     grown = max((resident_bytes() or 0) - before, 0)
     dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
-    own = grown + size.record_bytes + (size.free_bytes if is_free else dense)
-    total = sum(1 if isinstance(p, ModalProblem) else len(p.record.frequency) for p in problems)
+    own = grown + size.record_bytes + (size.matrix_free_bytes if method.is_matrix_free else dense)
+    total = sum(len(p.frequency) for p in problems)
     return Needs(
         sizes=size,
         bytes_needed=int(own + peak),
@@ -183,15 +181,12 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     )
 
 
-def _measured(problem: RecordProblem, is_free: bool) -> tuple[float, float, float]:
-    """Seconds once, seconds a line, and bytes a line of an evaluation with Jacobian; all of it for a record of modes."""
-    few, n_lines = problem, 1
-    if isinstance(problem, FrfProblem):
-        most = _MEASURED_LINES if problem.model.is_large else _MEASURED_LINES_SMALL
-        every = np.unique(np.linspace(0, len(problem.record.frequency) - 1, most).astype(int))
-        few, n_lines = replace(problem, record=problem.record.lines(every)), len(every)
-    theta = np.asarray(few.theta_start)
-    linearize = few.linearize_free if is_free and isinstance(few, FrfProblem) else few.linearize
+def _measured(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
+    """Seconds once, seconds a line, and bytes a line of an evaluation with its derivative."""
+    most = _MEASURED_LINES if problem.is_large else _MEASURED_LINES_SMALL
+    few = problem.with_lines(np.unique(np.linspace(0, len(problem.frequency) - 1, most).astype(int)))
+    n_lines, theta = len(few.frequency), np.asarray(few.theta_start)
+    linearize = few.linearize_operator if method.is_matrix_free else few.linearize
     first = _seconds(linearize, theta)
     again = min(_seconds(linearize, theta) for _ in range(5 if first < _QUICK_SECONDS else 1))
     tracemalloc.start()
@@ -215,7 +210,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
     Parameters
     ----------
     study : Study
-    problems : sequence of FrfProblem or ModalProblem
+    problems : sequence of RecordProblem
     free : int, optional
         Bytes; what the system says by default.
 

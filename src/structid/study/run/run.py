@@ -8,28 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray
-from structid.errors import InputError, NoAnswerError, SingularModelError
-from structid.estimation.estimate import StageProgress
-from structid.estimation.search.work import ALONE, Work
-from structid.identification.checks import require_sound_model, unit_warnings
-from structid.identification.free_search import free_obstacle, identify_free, searches_free
-from structid.identification.identified import AnySetup
-from structid.identification.identify import (
-    Setup,
-    identify_together,
-    prepared_problem,
-    prepared_setup,
-    titles,
-    used_lines,
-)
+from structid.errors import NoAnswerError, SingularModelError
+from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.identification.checks import require_sound_model
+from structid.identification.frf_setup import Setup
+from structid.identification.identify import identify_together
 from structid.identification.modal_setup import ModalSetup
-from structid.identification.search import RecordProblem, alike, shared_parts, together
-from structid.observation import FrfProblem, ModalProblem
-from structid.records import FrfRecord
-from structid.study.results.result import FreeResult, StudyResult, provenance
+from structid.identification.search import chosen_method
+from structid.identification.setups import AnySetup, Prepared, prefixes
+from structid.identification.time_setup import TimeSetup
+from structid.identification.together import alike, shared_parts, together
+from structid.observation import RecordProblem
+from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
-from structid.study.schema.record import load_histories
+from structid.study.schema.record import load_histories, load_record
 from structid.study.schema.section import Section
 from structid.study.schema.setups import SetupSource
 from structid.study.schema.study import Study, load_study
@@ -37,9 +29,8 @@ from structid.study.schema.study import Study, load_study
 __all__ = [
     "SearchFailedError",
     "Start",
-    "is_free",
+    "is_matrix_free",
     "load_study",
-    "run_free_study",
     "run_started",
     "run_study",
     "started",
@@ -59,12 +50,10 @@ class Start:
     Attributes
     ----------
     study : Study
-    setups : tuple of Setup or ModalSetup
+    setups : tuple of RecordSetup
         With all lines of their records.
-    problems : tuple of FrfProblem or ModalProblem
+    problems : tuple of RecordProblem
         Of the lines in the band, one a record.
-    predicted : tuple of complex arrays
-        The initial model's FRF at those lines, one a record of responses.
     warnings : tuple of str
     unit_warnings : tuple of str
         Those that only a comparison with the initial model gives.
@@ -73,19 +62,8 @@ class Start:
     study: Study
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
-    predicted: tuple[ComplexArray, ...]
     warnings: tuple[str, ...]
     unit_warnings: tuple[str, ...]
-
-    @property
-    def record(self) -> FrfRecord | None:
-        """The first record of responses, all lines; None where all records are of modes."""
-        return next((setup.record for setup in self.setups if isinstance(setup, Setup)), None)
-
-    @property
-    def used(self) -> FrfRecord | None:
-        """The lines of it in the band."""
-        return next((problem.record for problem in self.problems if isinstance(problem, FrfProblem)), None)
 
 
 def started(study: Study) -> Start:
@@ -99,23 +77,19 @@ def started(study: Study) -> Start:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    setups = tuple(_loaded(study, source) for source in study.setups)
+    setups = tuple(_loaded(source) for source in study.setups)
     problems: list[RecordProblem] = []
-    predicted: list[ComplexArray] = []
     warnings: list[str] = []
     units: list[str] = []
-    for title, setup, source in zip(titles(setups), setups, study.setups, strict=True):
-        problem, own = _prepared(study, source, setup)
-        prefix = f"{title}: " if len(setups) > 1 else ""
-        problems.append(problem)
-        warnings += [prefix + warning for warning in own]
-        if isinstance(problem, FrfProblem):
-            predicted.append(_initial(study, source, problem))
-            units += [prefix + warning for warning in unit_warnings(problem.record, predicted[-1])]
+    for prefix, setup, source in zip(prefixes(setups), setups, study.setups, strict=True):
+        prepared, own = _prepared(study, source, setup)
+        problems.append(prepared.problem)
+        warnings += [prefix + warning for warning in prepared.warnings]
+        units += [prefix + warning for warning in own]
     with study.root.located():
         same = alike(problems)
         together(same)
-    return Start(study, setups, same, tuple(predicted), tuple(warnings), tuple(units))
+    return Start(study, setups, same, tuple(warnings), tuple(units))
 
 
 def study_parts(study: Study) -> tuple[object, ...]:
@@ -131,69 +105,58 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    setups = [_loaded(study, source) for source in study.setups]
-    return alike([prepared_setup(setup, study.options)[0] for setup in setups])
+    setups = [_loaded(source) for source in study.setups]
+    return alike([setup.prepared(study.options).problem for setup in setups])
 
 
-def _loaded(study: Study, source: SetupSource) -> AnySetup:
-    section = source.section
+def _loaded(source: SetupSource) -> AnySetup:
+    """The set-up that a source describes, its channels part of the structure."""
+    section, structure, parameters, name = source.section, source.structure, source.parameters, source.name
+    setup: AnySetup
     if source.record.modes is not None:
-        modes = source.record.modes.load()
-        with section.located("channels_used" if source.record.channels_used else "path"):
-            source.structure.selection(modes.channels)
-        return ModalSetup(source.structure, source.parameters, modes, source.record.modes.settings, source.name)
-    record, time = load_histories(source.record)
-    for key, dofs in (("outputs", record.outputs), ("inputs", record.inputs)):
-        with section.located(_channel_key(section, key)):
-            source.structure.selection(dofs)
-    source.require_channels(record)
-    return Setup(source.structure, source.parameters, record, source.channel_unknowns, source.name, time)
-
-
-def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[RecordProblem, tuple[str, ...]]:
-    """The problem of one record, its model looked at first."""
-    if isinstance(setup, ModalSetup):
-        return _prepared_modes(study, source, setup)
-    method = study.section("method")
-    with method.located("band" if "band" in method.table else None):
-        used = used_lines(setup.record, study.options)
-    with method.located("evaluation_band"):
-        judged = setup.record.band(*study.options.evaluation_band) if study.options.evaluation_band else used
-    values = setup.parameters.values(setup.parameters.start)
-    with _placed_mechanism(study.section("structure")):
-        require_sound_model(setup.structure, values, min(used.frequency[0], judged.frequency[0]))
-    with source.section.located():
-        return prepared_problem(setup.structure, setup.parameters, setup.record, study.options, setup.channel_unknowns)
-
-
-def _prepared_modes(study: Study, source: SetupSource, setup: ModalSetup) -> tuple[ModalProblem, tuple[str, ...]]:
-    """The problem of one record of modes, its model looked at first, and its pairs at the start."""
-    with _placed_mechanism(study.section("structure")):
-        require_sound_model(setup.structure, setup.parameters.values(setup.parameters.start), np.inf)
-    inner = source.section.section("modes") or source.section
-    with inner.located():
-        problem = setup.problem()
-        problem.residual(problem.theta_start)
-    return problem, setup.record.warnings
-
-
-def _initial(study: Study, source: SetupSource, problem: FrfProblem) -> ComplexArray:
-    """The initial model's FRF."""
-    with _placed_mechanism(study.section("structure")), source.section.located():
-        predicted = problem.predicted(problem.theta_start)
-    if not np.isfinite(predicted).all():
-        raise study.section("structure").error(
-            "the initial model's response is not finite; check its masses, stiffnesses and supports"
-        )
-    return predicted
+        modes = source.record.modes
+        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name)
+    elif source.record.time is not None:
+        time = source.record.time
+        shown = None if source.record.frf is None else load_record(source.record)
+        setup = TimeSetup(structure, parameters, load_histories(source.record, time), time.settings, name, shown)
+        if source.channel_unknowns:
+            raise section.error(
+                "errors of channels cannot be identified from the histories themselves; use [record.frf] for this record",
+                "channel_error",
+            )
+    else:
+        setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name)
+        source.require_channels(setup.record)
+    for role, dofs in setup.channels:
+        with section.located(_channel_key(section, f"{role}s")):
+            structure.selection(dofs)
+    return setup
 
 
 def _channel_key(section: Section, key: str) -> str:
     """The key that says which channels there are: the list itself, or the file."""
-    for candidate in (key, "channels", "path", "repeats"):
+    for candidate in (key, "channels_used", "channels", "path", "repeats"):
         if candidate in section.table:
             return candidate
     return key
+
+
+def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepared[RecordProblem], tuple[str, ...]]:
+    """The problem of one record, its model looked at first, and what the initial model says of its units."""
+    method, structure, options = study.section("method"), study.section("structure"), study.options
+    place = source.section.section("modes") or source.section
+    with method.located("band" if "band" in method.table else None):
+        used, _ = setup.axes(replace(options, evaluation_band=None))
+    with method.located("evaluation_band"):
+        _, judged = setup.axes(options)
+    values = setup.parameters.values(setup.parameters.start)
+    with _placed_mechanism(structure):
+        require_sound_model(setup.structure, values, min(used[0], judged[0]))
+    with place.located():
+        prepared = setup.prepared(options)
+    with _placed_mechanism(structure), place.located():
+        return prepared, setup.looked_at(prepared, options)
 
 
 @contextmanager
@@ -235,41 +198,21 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
     """The same for a study whose records are read; see `run_study`."""
     study = ready.study
-    if study.options.matrix_free:
-        raise InputError(
-            f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix; use `structid identify` (in"
-            " Python `run_free_study`), or group the unknowns and leave it out"
-        )
-    require_room(study, ready.problems)
-    with _placed_failure(study):
+    if not is_matrix_free(ready):
+        require_room(study, ready.problems)
+    try:
         found = identify_together(ready.setups, study.options, progress, work)
-    first = ready.unit_warnings
-    found = replace(found, warnings=(*first, *found.warnings)) if first else found
+    except (SingularModelError, np.linalg.LinAlgError) as error:
+        raise SearchFailedError(
+            f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
+            " the band"
+        ) from error
+    found = replace(found, warnings=(*ready.unit_warnings, *found.warnings))
     return StudyResult(study, found, provenance(study))
 
 
-def run_free_study(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> FreeResult:
-    """What a study of very many parameters identifies, without a Jacobian; see `identify_free`.
-
-    Raises
-    ------
-    InputError
-        If the study has what such a search cannot do.
-    SearchFailedError
-        If the search came to where there is no model response.
-    """
-    study = ready.study
-    obstacle = _histories(ready) or free_obstacle(ready.problems, study.options)
-    if obstacle:
-        raise InputError(f"{study.path}: a search without a Jacobian {obstacle}")
-    with _placed_failure(study):
-        found = identify_free([s for s in ready.setups if isinstance(s, Setup)], study.options, progress, work)
-    found = replace(found, warnings=(*ready.unit_warnings, *found.warnings))
-    return FreeResult(study, found, provenance(study))
-
-
-def is_free(ready: Start) -> bool:
-    """Whether the parameters of a study are searched for without a Jacobian; see `searches_free`.
+def is_matrix_free(ready: Start) -> bool:
+    """Whether the parameters of a study are searched for without a Jacobian; see `chosen_method`.
 
     Raises
     ------
@@ -278,25 +221,4 @@ def is_free(ready: Start) -> bool:
     """
     method = ready.study.section("method")
     with method.located("search" if "search" in method.table else None):
-        if _histories(ready):
-            if ready.study.options.matrix_free:
-                raise InputError(f"search 'matrix_free' {_histories(ready)}; leave it out, or fit FRFs")
-            return False
-        return searches_free(ready.problems, ready.study.options)
-
-
-def _histories(ready: Start) -> str:
-    """That time histories are to be fitted themselves, which needs a Jacobian; "" where none are."""
-    fitted = any(isinstance(setup, Setup) and setup.time is not None for setup in ready.setups)
-    return "takes FRFs, not time histories that are fitted themselves" if fitted else ""
-
-
-@contextmanager
-def _placed_failure(study: Study) -> Iterator[None]:
-    try:
-        yield
-    except (SingularModelError, np.linalg.LinAlgError) as error:
-        raise SearchFailedError(
-            f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
-            " the band"
-        ) from error
+        return chosen_method(ready.problems, ready.study.options).is_matrix_free

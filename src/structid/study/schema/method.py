@@ -8,7 +8,7 @@ from typing import Any
 
 from structid.declared import declared_types, declared_words
 from structid.estimation import GaussNewton, LevenbergMarquardt
-from structid.identification.identify import IdentifyOptions
+from structid.identification.options import IdentifyOptions
 from structid.study.schema.kinds import choice
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, table_of

@@ -11,7 +11,9 @@ import numpy as np
 
 from structid.declared import NotNegative
 from structid.dof import parse_dofs
-from structid.identification.identify import IdentifyOptions, structure_modes, used_lines
+from structid.identification.frf_setup import used_lines
+from structid.identification.model_modes import structure_modes
+from structid.identification.options import IdentifyOptions
 from structid.planning.options import resolved
 from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord

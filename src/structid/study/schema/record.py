@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs
-from structid.identification.time_fit import TimeFit
+from structid.identification.time_setup import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import ReadOptions, read_record
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
@@ -20,9 +20,6 @@ from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.time import TIME, TimeSource, read_time
 from structid.study.schema.unknowns import CHANNEL_ERROR
-
-#: A time record that is fitted itself is cut into so many segments for the FRFs that show the fit.
-_SEGMENTS = 4
 
 
 @dataclass(frozen=True)
@@ -153,38 +150,55 @@ def _noise(section: Section, repeats: bool) -> NoiseSource:
 
 
 def load_record(source: RecordSource) -> FrfRecord:
-    """The record, its noise and its used sensors chosen; see `load_histories`."""
-    return load_histories(source)[0]
-
-
-def load_histories(source: RecordSource) -> tuple[FrfRecord, TimeFit | None]:
-    """The record, its noise and its used sensors chosen, and the histories that are fitted in its place.
+    """The frequency response functions of a source, their noise and used sensors chosen.
 
     Raises
     ------
     StudyError
         If a file is damaged, holds what cannot be used, or lacks what the study asks for.
     """
-    section = source.section
-    key = "path" if "path" in section.table else "repeats"
-    with section.located(key):
-        records = [read_record(path, source.options) for path in source.paths]
-        named = [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
-        record = _as_frf(named, source)
-        time = None if source.time is None else _as_time(named, source.time)
-    with (section.section("noise") or section).located():
+    with source.section.located("path" if "path" in source.section.table else "repeats"):
+        record = _as_frf(_read(source), source)
+    with (source.section.section("noise") or source.section).located():
         record = _with_noise(record, source.noise)
     if source.window_decay is not None:
         record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
-    with section.located("channels_used"):
-        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record, time
+    with source.section.located("channels_used"):
+        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
 
 
-def _as_time(records: list[FrfRecord | TimeRecord], source: TimeSource) -> TimeFit:
-    histories = [record for record in records if isinstance(record, TimeRecord)]
-    if not histories:
-        raise source.section.error("the record holds frequency response functions; leave this section out")
-    return source.fit(histories)
+def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
+    """The time record of a source that is fitted itself, with its noise and the used sensors.
+
+    Raises
+    ------
+    StudyError
+        As `load_record`, or if the record holds frequency response functions.
+    """
+    with source.section.located("path" if "path" in source.section.table else "repeats"):
+        histories = [record for record in _read(source) if isinstance(record, TimeRecord)]
+        if not histories:
+            raise time.section.error("the record holds frequency response functions; leave this section out")
+        record = time.with_noise(histories)
+    used = [dof.unsigned for dof in source.channels_used]
+    pairs = list(zip(record.channels, record.quantities, strict=True))
+    keep = [i for i, (dof, kind) in enumerate(pairs) if not used or kind == "force" or dof.unsigned in used]
+    missing = [str(dof) for dof in source.channels_used if dof.unsigned not in [own.unsigned for own, _ in pairs]]
+    if missing:
+        raise source.section.error(f"the record has no channel {', '.join(missing)}", "channels_used")
+    variance = None if record.variance is None else record.variance[keep]
+    return replace(
+        record,
+        values=record.values[:, keep],
+        channels=tuple(record.channels[i] for i in keep),
+        quantities=tuple(record.quantities[i] for i in keep),
+        variance=variance,
+    )
+
+
+def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
+    records = [read_record(path, source.options) for path in source.paths]
+    return [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
 
 
 def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
@@ -194,16 +208,14 @@ def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfR
     if responses and histories:
         raise source.section.error("some files hold time histories and some frequency response functions", "repeats")
     if histories:
-        settings = source.frf
-        if settings is None and source.time is not None:
-            length = max(len(histories[0].values) // _SEGMENTS, 1)
-            settings = FrfSettings(source.section, (), (), {"estimator": "Hv", "segment_length": length})
-        if settings is None:
-            raise source.section.error(
-                'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048, or'
-                " [record.time] to fit them as they are"
-            )
-        return spectral_frf(histories, settings)
+        if source.frf is not None:
+            return spectral_frf(histories, source.frf)
+        if source.time is not None:
+            return averaged_frfs(histories[0])
+        raise source.section.error(
+            'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048, or'
+            " [record.time] to fit them as they are"
+        )
     if source.frf is not None:
         raise source.frf.section.error("the record holds frequency response functions already; leave this section out")
     return responses[0] if len(responses) == 1 else from_repeats(responses)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from structid.identification.identify import IdentifyOptions
+from structid.identification.options import IdentifyOptions
 from structid.structure import Structure
 from structid.study.schema.method import read_method
 from structid.study.schema.record import RecordSource

@@ -9,13 +9,13 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
-from structid.identification.time_fit import TimeFit
+from structid.identification.time_setup import TimeFit
 from structid.records import TimeRecord
 from structid.study.schema.kinds import NUMBERS, as_list
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
 
-TIME = table_of(TimeFit, ("record",)) | {
+TIME = table_of(TimeFit) | {
     "noise": Key(NUMBERS, "Standard deviation of each channel of the file, or of all, in SI units"),
     "relative_noise": Key(NUMBERS, "The same in parts of the channel's rms; both are added in quadrature"),
 }
@@ -33,7 +33,6 @@ class TimeSource:
     noise, relative_noise : tuple of float
         Standard deviation of each channel (or of all) in SI units, and in parts of the channel's rms.
     settings : TimeFit
-        Without a record.
     """
 
     section: Section
@@ -41,8 +40,8 @@ class TimeSource:
     relative_noise: tuple[float, ...]
     settings: TimeFit
 
-    def fit(self, records: Sequence[TimeRecord]) -> TimeFit:
-        """The settings with the record and its noise.
+    def with_noise(self, records: Sequence[TimeRecord]) -> TimeRecord:
+        """The one record with its noise.
 
         Raises
         ------
@@ -64,7 +63,7 @@ class TimeSource:
                 "needs the noise of the channels: `noise` (standard deviations, SI units) or `relative_noise` (parts of"
                 " the rms), one number for all or one a channel"
             )
-        return replace(self.settings, record=record)
+        return record
 
 
 def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
@@ -84,4 +83,4 @@ def read_time(section: Section) -> TimeSource:
         if key in given:
             raise section.error(f"fit = {way!r} does not use it; leave it out", key)
     noise, relative = (tuple(map(float, as_list(given.pop(key, [])))) for key in ("noise", "relative_noise"))
-    return TimeSource(section, noise, relative, TimeFit(None, **given))
+    return TimeSource(section, noise, relative, TimeFit(**given))

@@ -11,7 +11,6 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation import JointProblem, Linearization, Problem
-from structid.estimation.problem import parameter_sizes
 from structid.estimation.problems.wrapped import Wrapped
 from structid.estimation.search.work import PLAIN_TOOLS, Tools
 from structid.observation import FrfProblem
@@ -35,9 +34,6 @@ class SpreadLines(Wrapped):
 
     problem: FrfProblem
     executor: Executor
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return parameter_sizes(self.problem, physical)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._joined("residual", self._parts(theta, False))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import cast
 
 import numpy as np
 from scipy import sparse
@@ -11,16 +13,19 @@ from scipy.sparse.csgraph import connected_components
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
-from structid.estimation.free_estimate import posterior_draws
-from structid.estimation.search.free_linearization import FreeLinearization, FreeProblem
-from structid.estimation.search.levenberg_marquardt_free import FreeLevenbergMarquardt, free_levenberg_marquardt
-from structid.estimation.search.minimum import Keeper, Progress, State
+from structid.estimation.linearization import OperatorLinearization
+from structid.estimation.posterior_draws import posterior_draws
+from structid.estimation.problem import Problem
+from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.matrix_free import MatrixFree
+from structid.estimation.search.minimum import Progress
+from structid.estimation.search.work import Minimizer
 
 #: Largest factor by which a strength changes from one fit to the next, and how far the first may move in all.
 _LARGEST_FACTOR, _FARTHEST = 30.0, 1e8
 _DRAWS, _MOST_ROUNDS = 8, 15
 #: A fit on the way to the strengths; the last one is exact.
-_LOOSE = FreeLevenbergMarquardt(max_iterations=15, gain_tolerance=1e-4, inner_tolerance=1e-4)
+_LOOSE = MatrixFree(max_iterations=15, gain_tolerance=1e-4, inner_tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +82,14 @@ class SettledStrengths:
 
 
 def settled_strengths(
-    made: Callable[[Sequence[float]], FreeProblem],
+    made: Callable[[Sequence[float]], Problem],
     terms: Sequence[Differences],
     given: Sequence[float | None],
     strengths: tuple[float, ...],
     theta: FloatArray,
     seed: int = 0,
     progress: Progress | None = None,
-    keeper: Keeper | None = None,
+    search: Minimizer = minimize,
 ) -> SettledStrengths:
     """Fits and strengths in turn, until each strength changes by less than it is known to.
 
@@ -108,8 +113,8 @@ def settled_strengths(
         Of the draws, the same in every round.
     progress : callable, optional
         Called with the iteration, all rounds together, and the sum of squares.
-    keeper : Keeper, optional
-        Where the state after each iteration goes, and where to begin.
+    search : Minimizer
+        Runs the fits, one after another, and may keep them.
 
     Raises
     ------
@@ -126,40 +131,38 @@ def settled_strengths(
         raise InputError("`terms` must hold different parameters each, got one held twice; give one smoothness for it")
     begun = strengths
     determined = (float("nan"),) * len(terms)
-    first, rounds = 0, _Rounds(keeper, progress)
-    if rounds.state is not None:
-        first, strengths = int(rounds.state["round"]), tuple(float(s) for s in rounds.state["strengths"])
-        theta = np.array(rounds.state["theta"])
-        if rounds.state.get("settled", False):
-            determined = tuple(float(g) for g in rounds.state["determined"])
-            return SettledStrengths(strengths, determined, theta, True, first)
-    for number in range(first, _MOST_ROUNDS):
+    done = 0
+    for number in range(1, _MOST_ROUNDS + 1):
         problem = made(strengths)
-        found = free_levenberg_marquardt(problem, _LOOSE, theta, rounds.progress, rounds.keeper(number, strengths))
-        theta = found.theta
-        determined = _determined(problem, found.linearization, theta, terms, strengths, seed)
+        found = search(problem, _LOOSE, theta, None if progress is None else partial(_later, progress, done))
+        theta, done = found.theta, done + len(found.inner)
+        at = cast(OperatorLinearization, found.linearization)
+        determined = _determined(problem, at, theta, terms, strengths, seed)
         if not np.isfinite(determined).all():
-            return SettledStrengths(strengths, determined, theta, False, number + 1)
+            return SettledStrengths(strengths, determined, theta, False, number)
         physical, before = problem.physical(theta), strengths
         strengths = tuple(
             s if known is not None else _chosen(term, physical, g, s, b)
             for term, known, g, s, b in zip(terms, given, determined, strengths, begun, strict=True)
         )
         known_to = [max(0.1, np.sqrt(2 / max(g, 1.0))) for g in determined]
-        settled = all(abs(np.log(s / b)) <= d for s, b, d in zip(strengths, before, known_to, strict=True))
-        rounds.finished(SettledStrengths(strengths, determined, theta, settled, number + 1))
-        if settled:
-            return SettledStrengths(strengths, determined, theta, True, number + 1)
+        if all(abs(np.log(s / b)) <= d for s, b, d in zip(strengths, before, known_to, strict=True)):
+            return SettledStrengths(strengths, determined, theta, True, number)
     return SettledStrengths(strengths, determined, theta, False, _MOST_ROUNDS)
 
 
+def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:
+    """Progress of a fit after so many iterations of those before it."""
+    progress(done + iteration, cost)
+
+
 def balanced_strengths(
-    problem: FreeProblem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
+    problem: Problem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
 ) -> tuple[float, ...]:
     """Strengths at which data and penalty weigh the same at `theta`, where none is given."""
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
-    at, slope, physical = problem.linearize_free(theta), problem.slope(theta), problem.physical(theta)
+    at, slope, physical = problem.linearize_operator(theta), problem.slope(theta), problem.physical(theta)
     made = []
     for term, value in zip(terms, given, strict=True):
         rows = term.jacobian(physical) @ sparse.diags_array(slope)
@@ -177,8 +180,8 @@ def _chosen(term: Differences, physical: FloatArray, determined: float, strength
 
 
 def _determined(
-    problem: FreeProblem,
-    at: FreeLinearization,
+    problem: Problem,
+    at: OperatorLinearization,
     theta: FloatArray,
     terms: Sequence[Differences],
     strengths: Sequence[float],
@@ -197,53 +200,3 @@ def _determined(
         sums = sums + np.array([float(draw[term.members] @ rest[term.members]) for term in terms])
     means = sums / len(sound) if len(sound) else np.full(len(terms), np.nan)
     return tuple(float(mean) - term.nullity for mean, term in zip(means, terms, strict=True))
-
-
-class _Rounds:
-    """The progress and the states of all rounds as those of one search."""
-
-    def __init__(self, keeper: Keeper | None, progress: Progress | None) -> None:
-        self._keeper, self._progress = keeper, progress
-        self.state = None if keeper is None else keeper.state
-        self._done = 0 if self.state is None else int(self.state["done"])
-        self._own = 0
-
-    def progress(self, iteration: int, cost: float) -> None:
-        self._own = iteration
-        if self._progress is not None:
-            self._progress(self._done + iteration, cost)
-
-    def keeper(self, number: int, strengths: tuple[float, ...]) -> Keeper | None:
-        if self._keeper is None:
-            return None
-        inside = self.state is not None and "costs" in self.state and int(self.state["round"]) == number
-        return _RoundKeeper(self._keeper, self.state if inside else None, number, strengths, self._done)
-
-    def finished(self, at: SettledStrengths) -> None:
-        """Take the state between two rounds."""
-        self._done, self._own = self._done + self._own, 0
-        if self._keeper is not None:
-            state = {
-                "theta": at.theta,
-                "round": at.n_rounds,
-                "strengths": np.array(at.strengths),
-                "determined": np.array(at.determined),
-                "settled": at.converged,
-                "done": self._done,
-            }
-            self._keeper.keep(self._done, float("nan"), lambda: state)
-
-
-@dataclass(frozen=True, eq=False)
-class _RoundKeeper:
-    """The `Keeper` of the search in one round."""
-
-    whole: Keeper
-    state: State | None
-    number: int
-    strengths: tuple[float, ...]
-    done: int
-
-    def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
-        own = {"round": self.number, "strengths": np.array(self.strengths), "done": self.done}
-        self.whole.keep(self.done + iteration, cost, lambda: {**state(), **own})

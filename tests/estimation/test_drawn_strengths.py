@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import sparse
-from test_free_search import field
+from test_matrix_free import field
 
 from structid.errors import InputError
-from structid.estimation import Linearization
+from structid.estimation import Linearization, MatrixFree, Search, minimize
 from structid.estimation.covariance import error_blocks
-from structid.estimation.free_estimate import error_draws, free_estimate, posterior_draws
-from structid.estimation.regularization.free_strengths import Differences, balanced_strengths, settled_strengths
+from structid.estimation.estimate import estimate
+from structid.estimation.posterior_draws import error_draws, posterior_draws
+from structid.estimation.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.estimation.regularization.strengths import LocalModel, marginal_likelihood_strengths
+from structid.estimation.search.work import restored_minimum, stored_minimum
 
 
 def differences(n):
@@ -66,7 +68,7 @@ def test_counted_combinations_are_the_exact_trace():
     prior = found.strengths[0] * (held.matrix.T @ held.matrix).toarray()
     exact = np.trace(np.linalg.solve(jacobian.T @ jacobian + prior, jacobian.T @ jacobian)) - 1
     assert found.determined[0] == pytest.approx(exact, rel=0.35)  # eight draws, a strength from before the last change
-    assert free_estimate(at, draws=300).determined == pytest.approx(exact + 1, rel=0.1)
+    assert estimate(at, MatrixFree(draws=300)).determined == pytest.approx(exact + 1, rel=0.1)
 
 
 def test_balance_has_equal_traces():
@@ -91,13 +93,24 @@ def test_rows_leave_one_mean_of_each_connected_part_free():
 
 
 class Kept:
-    """Keeps the state of a search, and stops it after some iterations."""
+    """Searches one after another, each stopped after some iterations in all, and gone on with by the next of its kind."""
 
-    def __init__(self, stop=None, state=None):
-        self.stop, self.state, self.last, self.calls = stop, state, None, 0
+    def __init__(self, stop=None, before=None):
+        self.stop, self.calls, self.number = stop, 0, 0
+        self.done = dict(before.done) if before else {}
+        self.last = before.last if before else None
+
+    def __call__(self, problem, method, theta=None, progress=None):
+        self.number += 1
+        if self.number in self.done:
+            return restored_minimum(problem, method, self.done[self.number])
+        self.state = self.last[1] if self.last and self.last[0] == self.number else None
+        found = minimize(problem, method, theta, progress, self)
+        self.done[self.number] = stored_minimum(found)
+        return found
 
     def keep(self, iteration, cost, state):
-        self.last, self.calls = dict(state()), self.calls + 1
+        self.last, self.calls = (self.number, dict(state())), self.calls + 1
         if self.calls == self.stop:
             raise KeyboardInterrupt
 
@@ -105,33 +118,45 @@ class Kept:
 def test_choice_interrupted_anywhere_goes_on_to_the_same_digits():
     _, held, made = smooth_problem()
     kept = Kept()
-    whole = settled_strengths(made, [held], [None], (1e5,), np.zeros(60), keeper=kept)
-    assert kept.calls >= 6
-    for stop in range(1, kept.calls + 1):  # after iterations, and between rounds
+    whole = settled_strengths(made, [held], [None], (1e5,), np.zeros(60), search=kept)
+    assert kept.calls >= 5
+    assert kept.number >= 2
+    for stop in range(1, kept.calls + 1):
         stopped = Kept(stop)
         with pytest.raises(KeyboardInterrupt):
-            settled_strengths(made, [held], [None], (1e5,), np.zeros(60), keeper=stopped)
-        rest = settled_strengths(made, [held], [None], (1e5,), np.zeros(60), keeper=Kept(state=stopped.last))
+            settled_strengths(made, [held], [None], (1e5,), np.zeros(60), search=stopped)
+        rest = settled_strengths(made, [held], [None], (1e5,), np.zeros(60), search=Kept(before=stopped))
         assert rest.strengths == whole.strengths
+        assert rest.determined == whole.determined
         np.testing.assert_array_equal(rest.theta, whole.theta)
+
+
+def test_progress_counts_the_iterations_of_all_fits():
+    _, held, made = smooth_problem()
+    told = []
+    settled_strengths(
+        made, [held], [None], (1e5,), np.zeros(60), progress=lambda iteration, cost: told.append(iteration)
+    )
+    assert told == list(range(1, len(told) + 1))
+    assert len(told) >= 5
 
 
 def test_interrupted_search_goes_on_to_the_same_digits():
     _, _, made = smooth_problem()
-    whole = free_estimate(made((100.0,)), draws=4)
+    problem, method = made((100.0,)), MatrixFree()
+    whole = minimize(problem, method)
     stopped = Kept(2)
     with pytest.raises(KeyboardInterrupt):
-        free_estimate(made((100.0,)), draws=4, keeper=stopped)
-    rest = free_estimate(made((100.0,)), draws=4, keeper=Kept(state=stopped.last))
-    np.testing.assert_array_equal(rest.values, whole.values)
-    np.testing.assert_array_equal(rest.std, whole.std)
-    np.testing.assert_array_equal(rest.costs, whole.costs)
+        stopped(problem, method)
+    rest = Kept(before=stopped)(problem, method)
+    for name in ("theta", "history", "costs", "inner"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name))
 
 
 def test_errors_drawn_from_the_residual_have_the_block_covariance():
     problem, _, made = smooth_problem()
     wrong = replace(made((400.0,)), data=problem.data + 30 * np.sin(1.5 * np.arange(25)))
-    found = free_estimate(wrong, draws=2000, seed=3)
+    found = estimate(wrong, MatrixFree(draws=2000), search=Search(seed=3))
     assert found.covariance_basis == "model_error"
     assert "misses the noise" in found.message
     at = wrong.linearize(found.theta)
@@ -147,12 +172,12 @@ def test_errors_drawn_from_the_residual_have_the_block_covariance():
     meat = raised**2 * count / (count - 1) * scores.T @ scores + prior
     exact = np.sqrt(np.diag(bread @ meat @ bread)) * found.values
     assert np.abs(found.std / exact - 1).max() < 4.5 / np.sqrt(4000)
-    assert free_estimate(made((400.0,)), draws=8).covariance_basis == "noise"
+    assert estimate(made((400.0,)), MatrixFree(draws=8)).covariance_basis == "noise"
 
 
 def test_one_block_gives_no_standard_deviation():
     _, _, made = smooth_problem()
-    free = made((100.0,)).linearize_free(np.zeros(60))
+    free = made((100.0,)).linearize_operator(np.zeros(60))
 
     class OneLine:
         lines = np.zeros(25, int)
@@ -170,11 +195,11 @@ def test_changes_beyond_chance_are_rare_where_nothing_changed():
         problem, _ = field(True, seed=seed)
         noise = np.random.default_rng(1000 + seed).standard_normal(25)
         still = replace(problem, data=problem.windows.sum(axis=1) + noise)
-        beyond, limit = free_estimate(still, draws=32, seed=seed).beyond_chance()
+        beyond, limit = estimate(still, MatrixFree(), search=Search(seed=seed)).beyond_chance()
         marked.append(beyond.any())
         assert 3.5 < limit < 4.5
     assert np.mean(marked) <= 0.1
     problem, truth = field(True)
-    beyond, _ = free_estimate(problem, draws=32).beyond_chance()
+    beyond, _ = estimate(problem, MatrixFree()).beyond_chance()
     assert beyond[np.argmin(truth)]
     assert not beyond[np.abs(truth - 1) < 1e-4].any()

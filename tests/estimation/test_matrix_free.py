@@ -7,27 +7,35 @@ import pytest
 from scipy import sparse
 
 from structid.errors import InputError
-from structid.estimation import LevenbergMarquardt, Linearization, Status, minimize
-from structid.estimation.free_estimate import free_estimate, posterior_draws, solved_std
-from structid.estimation.search import free_linearization
-from structid.estimation.search.free_linearization import FreeLinearization
-from structid.estimation.search.levenberg_marquardt_free import (
-    FreeLevenbergMarquardt,
-    conjugate_gradients,
-    free_levenberg_marquardt,
-    needs_free_search,
-    preconditioner,
+from structid.estimation import (
+    BaseProblem,
+    LevenbergMarquardt,
+    Linearization,
+    MatrixFree,
+    OperatorLinearization,
+    Search,
+    Status,
+    linearization,
+    minimize,
 )
+from structid.estimation.estimate import estimate
+from structid.estimation.posterior_draws import posterior_draws, solved_std
+from structid.estimation.search.conjugate_gradients import conjugate_gradients, preconditioner
+from structid.estimation.search.matrix_free import dense_search_fits
+
+EXACT = MatrixFree(gain_tolerance=1e-13, inner_tolerance=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class Field(BaseProblem):
     """exp(theta) along a line seen through few wide windows, smooth from one to the next."""
 
     windows: np.ndarray
     data: np.ndarray
     smoothness: sparse.csr_array
     stored: bool
+
+    matrix_free_obstacle = ""
 
     @property
     def names(self):
@@ -53,9 +61,9 @@ class Field:
             self.residual(theta), np.concatenate([self.windows * np.exp(theta), self.smoothness.toarray()])
         )
 
-    def linearize_free(self, theta):
+    def linearize_operator(self, theta):
         jacobian = self.windows * np.exp(theta)
-        return FreeLinearization(
+        return OperatorLinearization(
             residual=self.residual(theta),
             forward=lambda v: jacobian @ v,
             adjoint=lambda u: jacobian.T @ u,
@@ -81,7 +89,7 @@ def field(stored, n=60, n_windows=25, strength=400.0, seed=0):
 def test_minimum_and_damage_equal_those_of_the_dense_search(stored):
     problem, truth = field(stored)
     dense = minimize(problem, LevenbergMarquardt())
-    free = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
+    free = minimize(problem, EXACT)
     assert free.converged
     assert free.theta == pytest.approx(dense.theta, abs=1e-6)
     assert free.costs[-1] == pytest.approx(dense.costs[-1], rel=1e-9)
@@ -92,7 +100,7 @@ def test_minimum_and_damage_equal_those_of_the_dense_search(stored):
 @pytest.mark.parametrize("stored", [False, True])
 def test_standard_deviations_equal_the_dense_covariance(stored):
     problem, _ = field(stored)
-    found = free_estimate(problem, draws=400, solved=("p3", "p40"), seed=1)
+    found = estimate(problem, MatrixFree(draws=400, solved=("p3", "p40")), search=Search(seed=1))
     jacobian = problem.linearize(found.theta).jacobian
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     exact = np.sqrt(np.diag(covariance)) * found.values
@@ -100,8 +108,9 @@ def test_standard_deviations_equal_the_dense_covariance(stored):
     rest = np.setdiff1d(np.arange(60), [3, 40])
     off = found.std[rest] / exact[rest] - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(800)  # 4.5 of their own standard errors
-    assert found.std_error[[3, 5]] == pytest.approx([0.0, 1 / np.sqrt(800)])
-    sampled = found.draws.T @ found.draws / 400
+    assert found.uncertainty.std_error[[3, 5]] == pytest.approx([0.0, 1 / np.sqrt(800)])
+    draws = found.uncertainty.draws / found.slope
+    sampled = draws.T @ draws / 400
     assert np.corrcoef(sampled.ravel(), covariance.ravel())[0, 1] > 0.9
     assert found.status is Status.CONVERGED
     assert "400 posterior draws" in found.message
@@ -111,10 +120,10 @@ def test_standard_deviations_equal_the_dense_covariance(stored):
 
 def test_without_draws_and_without_convergence_nothing_is_zero():
     problem, _ = field(True)
-    found = free_estimate(problem, draws=0)
+    found = estimate(problem, MatrixFree(draws=0))
     assert np.isnan(found.std).all()
     assert found.status is Status.NOT_IDENTIFIABLE
-    stopped = free_estimate(problem, FreeLevenbergMarquardt(max_iterations=1), draws=4)
+    stopped = estimate(problem, MatrixFree(max_iterations=1, draws=4))
     assert stopped.status is Status.NOT_CONVERGED
     assert "stopped after 1 iterations" in stopped.message
 
@@ -126,7 +135,7 @@ def test_parameter_that_nothing_sees_has_no_standard_deviation():
     loose = problem.smoothness.toarray()
     loose[6:8] = 0.0
     unseen = Field(blind, problem.data, sparse.csr_array(loose), False)
-    found = free_estimate(unseen, draws=8, solved=("p7",))
+    found = estimate(unseen, MatrixFree(draws=8, solved=("p7",)))
     assert np.isnan(found.std[7])
     assert np.isfinite(np.delete(found.std, 7)).all()
     assert found.status is Status.NOT_IDENTIFIABLE
@@ -136,7 +145,7 @@ def test_information_is_that_of_the_jacobian_and_the_preconditioner_is_close():
     rng = np.random.default_rng(3)
     for stored in (False, True):
         problem, _ = field(stored)
-        at = problem.linearize_free(0.1 * rng.standard_normal(60))
+        at = problem.linearize_operator(0.1 * rng.standard_normal(60))
         jacobian = np.concatenate([at.forward(e)[None] for e in np.eye(60)]).T
         whole = np.concatenate([jacobian, problem.smoothness.toarray()])
         v = rng.standard_normal(60)
@@ -162,8 +171,8 @@ def test_conjugate_gradients_say_where_they_stopped():
 
 def test_draws_and_solved_deviations_that_do_not_converge_are_nan():
     problem, _ = field(False)
-    at = problem.linearize_free(problem.theta_start)
-    broken = FreeLinearization(at.residual, lambda v: at.forward(v) * np.nan, at.adjoint, at.data_squares, at.prior)
+    at = problem.linearize_operator(problem.theta_start)
+    broken = OperatorLinearization(at.residual, lambda v: at.forward(v) * np.nan, at.adjoint, at.data_squares, at.prior)
     made, missed = posterior_draws(broken, 2, np.random.default_rng(0))
     assert missed == 2
     assert np.isnan(made).all()
@@ -172,38 +181,38 @@ def test_draws_and_solved_deviations_that_do_not_converge_are_nan():
 
 def test_reason_for_a_search_without_jacobian_has_the_numbers():
     problem, _ = field(False)
-    needed, words = needs_free_search(problem)
-    assert not needed
+    fits, words = dense_search_fits(len(problem.names), problem.n_data)
+    assert fits
     assert "60 parameters and 25 data" in words
-    needed, words = needs_free_search(problem, dense_bytes=1000)
-    assert needed
+    fits, words = dense_search_fits(60, 25, dense_bytes=1000)
+    assert not fits
     assert "more than" in words
 
 
 def test_what_cannot_be_asked_for():
     problem, _ = field(False)
     with pytest.raises(InputError, match="`solved` must name parameters, got 'q'"):
-        free_estimate(problem, solved=("q",))
+        estimate(problem, MatrixFree(solved=("q",)))
     with pytest.raises(InputError, match="`draws` must be 0 or at least 2, got 1"):
-        free_estimate(problem, draws=1)
+        MatrixFree(draws=1)
 
 
 @pytest.mark.parametrize("count", [4, 12])
 def test_sketch_of_few_directions_only_costs_iterations(count, monkeypatch):
     problem, _ = field(False)
-    exact = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
-    monkeypatch.setattr(free_linearization, "_SKETCHED", count)
-    image, inner = problem.linearize_free(np.zeros(60)).sketch
+    exact = minimize(problem, EXACT)
+    monkeypatch.setattr(linearization, "_SKETCHED", count)
+    image, inner = problem.linearize_operator(np.zeros(60)).sketch
     assert image.shape == (60, count)
     assert inner.shape == (count, count)
-    found = free_levenberg_marquardt(problem, FreeLevenbergMarquardt(gain_tolerance=1e-13, inner_tolerance=1e-9))
+    found = minimize(problem, EXACT)
     assert found.theta == pytest.approx(exact.theta, abs=1e-7)
     assert exact.inner.max() < found.inner.max() < 60
 
 
 def test_whole_sketch_is_the_information_of_the_data():
     problem, _ = field(False)
-    at = problem.linearize_free(np.zeros(60))
+    at = problem.linearize_operator(np.zeros(60))
     image, inner = at.sketch
     whole = problem.windows.T @ problem.windows
     assert image @ np.linalg.solve(inner, image.T) == pytest.approx(whole, rel=1e-6, abs=1e-8 * whole.max())

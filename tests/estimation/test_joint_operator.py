@@ -5,28 +5,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy import sparse
-from test_free_search import field
+from test_matrix_free import field
 
 from structid.errors import InputError
-from structid.estimation import JointProblem
-from structid.estimation.free_estimate import free_estimate
+from structid.estimation import BaseProblem, JointProblem, MatrixFree
+from structid.estimation.estimate import estimate
+from structid.estimation.problems.wrapped import Wrapped
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class Named(Wrapped):
     """A field under other names, with a prior of its first parameter."""
 
-    inner: object
     labels: tuple
     width: float = 0.1
 
     names = property(lambda self: self.labels)
 
-    def __getattr__(self, name):
-        return getattr(self.inner, name)
-
     def linearize(self, theta):
-        at = self.inner.linearize(theta)
+        at = self.problem.linearize(theta)
         row = np.zeros((1, len(theta)))
         row[0, 0] = 1 / self.width
         residual = np.append(at.residual, theta[0] / self.width)
@@ -35,9 +32,14 @@ class Named:
     def residual(self, theta):
         return self.linearize(theta).residual
 
-    def linearize_free(self, theta):
-        at, dense = self.inner.linearize_free(theta), self.linearize(theta)
-        return replace(at, residual=dense.residual, prior=sparse.csr_array(dense.jacobian[at.n_data :]))
+    def prior_rows(self, theta):
+        dense = self.linearize(theta)
+        return dense.residual[self.n_data :], sparse.csr_array(dense.jacobian[self.n_data :])
+
+    def linearize_operator(self, theta):
+        residual, prior = self.prior_rows(theta)
+        at = self.problem.linearize_operator(theta)
+        return replace(at, residual=np.concatenate([at.residual[: at.n_data], residual]), prior=prior)
 
 
 def pair(stored=False, width=0.1):
@@ -54,7 +56,7 @@ def test_products_are_those_of_the_joint_jacobian(stored):
     joint = pair(stored)
     rng = np.random.default_rng(0)
     theta = 0.1 * rng.standard_normal(61)
-    dense, at = joint.linearize(theta), joint.linearize_free(theta)
+    dense, at = joint.linearize(theta), joint.linearize_operator(theta)
     n = joint.n_data
     np.testing.assert_allclose(at.residual, dense.residual, rtol=1e-12)
     v, u = rng.standard_normal(61), rng.standard_normal(len(dense.residual))
@@ -68,7 +70,7 @@ def test_products_are_those_of_the_joint_jacobian(stored):
 
 def test_prior_that_both_state_counts_once():
     joint = pair()
-    at = joint.linearize_free(joint.theta_start)
+    at = joint.linearize_operator(joint.theta_start)
     single = (abs(at.prior) > 0).sum(axis=1) == 1
     assert int(single.sum()) == 1
     assert at.prior.shape[0] == 59 + 1 + 59  # two chains of differences in different orders, one prior
@@ -77,12 +79,12 @@ def test_prior_that_both_state_counts_once():
 def test_different_priors_of_one_parameter_are_refused():
     joint = pair(width=0.3)
     with pytest.raises(InputError, match="prior of p0 must be the same"):
-        joint.linearize_free(joint.theta_start)
+        joint.linearize_operator(joint.theta_start)
 
 
 def test_standard_deviations_of_two_records_are_those_of_the_dense_covariance():
     joint = JointProblem((field(True, seed=1)[0], field(True, seed=2)[0]))
-    found = free_estimate(joint, draws=400)
+    found = estimate(joint, MatrixFree(draws=400))
     jacobian = joint.linearize(found.theta).jacobian
     exact = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * found.values
     assert np.abs(found.std / exact - 1).max() < 4.5 / np.sqrt(800)
@@ -90,16 +92,14 @@ def test_standard_deviations_of_two_records_are_those_of_the_dense_covariance():
 
 
 def test_problem_without_such_a_form_is_named():
-    plain = replace(field(True)[0])
+    class Dense(type(field(True)[0])):
+        linearize_operator = BaseProblem.linearize_operator
+        matrix_free_obstacle = BaseProblem.matrix_free_obstacle
 
-    class Dense:
-        def __getattr__(self, name):
-            if name == "linearize_free":
-                raise AttributeError(name)
-            return getattr(plain, name)
-
-    with pytest.raises(InputError, match="problem 1 does not"):
-        JointProblem((Dense(),)).linearize_free(np.zeros(60))
+    joint = JointProblem((field(True, seed=1)[0], Dense(**vars(field(True)[0]))))
+    assert joint.matrix_free_obstacle == BaseProblem().matrix_free_obstacle
+    with pytest.raises(InputError, match="products with their Jacobian"):
+        joint.linearize_operator(np.zeros(60))
 
 
 def test_words_on_the_parameters_are_gathered_once():

@@ -18,12 +18,11 @@ from test_checkpoint import RUN, command, signalled_when
 import structid as sid
 from structid.cli import app as cli
 from structid.errors import InputError
-from structid.estimation.search import levenberg_marquardt_free
-from structid.identification import free_search
-from structid.identification.free_search import searches_free
+from structid.estimation.search import matrix_free
+from structid.identification import search
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
-from structid.study.run.run import is_free, load_study, run_free_study, run_study, started
+from structid.study.run.run import is_matrix_free, load_study, run_study, started
 
 ROOT = Path(__file__).parents[2]
 
@@ -99,7 +98,7 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
     for name in ("plate.msh", "frf.npz", "study.toml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
-    free = run_free_study(started(load_study(changed(tmp_path, given)))).identification
+    free = run_study(load_study(changed(tmp_path, given))).identification
     dense = run_study(
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"')))
     ).identification
@@ -108,7 +107,7 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
     assert np.abs(off).max() < 4.5 / np.sqrt(64)
     assert np.abs(off.mean()) < 0.06
     assert free.held[0].rule == "given"
-    assert np.isnan(free.determined).all()
+    assert np.isnan(free.held[0].determined)
     assert free.total_mass == pytest.approx(dense.total_mass)
     assert free.total_mass_std == 0
 
@@ -142,21 +141,23 @@ def test_it_comes_by_itself_where_a_dense_search_would_not_fit(plate, tmp_path, 
     for name in ("plate.msh", "frf.npz", "study.toml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     ready = started(load_study(changed(tmp_path, ('search = "matrix_free"\n', ""))))
-    assert not is_free(ready)
-    small = lambda problem: levenberg_marquardt_free.needs_free_search(problem, 1e5)  # noqa: E731
-    monkeypatch.setattr(free_search, "needs_free_search", small)
-    assert is_free(ready)
+    assert not is_matrix_free(ready)
+    small = lambda n_params, n_data: matrix_free.dense_search_fits(n_params, n_data, 1e5)  # noqa: E731
+    monkeypatch.setattr(search, "dense_search_fits", small)
+    assert is_matrix_free(ready)
     dense = started(load_study(changed(tmp_path, ("n_modes = 6", 'n_modes = 6\nsearch = "levenberg_marquardt"'))))
-    assert not searches_free(dense.problems, dense.study.options)
+    assert not is_matrix_free(dense)
 
 
-def test_python_is_told_which_function_to_call(plate):
+def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     folder, *_ = plate
-    with pytest.raises(InputError, match="run_free_study"):
-        run_study(load_study(folder / "study.toml"))
-    study = load_study(folder / "study.toml")
-    assert sid.__version__
-    assert is_free(started(study))
+    found = run_study(load_study(folder / "study.toml")).identification
+    with pytest.raises(InputError, match="no covariance matrix of its 50 parameters"):
+        _ = found.estimate.covariance
+    assert found.prior_share is None
+    assert found.estimate.interval().shape == (50, 2)
+    assert (found.intervals.ends[:, 0] < found.estimate.values).all()
+    assert found.estimate.residual_tests.series[0].name == str(found.sensors[0])
 
 
 def test_killed_search_resumes_to_the_same_digits(plate, tmp_path):
@@ -195,11 +196,12 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
     free = check_study(load_study(changed(tmp_path, given)))
-    assert free.identifiability is None
+    assert not free.covariance.has_matrix
+    assert 5 < free.identifiability.rank < 50
     dense = check_study(
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"\nrestarts = 0')))
     )
-    assert dense.free is None
+    assert dense.covariance.has_matrix
     off = free.std / dense.std - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(32)
     assert np.abs(off.mean()) < 0.1
@@ -213,8 +215,8 @@ def test_two_records_give_the_answer_of_one_with_all_sensors(plate, tmp_path):
     for name in ("plate.msh", "frf.npz", "study.toml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     given = ('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = 150.0\n\n[record]')
-    whole = run_free_study(started(load_study(changed(tmp_path, given)))).identification
-    record = whole.fit.measured
+    whole = run_study(load_study(changed(tmp_path, given))).identification
+    record = whole.measured
     for name, part in (("a", slice(0, 3)), ("b", slice(3, None))):
         own = replace(
             record, values=record.values[:, part], variance=record.variance[:, part], outputs=record.outputs[part]

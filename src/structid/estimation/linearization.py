@@ -1,24 +1,50 @@
-"""A linearization whose Jacobian is not formed: products with it and with its transpose."""
+"""A whitened residual with its derivative at one point: as a Jacobian, or as products with one that is not formed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray
-from structid.estimation.problem import Problem
 
 #: Directions of a sketch at most; the part of diag(J'J) that stands for what the data add; and what keeps a matrix regular.
 _SKETCHED, _DATA_PART, _LEAST = 300, 1e-3, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class FreeLinearization:
+class Linearization:
+    """Whitened residual and its derivative at one point.
+
+    Attributes
+    ----------
+    residual : (n_residuals,) float array
+        Data rows first, then one row for each prior; unit variance each where model and noise are right.
+    jacobian : (n_residuals, n_params) float array
+        Derivative with respect to the free variables.
+    n_eliminated : int
+        Unknowns that the problem solved for inside; each takes one degree of freedom from chi-square.
+    """
+
+    residual: FloatArray
+    jacobian: FloatArray
+    n_eliminated: int = 0
+
+    @property
+    def n_params(self) -> int:
+        return self.jacobian.shape[1]
+
+    def product(self, v: FloatArray) -> FloatArray:
+        """J v, all rows."""
+        return self.jacobian @ v
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorLinearization:
     """Whitened residual at one point, and what its derivative does to vectors.
 
     Attributes
@@ -47,6 +73,8 @@ class FreeLinearization:
     words: str = ""
     jacobian: FloatArray | None = None
 
+    n_eliminated: ClassVar[int] = 0
+
     @property
     def n_data(self) -> int:
         return len(self.residual) - self.prior.shape[0]
@@ -68,6 +96,11 @@ class FreeLinearization:
         return self.adjoint(self.forward(v)) + self.prior.T @ (self.prior @ v)
 
     @cached_property
+    def squares(self) -> FloatArray:
+        """Diagonal of J'J, all rows, (n_params,)."""
+        return self.data_squares + np.asarray(self.prior.multiply(self.prior).sum(axis=0)).ravel()
+
+    @cached_property
     def sketch(self) -> tuple[FloatArray, FloatArray]:
         """Y (n_params, k) and C (k, k) of the randomized approximation J'J = Y C^-1 Y' of the data rows.
 
@@ -87,11 +120,6 @@ class FreeLinearization:
         image = np.array([self.adjoint(column) for column in moved.T]).T
         return image, moved.T @ moved
 
-    @property
-    def squares(self) -> FloatArray:
-        """Diagonal of J'J, all rows, (n_params,)."""
-        return self.data_squares + np.asarray(self.prior.multiply(self.prior).sum(axis=0)).ravel()
-
 
 def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """x of (P'P + diagonal) x = b; P sparse, ones where the diagonal and P leave nothing."""
@@ -102,9 +130,3 @@ def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatA
     matrix = sparse.csc_matrix(prior.T @ prior + sparse.diags_array(sound))
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return lambda right: np.asarray(factor.solve(right))
-
-
-class FreeProblem(Problem, Protocol):
-    """A least-squares problem that also linearizes without forming its Jacobian."""
-
-    def linearize_free(self, theta: FloatArray) -> FreeLinearization: ...

@@ -1,0 +1,236 @@
+"""What is known of the parameters at a minimum: a covariance, as a matrix or by draws, and which of them the data carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from scipy import sparse, special
+
+from structid.arrays import FloatArray, locked
+from structid.errors import InputError
+from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance
+from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
+from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation.linearization import Linearization
+from structid.estimation.problem import Problem
+
+#: Combinations of parameters, one a row.
+Rows: TypeAlias = "FloatArray | sparse.csr_array"
+
+
+class Covariance(Protocol):
+    """The covariance of parameters in physical units, however it is known."""
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations, (n_params,); NaN where nothing is known."""
+        ...
+
+    @property
+    def std_error(self) -> FloatArray:
+        """Relative standard error of `std`, (n_params,); 0 where it is exact."""
+        ...
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of Student's t for a parameter over its `std`; infinite where that is exact."""
+        ...
+
+    @property
+    def has_matrix(self) -> bool: ...
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(n_params, n_params); NaN for what is not determined.
+
+        Raises
+        ------
+        InputError
+            Where there is none.
+        """
+        ...
+
+    @property
+    def draws(self) -> FloatArray:
+        """Draws of errors of the parameters, (n_draws, n_params), whose covariance it is; none where there is a matrix."""
+        ...
+
+    def variance(self, rows: Rows) -> FloatArray:
+        """Of combinations of parameters (n_rows, n_params), (n_rows,); NaN where nothing is known of what takes part."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class DenseCovariance:
+    """A covariance that is a matrix.
+
+    Parameters
+    ----------
+    matrix : (n_params, n_params) float array
+    """
+
+    matrix: FloatArray
+
+    has_matrix = True
+    freedom = np.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", locked(self.matrix, np.float64))
+
+    @property
+    def std(self) -> FloatArray:
+        return np.sqrt(np.diag(self.matrix))
+
+    @property
+    def std_error(self) -> FloatArray:
+        return np.zeros(len(self.matrix))
+
+    @property
+    def draws(self) -> FloatArray:
+        return np.zeros((0, len(self.matrix)))
+
+    def variance(self, rows: Rows) -> FloatArray:
+        weights = sparse.csr_array(rows).toarray()
+        used, lost = weights != 0, ~np.isfinite(self.matrix)
+        found = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
+        return np.where(((used @ lost) & used).any(axis=1), np.nan, found)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCovariance:
+    """A covariance that is known by draws, for parameters too many for a matrix.
+
+    Parameters
+    ----------
+    draws : (n_draws, n_params) float array
+    std, std_error : (n_params,) float arrays
+        Of the draws, and better where it was found otherwise.
+    """
+
+    draws: FloatArray
+    std: FloatArray
+    std_error: FloatArray
+
+    has_matrix = False
+
+    @property
+    def freedom(self) -> float:
+        return float(max(len(self.draws), 1))
+
+    @property
+    def matrix(self) -> FloatArray:
+        raise InputError(
+            f"a matrix-free search gives no covariance matrix of its {len(self.std)} parameters; take `std`, or `variance` of"
+            " combinations of them, or search with a Jacobian"
+        )
+
+    def variance(self, rows: Rows) -> FloatArray:
+        weights = sparse.csr_array(rows)
+        if len(self.draws) < 2:
+            return np.where(np.diff(weights.indptr) > 0, np.nan, 0.0)
+        return np.asarray(((weights @ self.draws.T) ** 2).mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What is known of the parameters at a minimum.
+
+    Attributes
+    ----------
+    noise, model_error : Covariance
+        From the noise of the data alone and the priors; from the residuals themselves, which carries model error.
+    misfit : bool
+        Whether the fit misses the noise, so that `model_error` counts.
+    identified : (n_params,) bool array
+    carried : (n_params,) bool array
+        Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
+    identifiability : Identifiability
+        Without a Jacobian nothing but a rank, as `determined` tells it.
+    determined : float
+        How many combinations of parameters the data determine: tr(C J'J) by draws, else the rank.
+    bound_initial : (n_params,) float array or None
+        Cramer-Rao bound if the truth were the initial values.
+    freedom : float
+        Degrees of freedom of chi-square.
+    words : tuple of str
+        How it was found, or why a parameter is refused.
+    """
+
+    noise: Covariance
+    model_error: Covariance
+    misfit: bool
+    identified: np.ndarray
+    carried: np.ndarray
+    identifiability: Identifiability
+    determined: float
+    bound_initial: FloatArray | None
+    freedom: float
+    words: tuple[str, ...]
+
+
+def dense_uncertainty(
+    problem: Problem, theta: FloatArray, at: Linearization, converged: bool, misfit_probability: float
+) -> Uncertainty:
+    """By the information matrix at `theta`.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (n_params,) float array
+    at : Linearization
+    converged : bool
+        Whether the search did.
+    misfit_probability : float
+        Below this probability of its chi-square the fit holds model error.
+    """
+    values, slope = problem.physical(theta), problem.slope(theta)
+    data, sizes = at.residual[: problem.n_data], problem.sizes(values)
+    freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
+    noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
+    model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
+    misfit = misfits(problem, theta, at, misfit_probability)
+    noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
+    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale)
+    adopted = (model if misfit else noise).std
+    initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
+    at_start = carried(initial, sizes, adopted, converged and not misfit)
+    identified = at_start & (adopted <= sizes)
+    stopped = not converged and bool(at_start.all())
+    refused = not identified.all() and not stopped
+    refusal = (
+        refusal_words(initial, Bound(noise.std, sizes, "the estimate"), at_start, problem.names) if refused else ""
+    )
+    return Uncertainty(
+        noise=noise,
+        model_error=model,
+        misfit=misfit,
+        identified=identified,
+        carried=at_start,
+        identifiability=found,
+        determined=float(found.rank),
+        bound_initial=initial.std,
+        freedom=freedom,
+        words=(refusal,),
+    )
+
+
+def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
+    """Whether chi-square is larger than noise alone would make it with this probability."""
+    data = at.residual[: problem.n_data]
+    scale, freedom = chi_square_law(problem, theta, at)
+    return freedom > 0 and is_misfit(float(data @ data) / scale, freedom, probability)
+
+
+def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
+    """Whether a larger chi-square has less than this probability."""
+    return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)
+
+
+def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+    """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
+    sizes = problem.sizes(problem.physical(theta))
+    scale = np.where(sizes != 0, sizes, 1.0)
+    slope = problem.slope(theta)
+    return at.jacobian[: problem.n_data] * np.divide(scale, slope, out=np.zeros(len(slope)), where=slope != 0)

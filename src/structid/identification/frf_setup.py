@@ -1,0 +1,128 @@
+"""Frequency response functions as a record of a study: how they are fitted, and what the fit shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import InitVar, dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.errors import InputError, SingularModelError
+from structid.identification.checks import record_warnings, unit_warnings
+from structid.identification.options import IdentifyOptions, LineOptions
+from structid.identification.record_fit import Own, RecordFit, record_fit
+from structid.identification.setups import Prepared, RecordSetup
+from structid.observation import ChannelUnknown, FrfProblem, measures_everything, one_step_values
+from structid.observation.channel_errors import channel_errors
+from structid.records import FrfRecord
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+_RELATIVE_WEIGHT = 0.1
+_NO_NOISE = (
+    "the record has no noise level: every line is weighted by its own magnitude, and standard deviations come from the"
+    " scatter of the residual"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Setup(RecordSetup[FrfProblem]):
+    """One record of responses and what it was measured on; of time histories see `TimeSetup`, of modes `ModalSetup`.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+    record : FrfRecord
+    channel_unknowns : sequence of ChannelUnknown
+        Errors of this record's sensors and loads that are identified too.
+    name : str
+    """
+
+    structure: Structure
+    parameters: Parameters
+    record: FrfRecord
+    channel_unknowns: Sequence[ChannelUnknown] = ()
+    name: str = ""
+    time: InitVar[object] = None
+
+    def __post_init__(self, time: object) -> None:
+        if time is not None:
+            raise InputError(
+                "`time` of a Setup is a set-up of its own now; give TimeSetup(structure, parameters, record, TimeFit(...))"
+                " with the time record"
+            )
+
+    def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
+        used = used_lines(self.record, options)
+        warnings = list(record_warnings(self.structure, used))
+        model_error = options.model_error
+        if used.variance is None and model_error == 0:
+            model_error = _RELATIVE_WEIGHT
+            warnings.append(_NO_NOISE)
+        problem = FrfProblem(
+            self.structure,
+            self.parameters,
+            used,
+            options.residual,
+            model_error,
+            channels=channel_errors(used, self.channel_unknowns) if self.channel_unknowns else None,
+            start_error=options.start_error if options.start == "continuation" else None,
+            reduced=options.reduced,
+        )
+        return Prepared(problem, tuple(warnings))
+
+    @property
+    def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
+        return ("output", self.record.outputs), ("input", self.record.inputs)
+
+    def words(self, options: IdentifyOptions) -> str:
+        used = used_lines(self.record, options)
+        noise = used.noise_source if used.noise_source == "declared" else f"from {used.noise_source}"
+        return (
+            f"{used.kind} in {used.unit}, {len(used.frequency)} of {len(self.record.frequency)} lines from"
+            f" {used.frequency[0]:.5g} to {used.frequency[-1]:.5g} Hz, noise: {'not stated' if used.variance is None else noise}"
+        )
+
+    def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
+        used = used_lines(self.record, options)
+        judged = self.record.band(*options.evaluation_band) if options.evaluation_band else used
+        return used.frequency, judged.frequency
+
+    def looked_at(self, prepared: Prepared[FrfProblem], options: IdentifyOptions) -> tuple[str, ...]:
+        problem = prepared.problem
+        predicted = problem.predicted(problem.theta_start)
+        if not np.isfinite(predicted).all():
+            raise SingularModelError(
+                "the initial model's response is not finite; check its masses, stiffnesses and supports"
+            )
+        return unit_warnings(problem.record, predicted)
+
+    def begun(self, problem: FrfProblem) -> FrfProblem:
+        """From the one-step linear solve where everything is measured, as far as it gives values inside their ranges."""
+        if self.channel_unknowns or not measures_everything(self.structure, problem.record):
+            return problem
+        unknown = problem.parameters
+        solved = one_step_values(self.structure, unknown, problem.record)
+        inside = (solved > unknown.transforms.lower) & (solved < unknown.transforms.upper)
+        return problem.with_parameters(unknown.started_at(np.where(inside, solved, unknown.start)))
+
+    def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+        return record_fit(title, self.record, problem, own, options)
+
+
+def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:
+    """The lines of `record` inside the band and outside the excluded stretches."""
+    keep = inside(record.frequency, options)
+    return record if keep.all() else record.lines(np.flatnonzero(keep))
+
+
+def inside(frequency: FloatArray, options: LineOptions) -> np.ndarray:
+    """Which frequencies lie inside the band and outside the excluded stretches, (n_frequencies,) bool."""
+    low, high = options.band or (-np.inf, np.inf)
+    keep = (frequency >= low) & (frequency <= high)
+    for low, high in options.exclude:
+        keep &= (frequency < low) | (frequency > high)
+    return keep

@@ -1,0 +1,121 @@
+"""What was identified, seen from one record of modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.dynamics import Modes
+from structid.identification.model_modes import structure_modes
+from structid.identification.record_fit import Own
+from structid.modal import ModalRecord
+from structid.observation import ModalProblem
+from structid.similarity import mac, subspace_angles
+
+
+@dataclass(frozen=True, eq=False)
+class PairedModes:
+    """The model's modes beside the measured ones, in the order of the measured.
+
+    Attributes
+    ----------
+    number : (n_measured,) int array
+        Which mode of the model, from 0.
+    frequency, damping_ratio : (n_measured,) float arrays
+        Of the model, Hz and 1.
+    mac : (n_measured,) float array
+    angle : (n_measured,) float array
+        Largest principal angle, rad, between the measured shapes of the mode's group and the model's; of the shape
+        itself for a single mode.
+    passed_over : (n_others,) float array
+        Hz: modes of the model within the measured range that no measured one is paired with, though the sensors move.
+    """
+
+    number: IntArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    mac: FloatArray
+    angle: FloatArray
+    passed_over: FloatArray
+
+
+def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
+    """The pairs of `problem` at the free variables `theta`."""
+    state = problem.model_state(problem.physical(theta))
+    number = problem.pairing(state.modes)
+    shapes = problem.data.shapes[:, problem.data.measured]
+    seen = state.sensors.T @ state.modes.mode_shapes
+    position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
+    angle = np.zeros(len(number))
+    for group in problem.data.groups:
+        own = np.array([position[int(mode)] for mode in group.members])
+        angle[own] = subspace_angles(shapes[:, own], seen[:, number[own]]).max()
+    f = state.modes.frequency
+    phi = state.modes.mode_shapes[:, number]
+    omega = 2 * np.pi * f[number]
+    lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
+    lost += np.einsum("dm,dm->m", phi, state.structural @ phi) / omega**2
+    measured = problem.data.frequency
+    inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & (np.abs(seen).max(axis=0) > 0)
+    inside[number] = False
+    return PairedModes(number, f[number], 0.5 * lost, np.diag(mac(shapes, seen[:, number])), angle, f[inside])
+
+
+@dataclass(frozen=True, eq=False)
+class ModalFit:
+    """What was identified, seen from one record of modes.
+
+    Attributes
+    ----------
+    name : str
+    problem : ModalProblem
+    theta : (n_own,) float array
+        Free variables of this problem's parameters at the end.
+    measured : ModalRecord
+        The modes that were fitted.
+    initial, fitted : PairedModes
+        The model's modes beside the measured ones, before and after.
+    modes_initial, modes : Modes
+        Of the initial and of the identified model.
+    """
+
+    name: str
+    problem: ModalProblem
+    theta: FloatArray
+    measured: ModalRecord
+    initial: PairedModes
+    fitted: PairedModes
+    modes_initial: Modes
+    modes: Modes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Measured modes that have no like in the model, and modes of the model that were not measured."""
+        warnings: list[str] = []
+        f = self.problem.data.frequency
+        for i, (value, like) in enumerate(zip(f.tolist(), self.fitted.mac.tolist(), strict=True)):
+            likeness = like if self.problem.data.is_alone[i] else float(np.cos(self.fitted.angle[i]) ** 2)
+            if likeness < 0.5:
+                warnings.append(
+                    f"the mode measured at {value:.5g} Hz has no like in the model: the nearest, at"
+                    f" {self.fitted.frequency[i]:.5g} Hz, has a MAC of {likeness:.2f}; check sensors and model, or leave the"
+                    " mode out with `use`"
+                )
+        if self.fitted.passed_over.size:
+            listed = ", ".join(f"{value:.5g}" for value in self.fitted.passed_over[:5])
+            warnings.append(
+                f"the identified model has modes at {listed} Hz that no measured mode is paired with: they may have been"
+                " missed in the test, or the model has modes that the structure has not"
+            )
+        return tuple(warnings)
+
+
+def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
+    """The answer seen from one record of modes."""
+    values = own.initial, own.values
+    before, after = (structure_modes(problem.structure, problem.parameters.values(v), n_modes) for v in values)
+    free = problem.parameters.transforms.free(own.initial)
+    initial, fitted = (paired_modes(problem, theta) for theta in (free, own.theta))
+    return ModalFit(name, problem, own.theta, problem.record, initial, fitted, before, after)

@@ -1,0 +1,114 @@
+"""How an identification is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from structid.declared import Count, Limits, NotNegative, Positive
+from structid.estimation import LevenbergMarquardt, Method
+from structid.estimation.intervals.intervals import IntervalKind
+from structid.observation.frf.continuation import START_ERROR
+from structid.unknowns import Regularization
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineOptions:
+    """Which lines count.
+
+    Parameters
+    ----------
+    band : (float, float), optional
+        Lowest and highest frequency used, Hz; all lines by default.
+    exclude : sequence of (float, float)
+        Stretches of the band that are left out, Hz.
+    evaluation_band : (float, float), optional
+        Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
+        does on lines that had no part in the fit.
+    """
+
+    band: tuple[float, float] | None = None
+    exclude: Sequence[tuple[float, float]] = ()
+    evaluation_band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualOptions:
+    """What is minimized.
+
+    Parameters
+    ----------
+    residual : Form
+        Residual of the last stage; see `FrfProblem`.
+    model_error : float
+        Error of the model as a part of each value's magnitude, added to the noise.
+    reduced : float, optional
+        Largest error of the model's FRFs, in parts of the largest of their line, with which a large model may find them
+        from few factorizations; see `FrfProblem`.
+    regularization : sequence of Smoothness or Sparsity
+        What holds parameters that the data alone do not determine.
+    """
+
+    residual: Literal["output", "log", "pole_free"] = "output"
+    model_error: NotNegative = 0.0
+    reduced: Annotated[float, Limits(above=0, most=0.01)] | None = None
+    regularization: Sequence[Regularization] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """How the minimum is searched for.
+
+    Parameters
+    ----------
+    pole_free_start : bool
+        Whether a search on easier forms of the residual comes first, for starts far from the answer.
+    start : {"near", "continuation"}
+        Which way the search comes first: by easier forms of the residual, for initial values that are near, or by
+        continuation from the right half-plane, which carries further (see `continuation_plan`). The other ways
+        follow in `restarts`.
+    start_error : float
+        Expected error of the initial values in the logarithm, for the continuation: 0.5 is a factor of 1.65.
+    restarts : int
+        How many more searches are tried where the fit does not reach the noise: one by another way from the same
+        start, then from random starts about 20 % from it. The best fit is kept. A matrix-free search has one start.
+    uniqueness_starts : int
+        How many more searches begin at such random starts even where a search fits: a test whether other parameters
+        fit the data as well.
+    seed : int
+        Of those starts, and of posterior draws.
+    method : Method
+        Search of the last stage.
+    matrix_free : bool, optional
+        Whether the parameters are searched for without a Jacobian; by default where one is too large.
+    """
+
+    pole_free_start: bool = True
+    start: Literal["near", "continuation"] = "near"
+    start_error: Positive = START_ERROR
+    restarts: int = 2
+    uniqueness_starts: int = 0
+    seed: int = 0
+    method: Method = field(default_factory=LevenbergMarquardt)
+    matrix_free: bool | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
+    """How an identification is done; further options are those of `LineOptions`, `ResidualOptions` and `SearchOptions`.
+
+    Parameters
+    ----------
+    intervals : {"laplace", "profile", "bootstrap", "sampling"}
+        How the 95 % interval of each parameter is found, in rising order of cost; see
+        `structid.estimation.intervals.intervals`.
+    direction : str, optional
+        Translation of the total mass; the first that has mass by default.
+    n_modes : int
+        How many modes of the identified model are given.
+    """
+
+    intervals: IntervalKind = "laplace"
+    direction: Literal["X", "Y", "Z"] | None = None
+    n_modes: Count = 12

@@ -1,0 +1,164 @@
+"""What was identified, seen from one record of responses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.dynamics import Modes
+from structid.identification.model_modes import rounding_warnings, structure_modes
+from structid.identification.options import IdentifyOptions
+from structid.identification.resonances import Resonance, resonances
+from structid.observation import FrfProblem
+from structid.records import FrfRecord
+
+
+class Own(NamedTuple):
+    """Of one problem's own unknowns: free variables at the end, and physical values after and before."""
+
+    theta: FloatArray
+    values: FloatArray
+    initial: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedLines:
+    """Lines of a record beside the model, errors of channels included.
+
+    Attributes
+    ----------
+    record : FrfRecord
+    initial, final : (n_frequencies, n_outputs, n_inputs) complex arrays
+        With initial and with identified parameters.
+    """
+
+    record: FrfRecord
+    initial: ComplexArray
+    final: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class RecordFit:
+    """What was identified, seen from one record.
+
+    Attributes
+    ----------
+    name : str
+    problem : FrfProblem
+        Structure, parameters and the lines of the record that were used, or that show the fit of time histories.
+    theta : (n_own,) float array
+        Free variables of this problem's own parameters at the end.
+    measured : FrfRecord
+        The whole record, before the band was cut out.
+    used, judged : PredictedLines
+        The lines in the fit, and those on which it is judged.
+    modes_initial, modes : Modes
+        Of the initial and of the identified model.
+    resonances : tuple of Resonance
+        Peaks of the judged lines, measured beside predicted.
+    """
+
+    name: str
+    problem: FrfProblem
+    theta: FloatArray
+    measured: FrfRecord
+    used: PredictedLines
+    judged: PredictedLines
+    modes_initial: Modes
+    modes: Modes
+    resonances: tuple[Resonance, ...]
+
+    @property
+    def predicted(self) -> ComplexArray:
+        """The identified model's FRF at the used lines, (n_frequencies, n_outputs, n_inputs)."""
+        return self.used.final
+
+    @property
+    def predicted_initial(self) -> ComplexArray:
+        """The initial model's."""
+        return self.used.initial
+
+    @property
+    def evaluation(self) -> FrfRecord:
+        """The lines on which the fit is judged."""
+        return self.judged.record
+
+    @property
+    def evaluation_predicted(self) -> ComplexArray:
+        """The identified model's FRF there."""
+        return self.judged.final
+
+    @property
+    def evaluation_initial(self) -> ComplexArray:
+        """The initial model's."""
+        return self.judged.initial
+
+    @property
+    def relative_error(self) -> FloatArray:
+        """abs(predicted - measured) / abs(measured), (n_evaluated, n_outputs, n_inputs)."""
+        return _relative(self.judged.final, self.judged.record.values)
+
+    @property
+    def initial_relative_error(self) -> FloatArray:
+        """The same of the initial model."""
+        return _relative(self.judged.initial, self.judged.record.values)
+
+    @property
+    def polarities(self) -> dict[str, int]:
+        """+1 or -1 of every polarity that the data decided."""
+        channels = self.problem.channels
+        if channels is None:
+            return {}
+        return {n: int(p) for n, p in zip(channels.polarity_names, channels.polarities, strict=True)}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Channels that read with the opposite sense, and a model too fine for double precision."""
+        turned = [name for name, sign in self.polarities.items() if sign < 0]
+        words = [
+            f"{name} is -1: the channel reads with the opposite sense; correct its sign in the record or the study"
+            for name in turned
+        ]
+        return (*words, *rounding_warnings(self.modes.rounding))
+
+
+def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+    """The answer seen from one record.
+
+    Parameters
+    ----------
+    title : str
+        What reports call it.
+    measured : FrfRecord
+        All of its lines.
+    problem : FrfProblem
+        Its lines that were used.
+    own : Own
+    options : IdentifyOptions
+    """
+    unknown = problem.parameters
+    before, after = (unknown.values(values[: unknown.n_params]) for values in (own.initial, own.values))
+
+    def beside(record: FrfRecord) -> PredictedLines:
+        return PredictedLines(record, *(problem.predicted_on(record, values) for values in (own.initial, own.values)))
+
+    used = beside(problem.record)
+    judged = used if options.evaluation_band is None else beside(measured.band(*options.evaluation_band))
+    return RecordFit(
+        name=title,
+        problem=problem,
+        theta=own.theta,
+        measured=measured,
+        used=used,
+        judged=judged,
+        modes_initial=structure_modes(problem.structure, before, options.n_modes),
+        modes=structure_modes(problem.structure, after, options.n_modes),
+        resonances=resonances(judged.record, judged.final),
+    )
+
+
+def _relative(predicted: ComplexArray, measured: ComplexArray) -> FloatArray:
+    return np.abs(predicted - measured) / np.maximum(np.abs(measured), np.finfo(float).tiny)

@@ -1,0 +1,111 @@
+"""What was measured together: a record, what it was measured on, and what identification asks of the two."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.estimation import Estimate
+from structid.estimation.search.work import StageProgress, Work
+from structid.identification.modal_fit import ModalFit
+from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import Own, RecordFit
+from structid.observation import RecordProblem
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+P = TypeVar("P", bound=RecordProblem)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared(Generic[P]):
+    """The least-squares problem of a record, and what is worth a warning about it."""
+
+    problem: P
+    warnings: tuple[str, ...] = ()
+
+
+class RecordSetup(ABC, Generic[P]):
+    """One record of any kind and what it was measured on; what it does not say has a default here.
+
+    Attributes
+    ----------
+    structure : Structure
+        As it was for this record: with its supports and added masses.
+    parameters : Parameters
+        Those of this structure; names shared with other set-ups are the same unknowns.
+    name : str
+        What reports call it.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    name: str
+
+    @abstractmethod
+    def prepared(self, options: IdentifyOptions) -> Prepared[P]:
+        """The problem of the lines that `options` choose."""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
+        """Its sensors as ``output`` and its loads as ``input``, where it has them."""
+
+    @abstractmethod
+    def words(self, options: IdentifyOptions) -> str:
+        """What was measured, and which part of it is used, in a line."""
+
+    def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
+        """Frequencies that are used and that are judged, Hz; infinite where the model is not evaluated at lines."""
+        return np.full(1, np.inf), np.full(1, np.inf)
+
+    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> tuple[str, ...]:
+        """The initial model evaluated: units that do not look right beside it.
+
+        Raises
+        ------
+        SingularModelError, InputError
+            If it cannot be evaluated.
+        """
+        return ()
+
+    def begun(self, problem: P) -> P:
+        """The problem from a better start, where the record alone gives one."""
+        return problem
+
+    @property
+    def own_estimator(self) -> str:
+        """What it is fitted by instead of a search that takes other records as well; "" where by such a search."""
+        return ""
+
+    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
+        """The estimate by `own_estimator`."""
+        raise TypeError("the record has no estimator of its own; search its problem")
+
+    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
+        """The answer beside its responses, where it has some."""
+        return None
+
+    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
+        """The answer beside its modes, where it has some."""
+        return None
+
+
+#: A record of any kind; its problem is only handed back to it.
+AnySetup: TypeAlias = RecordSetup[Any]
+
+
+def titles(setups: Sequence[AnySetup]) -> list[str]:
+    """What reports call each record: its name, or its number."""
+    return [setup.name or f"record {number}" for number, setup in enumerate(setups, 1)]
+
+
+def prefixes(setups: Sequence[AnySetup]) -> list[str]:
+    """What stands before words about each record: its title where there are several."""
+    return [f"{title}: " if len(setups) > 1 else "" for title in titles(setups)]

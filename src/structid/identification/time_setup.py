@@ -1,0 +1,188 @@
+"""Time histories as a record of a study: fitted themselves, with averaged FRFs made only to show the fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.errors import InputError
+from structid.estimation import Estimate
+from structid.estimation.search.work import StageProgress, Work
+from structid.identification.checks import record_warnings, unit_warnings
+from structid.identification.frf_setup import inside, used_lines
+from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import Own, RecordFit, record_fit
+from structid.identification.setups import Prepared, RecordSetup
+from structid.observation import (
+    FrfProblem,
+    RecordProblem,
+    SpectraProblem,
+    TimeOptions,
+    identify_time,
+    output_error_problem,
+)
+from structid.observation.time.options import Hold, Initial, TimeMethod
+from structid.records import FrfRecord, TimeRecord, frf_from_time
+from structid.records.record import Quantity
+from structid.records.transforms.finite_spectra import finite_spectra
+from structid.structure import Structure
+from structid.unknowns import Parameters
+
+TimeWay = Literal["spectra", TimeMethod]
+
+#: A record is cut into so many segments for the FRFs that show its fit.
+_SEGMENTS = 4
+#: Error of each value by which these FRFs are weighed.
+_SHOWN_ERROR = 0.1
+#: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
+_LEAST_NOISE = 1e-6
+
+
+@dataclass(frozen=True)
+class TimeFit:
+    """How time histories are fitted.
+
+    Parameters
+    ----------
+    fit : {"spectra", "output_error", "instrumental", "weak"}
+        ``spectra``: finite Fourier transforms with their transient (see `SpectraProblem`); the others are the methods
+        of `identify_time`.
+    transient : bool
+        Of ``spectra``; off for periodic records and those that start and end at rest.
+    initial : {"rest", "unknown"}
+        Of ``output_error`` and ``instrumental``: the state at the first sample.
+    hold : {"first", "zero"}
+        Of the same: between samples forces run straight, or stay.
+    """
+
+    fit: TimeWay = "spectra"
+    transient: bool = True
+    initial: Initial = "rest"
+    hold: Hold = "first"
+
+    def __post_init__(self) -> None:
+        if self.fit not in get_args(TimeWay):
+            raise InputError(
+                f"`fit` must be one of {', '.join(get_args(TimeWay))}, got {self.fit!r}; the time record itself is given to"
+                " TimeSetup"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class TimeSetup(RecordSetup[RecordProblem]):
+    """Forces and motions and what they were measured on.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+    record : TimeRecord
+        With the noise variance of every channel.
+    settings : TimeFit
+    name : str
+    shown : FrfRecord, optional
+        FRFs of the same test, beside which the fitted model is drawn and judged; by default those of estimator Hv from
+        four segments of the record. They have no part in the fit.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    record: TimeRecord
+    settings: TimeFit = TimeFit()
+    name: str = ""
+    shown: FrfRecord | None = None
+
+    def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
+        """Finite spectra of the lines that `options` choose, or all samples for output error.
+
+        Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
+        """
+        problem: RecordProblem
+        if self.settings.fit == "output_error":
+            problem = output_error_problem(self.structure, self.parameters, self.record, self._options(options))
+        else:
+            problem = self._spectra(options)
+        averaged = replace(self._shown(options).record, coherence=None)  # leakage, which the fit has none of
+        return Prepared(problem, record_warnings(self.structure, averaged))
+
+    def _spectra(self, options: IdentifyOptions) -> SpectraProblem:
+        record = self.record
+        if (
+            self.own_estimator and record.variance is not None
+        ):  # channels without noise serve there, and have no weight here
+            least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
+            record = replace(record, variance=np.maximum(record.variance, least**2))
+        spectra = finite_spectra(record, band=options.band)
+        spectra = spectra.lines(inside(spectra.frequency, options))
+        return SpectraProblem(self.structure, self.parameters, spectra, self.settings.transient, record=record)
+
+    @property
+    def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
+        pairs = list(zip(self.record.channels, self.record.quantities, strict=True))
+        motions = tuple(dict.fromkeys(dof for dof, quantity in pairs if quantity != "force"))
+        return ("output", motions), ("input", tuple(dof for dof, quantity in pairs if quantity == "force"))
+
+    def words(self, options: IdentifyOptions) -> str:
+        record = self.record
+        return (
+            f"time histories, {len(record.values)} samples at {record.sampling_rate:g} Hz, {len(record.channels)} channels,"
+            f" fitted by {self.settings.fit.replace('_', ' ')}"
+        )
+
+    def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
+        shown = self._averaged()
+        judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
+        used = super().axes(options)[0] if self.own_estimator else self._spectra(options).frequency
+        return used, judged.frequency
+
+    def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> tuple[str, ...]:
+        beside = self._shown(options)
+        return unit_warnings(beside.record, beside.predicted(beside.theta_start))
+
+    @property
+    def own_estimator(self) -> str:
+        return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
+
+    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
+        return identify_time(self.structure, self.parameters, self.record, self._options(options), work, progress)
+
+    def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+        """The fitted model beside averaged FRFs of the record."""
+        return record_fit(title, self._averaged(), self._shown(options), own, options)
+
+    def _options(self, options: IdentifyOptions) -> TimeOptions:
+        method = self.settings.fit
+        if method == "spectra":
+            raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
+        return TimeOptions(
+            method=method,
+            force=self.settings.hold,
+            initial=self.settings.initial,
+            restarts=options.restarts,
+            seed=options.seed,
+        )
+
+    def _averaged(self) -> FrfRecord:
+        return self.shown or averaged_frfs(self.record)
+
+    def _shown(self, options: IdentifyOptions) -> FrfProblem:
+        """The problem of averaged FRFs, which only shows the fit."""
+        used = used_lines(self._averaged(), options)
+        error = _SHOWN_ERROR if used.variance is None else 0.0
+        return FrfProblem(self.structure, self.parameters, used, options.residual, error)
+
+
+def averaged_frfs(record: TimeRecord) -> FrfRecord:
+    """FRFs of estimator Hv from four segments, of all forces and of the kind of motion that most channels hold."""
+    of_kind: dict[Quantity, list[Dof]] = {}
+    for dof, kind in zip(record.channels, record.quantities, strict=True):
+        of_kind.setdefault(kind, []).append(dof)
+    loads = of_kind.pop("force", [])
+    most: Quantity = max(of_kind, key=lambda kind: len(of_kind[kind]), default="acceleration")
+    sensors = of_kind.get(most, ())
+    length = max(len(record.values) // _SEGMENTS, 1)
+    return frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)

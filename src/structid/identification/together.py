@@ -1,0 +1,61 @@
+"""The problems of several records as one: what they share begins alike, and counts once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.estimation import JointProblem, Problem
+from structid.observation import RecordProblem
+from structid.unknowns.named_unknowns import NamedUnknowns, StatedPrior
+
+
+def together(problems: Sequence[RecordProblem]) -> Problem:
+    """The one problem, or all in one."""
+    return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
+
+
+def shared_parts(problems: Sequence[RecordProblem]) -> tuple[object, ...]:
+    """Structure and record of each problem: what another process that reads the same study has as well."""
+    return tuple(part for problem in problems for part in problem.sources)
+
+
+def places(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
+    """Positions among `names` of those `wanted`."""
+    place = {name: i for i, name in enumerate(names)}
+    return np.array([place[name] for name in wanted], dtype=int)
+
+
+def by_name(
+    names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
+) -> FloatArray:
+    """An array of the unknowns for all parameters, each from the first problem that has it."""
+    known: dict[str, float] = {}
+    for problem in problems:
+        for name, value in zip(problem.names, values(problem.unknowns), strict=True):
+            known.setdefault(name, value)
+    return np.array([known[name] for name in names])
+
+
+def alike(problems: Sequence[RecordProblem]) -> tuple[RecordProblem, ...]:
+    """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
+
+    Raises
+    ------
+    InputError
+        If two of them state different priors of one parameter.
+    """
+    if len(problems) == 1:
+        return tuple(problems)
+    first: dict[str, tuple[NamedUnknowns, int]] = {}
+    priors: dict[str, StatedPrior] = {}
+    for part in (part for problem in problems for part in problem.parts):
+        for i, name in enumerate(part.names):
+            first.setdefault(name, (part, i))
+            stated = part.stated_prior(i)
+            if stated is not None and priors.setdefault(name, stated) != stated:
+                raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
+    return tuple(problem.with_parts([part.shared(first, priors) for part in problem.parts]) for problem in problems)

@@ -1,0 +1,172 @@
+"""Measured modes with the errors they are fitted to: which count, which are too close to tell apart, how they vary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.modal import ModalRecord
+from structid.modal.shape_errors import unscaled_shape_std
+from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
+from structid.observation.modal.output import GroupData
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredModes:
+    """A record of modes with errors stated beside its own; the fields are those of `ModalProblem`."""
+
+    record: ModalRecord
+    frequency_error: float
+    damping_error: float
+    shape_error: float
+    use_damping: bool
+    closeness: float
+
+    def __post_init__(self) -> None:
+        if not self.measured.size:
+            raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
+        if not self.record.channels:
+            raise InputError("the record has no channels; mode shapes are needed to pair modes, at one sensor at least")
+        if not (self.frequency_std > 0).all():
+            raise InputError("the record has no uncertainty of its frequencies; give `frequency_error`, such as 0.005")
+        if not (self.shape_std > 0).all():
+            raise InputError("the record has no uncertainty of its shapes; give `shape_error`, such as 0.02")
+        if self.use_damping and not (self.damping_std > 0).all():
+            raise InputError("damping ratios need a value and a standard deviation each; give `damping_error`")
+        short = [g for g in self.groups if len(g.members) > len(self.record.channels)]
+        if short:
+            raise InputError(
+                f"{len(short[0].members)} modes lie within {self.closeness:g} of each other and there are"
+                f" {len(self.record.channels)} sensors; lower `closeness`, or measure more places"
+            )
+
+    @cached_property
+    def measured(self) -> IntArray:
+        """Numbers of the modes that count."""
+        return np.flatnonzero(self.record.frequency > 0)
+
+    @cached_property
+    def frequency(self) -> FloatArray:
+        """Hz, of the modes that count."""
+        return self.record.frequency[self.measured]
+
+    @cached_property
+    def shapes(self) -> FloatArray:
+        """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes)."""
+        given = np.asarray(self.record.mode_shapes)
+        real = (given * _turn(given)).real if np.iscomplexobj(given) else given
+        return real / np.abs(real).max(axis=0)
+
+    @cached_property
+    def shape_std(self) -> FloatArray:
+        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`."""
+        own = self.record.shape_std
+        if len(self.record.channels) == 1 and not (own is not None and own.all()):
+            return np.full(self.shapes.shape, self.shape_error or 1.0)  # one entry always fits
+        if own is None:
+            return np.full(self.shapes.shape, self.shape_error)
+        scale = np.abs(np.asarray(self.record.mode_shapes)).max(axis=0)
+        freed = unscaled_shape_std(self.shapes, own / scale)
+        if self.record.changes is not None:
+            freed = np.broadcast_to(np.sqrt(np.mean(freed**2, axis=0)), freed.shape)
+        return np.hypot(freed, self.shape_error)
+
+    def group_std(self, members: IntArray) -> FloatArray:
+        """Of each channel in the shapes of a group, (n_channels,)."""
+        return np.asarray(np.sqrt((self.shape_std[:, members] ** 2).mean(axis=1)))
+
+    @cached_property
+    def frequency_std(self) -> FloatArray:
+        """Hz, of the modes that count."""
+        return np.sqrt(np.diag(self._covariance)[: len(self.measured)])
+
+    @cached_property
+    def damping_std(self) -> FloatArray:
+        """Of the modes that count."""
+        return np.sqrt(np.diag(self._covariance)[len(self.measured) :])
+
+    @property
+    def _stated(self) -> tuple[FloatArray, FloatArray]:
+        """Errors of frequencies (Hz) and of damping ratios that are stated beside the record's own."""
+        damping = np.nan_to_num(self.record.damping_ratio[self.measured])
+        return self.frequency_error * self.frequency, self.damping_error * damping
+
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        """Of the frequencies (Hz), then of the damping ratios, of the modes that count."""
+        count, rows = self.record.n_modes, self.measured
+        rows = np.concatenate([rows, rows + count])
+        own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
+        if self.record.changes is not None:
+            own = np.diag(np.diag(own))
+        return np.nan_to_num(own[np.ix_(rows, rows)]) + np.diag(np.concatenate(self._stated) ** 2)
+
+    @cached_property
+    def groups(self) -> tuple[GroupData, ...]:
+        """Measured modes, those that are close together."""
+        frequency = self.frequency
+        variance = self._covariance[: len(frequency), : len(frequency)]
+        reach = np.maximum(self.closeness * frequency[1:], NOT_TOLD_APART * neighbour_std(variance))
+        breaks = np.flatnonzero(np.diff(frequency) > reach) + 1
+        made = []
+        for places in np.split(np.arange(len(frequency)), breaks):
+            members = self.measured[places]
+            shapes = self.shapes[:, members] / self.group_std(members)[:, None]
+            value = (2 * np.pi * frequency[places]) ** 2
+            error = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if len(members) <= len(shapes) else np.ones(len(members))
+            gap = np.subtract.outer(value, value) / np.sqrt(np.outer(value, value))
+            spread = 2 * self.frequency_std[places] / frequency[places]
+            mixing = np.sqrt(gap**2 * error[:, None] + np.add.outer(spread**2, spread**2) / 2)
+            made.append(GroupData(members, value, shapes, mixing))
+        return tuple(made)
+
+    @cached_property
+    def is_alone(self) -> np.ndarray:
+        """Whether each mode that counts is a group of its own, (n_measured,)."""
+        return np.concatenate([np.full(len(group.members), len(group.members) == 1) for group in self.groups])
+
+    def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
+        """Rows for frequencies and damping ratios, (n_measured, n) each, in their standard deviations.
+
+        Those of damping ratios, which follow where these count, are empty for modes in groups.
+        """
+        count = len(self.measured)
+        if not self.use_damping:
+            return np.asarray(np.linalg.solve(np.linalg.cholesky(self._covariance[:count, :count]), frequency))
+        keep = np.concatenate([np.ones(count, bool), self.is_alone])
+        rows = np.zeros((2 * count, frequency.shape[1]))
+        factor = np.linalg.cholesky(self._covariance[np.ix_(keep, keep)])
+        rows[keep] = np.linalg.solve(factor, np.concatenate([frequency, damping])[keep])
+        return rows
+
+    @cached_property
+    def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Changes whose products sum to the covariance: of frequencies, of damping ratios and of `shapes`.
+
+        (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
+        numbers vary together.
+        """
+        own = self.record.changes
+        if own is None:
+            return None
+        given = np.asarray(self.record.mode_shapes)
+        turn = _turn(given)
+        shapes = (own.mode_shapes * turn).real / np.abs((given * turn).real).max(axis=0)
+        frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
+        n_all, n = shapes.shape[1:], len(self.measured)
+        if self.frequency_error or self.damping_error or self.shape_error:
+            more = np.eye(n_all[0] * n_all[1]) * self.shape_error
+            still, none = np.zeros((len(more), n)), np.zeros((n, n))
+            shapes = np.concatenate([shapes, more.reshape(-1, *n_all), np.zeros((2 * n, *n_all))])
+            frequency = np.concatenate([frequency, still, np.diag(self._stated[0]), none])
+            ratio = np.concatenate([ratio, still, none, np.diag(self._stated[1])])
+        return frequency, ratio, shapes
+
+
+def _turn(shapes: np.ndarray) -> np.ndarray:
+    """The complex factor on each of (n_channels, n_modes) that makes it as real as can be."""
+    return np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))

@@ -1,0 +1,202 @@
+"""What the least-squares problem of one record offers to those who solve, check and show it, beside `Problem`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray, locked
+from structid.estimation.linearization import Linearization
+from structid.estimation.problem import BaseProblem
+from structid.structure import Structure
+from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import NamedUnknowns
+
+
+class ParameterProblem(BaseProblem):
+    """A problem whose unknowns are the parameters of a structure."""
+
+    parameters: Parameters
+
+    @property
+    def unknowns(self) -> NamedUnknowns:
+        """All that is unknown, with starts, ranges and priors."""
+        return self.parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.unknowns.names
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.unknowns.kinds
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.unknowns.units
+
+    @property
+    def theta_start(self) -> FloatArray:
+        return self.unknowns.theta_start
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        """Physical parameters, (n_params,)."""
+        return self.unknowns.transforms.physical(theta)
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        """Derivative of each physical parameter with respect to its free variable, (n_params,)."""
+        return self.unknowns.transforms.slope(theta)
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return self.unknowns.sizes(physical)
+
+    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        residual, rows = self.unknowns.sparse_prior_rows(self.physical(theta))
+        members, held, weights = self.unknowns.held_rows(theta)
+        last = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
+        scaled = rows @ sparse.diags_array(self.slope(theta))
+        return np.concatenate([residual, held]), sparse.csr_array(sparse.vstack([scaled, last]))
+
+    def _residual(self, theta: FloatArray, data: FloatArray) -> FloatArray:
+        """Data rows, then those of the priors."""
+        return np.concatenate(
+            [data, self.unknowns.prior_residual(self.physical(theta)), self.unknowns.held_rows(theta)[1]]
+        )
+
+    def _linearized(
+        self, theta: FloatArray, data: FloatArray, change: FloatArray, n_eliminated: int = 0
+    ) -> Linearization:
+        """Data rows with their derivative with respect to the free variables, then those of the priors."""
+        residual, rows = self.unknowns.prior_rows(self.physical(theta))
+        members, held, weights = self.unknowns.held_rows(theta)
+        last = np.zeros((len(members), len(theta)))
+        last[np.arange(len(members)), members] = weights
+        jacobian = np.concatenate([change, rows * self.slope(theta), last])
+        return Linearization(np.concatenate([data, residual, held]), jacobian, n_eliminated)
+
+
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """What the data rows of a problem are about.
+
+    Attributes
+    ----------
+    lines, series : (n_data,) int arrays
+        See `Problem`.
+    names : tuple of str
+        What each of `series` stands for, in their order.
+    """
+
+    lines: IntArray
+    series: IntArray
+    names: tuple[str, ...]
+
+
+def complex_rows(n_lines: int, names: Sequence[str]) -> DataRows:
+    """Real parts of the values of all lines and channels, channels fastest, then imaginary parts, called alike."""
+    index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
+    both = tuple(name for name in names for _ in range(2))
+    return DataRows(np.concatenate([index, index]), np.concatenate([channel, channel + 1]), both)
+
+
+class RecordProblem(ParameterProblem, ABC):
+    """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
+
+    structure: Structure
+
+    @property
+    @abstractmethod
+    def rows(self) -> DataRows: ...
+
+    @property
+    def n_data(self) -> int:
+        return len(self.rows.lines)
+
+    @property
+    def lines(self) -> IntArray:
+        return self.rows.lines
+
+    @property
+    def series(self) -> IntArray:
+        return self.rows.series
+
+    @abstractmethod
+    def residual(self, theta: FloatArray) -> FloatArray: ...
+
+    @abstractmethod
+    def linearize(self, theta: FloatArray) -> Linearization: ...
+
+    @property
+    @abstractmethod
+    def frequency(self) -> FloatArray:
+        """Lines (or modes) that are used, Hz, ascending."""
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return "takes FRFs, not time histories that are fitted themselves"
+
+    @property
+    def sources(self) -> tuple[object, ...]:
+        """Structure and record: what another process that reads the same study has as well."""
+        return (self.structure,)
+
+    @property
+    def parts(self) -> tuple[NamedUnknowns, ...]:
+        """What `unknowns` is made of: the parameters of the structure first."""
+        return (self.parameters,)
+
+    @abstractmethod
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> Self:
+        """The same data with other starts or priors of its `parts`."""
+
+    def with_parameters(self, parameters: Parameters) -> Self:
+        """The same data with other starts or priors of the structure's parameters."""
+        return self.with_parts((parameters, *self.parts[1:]))
+
+    def held(self, mean: FloatArray, std: FloatArray) -> Self:
+        """The same with a Gaussian prior on its free variables besides; see `NamedUnknowns.held`."""
+        ends = np.cumsum([part.n_params for part in self.parts])[:-1]
+        own = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
+        return self.with_parts([replace(part, held=(m, s)) for part, m, s in own])
+
+    @property
+    def polarities(self) -> FloatArray:
+        """+1 or -1 of all that no continuous search can decide."""
+        return locked(np.zeros(0))
+
+    def decided(self, theta: FloatArray) -> Self:
+        """The same with the polarities that the model at `theta` asks for."""
+        return self
+
+    def with_polarities(self, signs: Sequence[float]) -> Self:
+        """The same with these polarities."""
+        return self
+
+    @property
+    def measures_force(self) -> bool:
+        """Whether the record fixes the size of masses and stiffnesses, which is free without a measured force."""
+        return True
+
+    @property
+    def line_spacing(self) -> FloatArray:
+        """Distance of the used lines at each of them, Hz; NaN where lines resolve no resonance, as where modes were measured."""
+        return np.full(len(self.frequency), np.nan)
+
+    @property
+    def n_channels(self) -> int:
+        """Pairs of sensor and load, for the memory that they take."""
+        return 1
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a few lines are enough to tell what all of them cost."""
+        return False
+
+    def with_lines(self, keep: IntArray) -> Self:
+        """The same on some of its lines, to measure what they cost; the whole where there is no such part."""
+        return self

@@ -1,0 +1,74 @@
+"""What files tell of very many parameters: how far each moved, and how that compares with chance."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation import Estimate
+from structid.estimation.search.matrix_free import dense_search_fits
+
+PARAMETERS = "parameters.csv"
+#: How many of the largest changes estimate.json names.
+_MOST_CHANGES = 50
+
+
+def search_summary(found: Estimate) -> dict[str, Any]:
+    """How a matrix-free search was done, and why."""
+    return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.determined}
+
+
+def search_reason(found: Estimate) -> str:
+    """How much memory a search with a Jacobian would take."""
+    return dense_search_fits(len(found.names), found.n_data)[1]
+
+
+def changes_summary(found: Estimate) -> dict[str, Any]:
+    """The parameters that moved most, and where all of them are."""
+    beyond, limit = found.beyond_chance()
+    rows = _columns(found)
+    return {
+        "n_beyond_chance": int(beyond.sum()),
+        "chance_limit_std": limit,
+        "largest_changes": [
+            {key: column[i] for key, column in rows.items()} for i in largest_changes(found, _MOST_CHANGES)
+        ],
+        "parameters_file": PARAMETERS,
+    }
+
+
+def largest_changes(found: Estimate, count: int) -> list[int]:
+    """Positions of the parameters that moved from their start by most standard deviations, most first."""
+    size: FloatArray = np.abs(found.distance)
+    order: list[int] = np.argsort(-np.nan_to_num(size, nan=-1.0), kind="stable")[:count].tolist()
+    return order
+
+
+def changes_table(found: Estimate) -> str:
+    """All parameters as CSV, one a line; empty where a number is not known."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    rows = _columns(found)
+    writer.writerow(rows)
+    for row in zip(*rows.values(), strict=True):
+        writer.writerow(["" if isinstance(v, float) and not np.isfinite(v) else v for v in row])
+    return text.getvalue()
+
+
+def _columns(found: Estimate) -> dict[str, list[Any]]:
+    """What is told of every parameter."""
+    return {
+        "name": list(found.names),
+        "kind": list(found.kinds),
+        "unit": list(found.units),
+        "value": found.values.tolist(),
+        "std": found.std.tolist(),
+        "std_relative_error": found.uncertainty.std_error.tolist(),
+        "initial": found.initial.tolist(),
+        "identified": found.identified.tolist(),
+        "change_in_std": found.distance.tolist(),
+    }
