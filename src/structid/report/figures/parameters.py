@@ -49,7 +49,7 @@ def parameters_figure(identification: Identification) -> plot.Figure:
         plot.segments((low, high), (place[wild], place[wild]), plot.Pen(palette.MUTED, 1.4, "dash"), "not determined"),
     ]
     for ends, width, label in ((interval, 1.4, "95 % interval"), (one_std, 4.2, "± 1 std")):
-        lines = plot.segments(ends[known].T, [row[known] for row in rows], plot.Pen(palette.INK, width), label)
+        lines = plot.segments(tuple(ends[known].T), [row[known] for row in rows], plot.Pen(palette.INK, width), label)
         traces.append(lines)
     hollow = plot.Pen(palette.FITTED, 2.0)
     for marker, which, label in (
