@@ -1,4 +1,4 @@
-"""Coverage of 95 % intervals: the small form of benchmarks/accuracy/coverage.py, seeds 0 on, every repeat counted."""
+"""Coverage of 95 % intervals: the small form of benchmarks/accuracy/interval_coverage.py, seeds 0 on, every repeat counted."""
 
 import importlib.util
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "accuracy" / "coverage.py"
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "accuracy" / "interval_coverage.py"
 
 
 @pytest.fixture(scope="module")

@@ -154,7 +154,7 @@ def test_mesh_faults_are_repaired_where_asked(tmp_path):
     text = mesh.read_text().replace("$Nodes\n63", "$Nodes\n64").replace("$EndNodes", "900 9 9 9\n$EndNodes")
     mesh.write_text(text)
     with pytest.raises(
-        InputError, match=r'line 4: .* node 900 of plate.msh belongs to no cell; .* `orphan_nodes` to "drop"'
+        InputError, match=r'line 5: .* node 900 of plate.msh belongs to no cell; .* `orphan_nodes` to "drop"'
     ):
         load_study(path)
     path.write_text(path.read_text().replace('"mm" }', '"mm", orphan_nodes = "drop" }'))

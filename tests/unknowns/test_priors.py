@@ -129,7 +129,7 @@ def test_what_was_known_can_be_forgotten():
 @pytest.mark.parametrize(
     ("make", "fragment"),
     [
-        (lambda p: penalty(BEAM, p, Smoothness("mass", "beam", -1.0)), "positive number or one of"),
+        (lambda p: penalty(BEAM, p, Smoothness("mass", "beam", -1.0)), "must be greater than 0, got -1"),
         (lambda p: penalty(BEAM, p, Smoothness("mass", "beam", "l_curv")), "got 'l_curv'"),
         (lambda p: penalty(BEAM, p, Sparsity("mass", "beam", "l_curve")), "marginal_likelihood"),
         (lambda p: penalty(BEAM, p, Smoothness("bending_stiffness", "beam")), "share a node"),

@@ -5,7 +5,7 @@ noise (and where stated model error or truth) with its own seed, from --seed on.
 whose interval is missing, is a miss for every parameter. Ranks of truths drawn from their priors among samples of the
 posterior (Talts et al. 2018) are compared with uniform ones.
 
-    python benchmarks/accuracy/coverage.py [--repeats 400] [--seed 0] [--only CASE ...]
+    python benchmarks/accuracy/interval_coverage.py [--repeats 400] [--seed 0] [--only CASE ...]
 """
 
 from __future__ import annotations
