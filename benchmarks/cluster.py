@@ -49,9 +49,8 @@ from structid.study.work.tasks import Executor, InProcess, one_thread
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "study"))
-from study_cases import write_chain
-
 from mesh_cases import empty_record, group_unknowns, solid
+from study_cases import write_chain
 from time_domain_chain import written as write_motion_study
 
 OVERHEAD, GAIN = 5.0, 1.4  # ms a task at most, times one thread at least

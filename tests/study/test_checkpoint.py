@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, chain_record, write_chain
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
@@ -22,6 +21,7 @@ from structid.records.io import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import load_study, run_study, started
+from study_cases import CHAIN, chain_record, write_chain
 
 RUN = CliRunner()
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

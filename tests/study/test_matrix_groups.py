@@ -5,7 +5,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from study_cases import write_chain
 from test_study_file import WRONG_VALUES, inline, places
 
 from structid import InputError, Structure
@@ -18,6 +17,7 @@ from structid.structure.importers import (
     write_op4,
 )
 from structid.study.run.run import load_study
+from study_cases import write_chain
 
 MASS = np.diag([2.0, 3.0, 1.0])
 FIRST = np.array([[2.0, -1, 0], [-1, 1, 0], [0, 0, 0]])

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import scipy.io
 from scipy import sparse
-from study_cases import CHAIN, line_of, replaced, write_chain
 
 from structid.errors import InputError
 from structid.estimation import GaussNewton, LevenbergMarquardt
@@ -24,6 +23,7 @@ from structid.study.schema import method as method_section
 from structid.study.schema import setups as setup_section
 from structid.study.schema.study import load_study
 from structid.unknowns import Unknown
+from study_cases import CHAIN, line_of, replaced, write_chain
 
 # what is changed in the study, the new text, where the line is looked for, and what the message must say
 WRONG = [

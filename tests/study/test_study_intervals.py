@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from study_cases import chain_record, replaced, write_chain
 
 from structid import identify
 from structid.errors import InputError
@@ -17,6 +16,7 @@ from structid.report.identification.page import page
 from structid.report.identification.tables import span_text
 from structid.study.results.folder import estimate_summary, json_text
 from structid.study.run.run import load_study, run_study
+from study_cases import chain_record, replaced, write_chain
 
 PROFILED = replaced("[method]", '[method]\nintervals = "profile"')
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import sparse
-from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
 from typer.testing import CliRunner
 
 from structid import InputError, ModalRecord
@@ -19,6 +18,7 @@ from structid.report.figures.data import responses
 from structid.report.identification.page import page
 from structid.study.run.check import check_study
 from structid.study.run.run import load_study, run_study
+from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "ambient_storeys"

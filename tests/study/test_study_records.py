@@ -7,7 +7,6 @@ import json
 import h5py
 import numpy as np
 import pytest
-from study_cases import CHAIN, NOISE, TRUE, chain_record, line_of, replaced, write_chain
 
 from structid import InputError, load_study, run_study
 from structid.records.io import write_record
@@ -17,6 +16,7 @@ from structid.report.figures.png import further_records
 from structid.report.identification.page import page
 from structid.study.results.folder import write_results
 from structid.study.run.check import check_study
+from study_cases import CHAIN, NOISE, TRUE, chain_record, line_of, replaced, write_chain
 
 GAIN = """
 [[record.channel_error]]

@@ -9,12 +9,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from study_cases import CHAIN, TRUE, chain_record, write_chain
 
 from structid.errors import FileError
 from structid.files import digest
 from structid.study.results.folder import json_text, staged_folder, write_results
 from structid.study.run.run import load_study, run_study
+from study_cases import CHAIN, TRUE, chain_record, write_chain
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from study_cases import CHAIN, chain_record, write_chain
 
 import structid as sid
 from structid import estimate
@@ -36,6 +35,7 @@ from structid.study.work.parts import StudyPlace, packed, unpacked
 from structid.study.work.processes import Processes
 from structid.study.work.spread import SpreadLines, spread
 from structid.study.work.tasks import InProcess, WorkersLostError, in_batches, one_thread
+from study_cases import CHAIN, chain_record, write_chain
 
 
 def squared(shared: float, item: float, tools: Tools) -> float:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from study_cases import write_chain
 
 from structid.study.schema.section import StudyText
 from structid.study.schema.study import load_study
 from structid.study.schema.toml_lines import toml_lines
+from study_cases import write_chain
 
 TABLE = [
     ("a = 1\nb = 2\n", {("a",): 1, ("b",): 2}),

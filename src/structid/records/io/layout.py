@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
+from structid.files.hdf5 import Field
 from structid.records.record import FrfRecord, TimeRecord
 
-Field = NDArray[Any] | str | tuple[str, ...]
 MARK = "structid_record"
 _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 

@@ -1,0 +1,6 @@
+"""Files: read with a clear word when something is wrong with them, and written whole or not at all."""
+
+from structid.files.reading import DAMAGE, damage_told, digest, require_readable
+from structid.files.writing import atomic_write, made_folder
+
+__all__ = ["DAMAGE", "atomic_write", "damage_told", "digest", "made_folder", "require_readable"]
