@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
+from structid.files import damage_told
 from structid.structure.importers.bulk_lines import BulkLines, bulk_lines
 from structid.structure.importers.imported import dofs_of
 
@@ -35,11 +36,8 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
     FileError
         If the file is no text, or a name cannot be read; with the line.
     """
-    try:
+    with damage_told(path, "a numbering in text", "write one degree of freedom a line"):
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: cannot be read as text ({error}); write one degree of freedom a line") from error
-    try:
         if _CARD.search(text):
             return _from_nastran(path)
         lines = [(number, line.split("#")[0]) for number, line in enumerate(text.splitlines(), 1)]
@@ -49,10 +47,6 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
         if filled and all(_PAIR.match(line) for _, line in filled):
             return dofs_of(np.array([[int(word) for word in re.findall(r"\d+", line)] for _, line in filled]))
         return _from_names(path, filled)
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def _from_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from structid.arrays import IntArray, locked
 from structid.errors import FileError, InputError
-from structid.files import require_readable
+from structid.files import damage_told, require_readable
 from structid.structure.meshes import abaqus, gmsh, nastran
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
@@ -61,8 +60,11 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
     factor = LENGTH_UNITS[length_unit]
-    if kind in _OWN:
-        return _OWN[kind](place, factor)
+    with damage_told(place, "a whole mesh", "export it again"):
+        return _OWN[kind](place, factor) if kind in _OWN else _through_meshio(place, kind, factor)
+
+
+def _through_meshio(place: Path, kind: str, factor: float) -> Mesh:
     given = _read(place, kind)
     points = np.asarray(given.points, dtype=np.float64)
     if points.ndim != 2 or not len(points):
@@ -84,27 +86,19 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
 
 def _read(path: Path, kind: str) -> Any:
     """What meshio's own reader of the format gives."""
-    reader = _meshio(path, kind)
-    problems = (
-        reader.ReadError,
-        RuntimeError,
-        AssertionError,
-        ValueError,
-        LookupError,
-        OSError,
-        AttributeError,
-        TypeError,
-    )
+    _require_meshio(path, kind)
     try:
         return importlib.import_module(f"meshio.{kind}").read(path)
-    except problems as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # meshio has exceptions without a base of their own
         why = f" ({error})" if str(error) else ""
         raise FileError(f"{path}: cannot be read as {kind}{why}; {_REMEDY}") from error
 
 
-def _meshio(path: Path, kind: str) -> ModuleType:
+def _require_meshio(path: Path, kind: str) -> None:
     try:
-        return importlib.import_module("meshio")
+        importlib.import_module("meshio")
     except ImportError as error:
         raise FileError(
             f"{path}: {kind} files need the package meshio; install it by `pip install structid[mesh]`, or export the mesh"

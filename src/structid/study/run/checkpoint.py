@@ -124,6 +124,9 @@ class Checkpoint:
             _write_json(self.folder / _SO_FAR, so_far)
         self._written = time.monotonic()
 
+    def close(self) -> None:
+        """Let another run have the folder."""
+
     def remove(self) -> None:
         """Remove the folder: the run is done."""
         shutil.rmtree(self.folder, ignore_errors=True)
