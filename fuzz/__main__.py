@@ -35,7 +35,8 @@ class Reader:
         if self.process is None or self.served >= 300:
             self.close()
             self._start()
-        assert self.process is not None and self.process.stdin is not None
+        assert self.process is not None
+        assert self.process.stdin is not None
         self.served += 1
         late = threading.Event()
 

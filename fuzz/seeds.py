@@ -103,7 +103,7 @@ def _records(folder: Path) -> _Made:
             path = _place(folder, name, f"a{suffix}")
             write_record(path, record)
             yield name, "record", path, mutations
-        fields = {key: value for key, value in fields_of(record).items()}
+        fields = fields_of(record)
         name = f"records/{content} uncompressed.mat"
         path = _place(folder, name, "a.mat")
         lists = {k: np.array(v, dtype=object) if isinstance(v, tuple) else v for k, v in fields.items()}

@@ -25,6 +25,7 @@ from structid.comparison.comparing import compare as compared
 from structid.errors import FileError
 from structid.estimation import Status
 from structid.estimation.comparison.multiple_tests import Correction
+from structid.files import claimed
 from structid.planning.planned import Plan
 from structid.records.io import ReadOptions, read_record, write_record
 from structid.study.results.folder import json_text, staged_folder
@@ -241,7 +242,8 @@ def convert(
         if target.exists() and source.exists() and target.samefile(source):
             raise FileError(f"{target}: is the file that is read; write to another one")
         record = read_record(source, options)
-        write_record(target, record)
+        with claimed(target):
+            write_record(target, record)
         typer.echo(record_summary(record, target))
 
 

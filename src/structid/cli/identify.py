@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,24 +64,24 @@ def identify(
     with reported():
         read = load_study(study)
         folder = out if out is not None else Path(f"{study.stem}_results")
-        kept = Checkpoint(checkpoint_folder(folder), fingerprint(read), resume, checkpoint)
-        run = LongRun(executor_for(read, workers, scheduler), kept)
-        try:
-            with run_progress(read.options.method.max_iterations) as progress, _terminable():
-                run.progress = progress.tasks
-                ready = started(read)
-                result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
-        except KeyboardInterrupt:
-            call = _call(study, out=out, workers=workers, scheduler=scheduler)
-            fail(_interrupted(run, kept, call if report else [*call, "--no-report"]), INTERRUPTED)
-        except WorkersLostError:
-            kept.write(run.so_far())
-            raise
-        finally:
-            run.close()
-        with staged_folder(folder) as staged:
-            name = _write(result, staged, report)
-        kept.remove()
+        owner = fingerprint(read)
+        with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept, _terminable():
+            run = LongRun(executor_for(read, workers, scheduler), kept)
+            try:
+                with run_progress(read.options.method.max_iterations) as progress:
+                    run.progress = progress.tasks
+                    ready = started(read)
+                    result = (run_free_study if is_free(ready) else run_started)(ready, progress.search, run)
+                with staged_folder(folder) as staged:
+                    name = _write(result, staged, report)
+            except KeyboardInterrupt:
+                fail(_interrupted(run, kept, _resumed(study, out, workers, scheduler, report)), INTERRUPTED)
+            except WorkersLostError:
+                kept.write(run.so_far())
+                raise
+            finally:
+                run.close()
+            kept.remove()
         for part in free_summary_shown(result) if isinstance(result, FreeResult) else identification_summary(result):
             standard_output().print(part)
         typer.echo(str(folder / name))
@@ -108,21 +108,21 @@ def _write(result: StudyResult | FreeResult, folder: Path, report: bool) -> str:
     return write_report(result.identification, folder, result.study.title, asdict(result.provenance)).name
 
 
-def _interrupted(run: LongRun, kept: Checkpoint, call: Sequence[str]) -> str:
+def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
     """What was reached, where it is, and how to go on; what is done is written."""
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
     kept.write(run.so_far())
+    return f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; {again}"
+
+
+def _resumed(study: Path, out: Path | None, workers: int | None, scheduler: str | None, report: bool) -> str:
+    """How to go on: the words of the command again, those options that were given."""
+    given = (("--out", out), ("--workers", workers), ("--scheduler", scheduler))
+    call = [str(study), *(str(word) for pair in given if pair[1] is not None for word in pair)]
     return (
-        f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; go on with:"
-        f" {shlex.join(['structid', 'identify', *call, '--resume'])}"
+        f"go on with: {shlex.join(['structid', 'identify', *call, *([] if report else ['--no-report']), '--resume'])}"
     )
-
-
-def _call(study: Path, **options: object) -> list[str]:
-    """The words of the command again, those options that were given."""
-    pairs = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
-    return [str(study), *(word for pair in pairs for word in pair)]
 
 
 @contextmanager

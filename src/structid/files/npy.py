@@ -51,8 +51,10 @@ def npy_array(path: Path) -> NDArray[Any]:
         return values.reshape(header.shape, order=header.order)  # type: ignore[call-overload]
 
 
-def npz_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Every array in the NPZ archive at `path` by its name.
+def npz_arrays(
+    path: Path, kind: str = "a whole NPZ archive", remedy: str = "copy or write it again"
+) -> dict[str, NDArray[Any]]:
+    """Every array in the NPZ archive at `path` by its name; `kind` and `remedy` are for the error.
 
     Raises
     ------
@@ -60,7 +62,7 @@ def npz_arrays(path: Path) -> dict[str, NDArray[Any]]:
         If it is no whole archive of arrays, or holds Python objects.
     """
     path = require_readable(path)
-    with damage_told(path, "a whole NPZ archive"), zipfile.ZipFile(path) as archive:
+    with damage_told(path, kind, remedy), zipfile.ZipFile(path) as archive:
         return {_name(path, member): _member(archive, member) for member in archive.infolist()}
 
 

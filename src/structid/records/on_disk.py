@@ -138,9 +138,9 @@ class OnDiskRecord:
                     chunk[row : row + 512, at - begin : end - begin] = read[:, row : row + 512].T
         else:
             chunk = np.ascontiguousarray(self._read(begin, stop), dtype=np.float64)
-        self._require_whole(chunk, begin)
         if self.factors is not None:
             chunk *= self.factors[:, None]
+        self._require_whole(chunk, begin)
         return chunk
 
     def _read(self, begin: int, stop: int) -> NDArray[Any]:

@@ -30,6 +30,7 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft"
 _LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
 _OWN = {"abaqus": abaqus.read, "gmsh": gmsh.read, "nastran": nastran.read}
 _REMEDY = "write it again, as an unstructured grid"
+_FARTHEST = 1e100  # its square is still finite
 
 
 def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
@@ -61,7 +62,10 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
     factor = LENGTH_UNITS[length_unit]
     with damage_told(place, "a whole mesh", "export it again"):
-        return _OWN[kind](place, factor) if kind in _OWN else _through_meshio(place, kind, factor)
+        mesh = _OWN[kind](place, factor) if kind in _OWN else _through_meshio(place, kind, factor)
+    if not (np.abs(mesh.positions) < _FARTHEST).all():
+        raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; {_REMEDY}")
+    return mesh
 
 
 def _through_meshio(place: Path, kind: str, factor: float) -> Mesh:
@@ -70,8 +74,6 @@ def _through_meshio(place: Path, kind: str, factor: float) -> Mesh:
     if points.ndim != 2 or not len(points):
         raise FileError(f"{place}: holds no whole table of nodes; {_REMEDY}")
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    if not np.isfinite(points).all():
-        raise FileError(f"{place}: coordinates must be finite; {_REMEDY}")
     labels = _labels(given)
     blocks = []
     for block in given.cells:
