@@ -35,8 +35,9 @@ def reported() -> Iterator[None]:
 
 
 def fail(message: str, code: int) -> None:
-    """Exit with `code`, the message on stderr."""
-    typer.echo(f"error: {message}", err=True)
+    """Exit with `code`, the message on stderr; what would steer a terminal in it is shown by its number."""
+    shown = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in message)
+    typer.echo(f"error: {shown}", err=True)
     raise typer.Exit(code) from None
 
 

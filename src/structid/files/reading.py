@@ -31,6 +31,8 @@ def require_readable(path: str | Path) -> Path:
         permitted.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise FileError(f"{str(path)!r}: a name cannot hold a null character; correct the name")
     try:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; give the path of a file in it")
@@ -44,7 +46,7 @@ def require_readable(path: str | Path) -> Path:
     except (OSError, ValueError) as error:
         if isinstance(error, FileError):
             raise
-        raise FileError(f"{str(path)!r}: cannot be opened ({error}); check the path and its permissions") from error
+        raise FileError(f"{path}: cannot be opened ({error}); check the path and its permissions") from error
     return path
 
 

@@ -38,7 +38,8 @@ def _is_integer(value: Any) -> bool:
 
 
 def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and value.strip() != ""
+    """Characters that steer a terminal, and null, which no file name may hold, are no text."""
+    return isinstance(value, str) and value.strip() != "" and all(c.isprintable() or c in "\n\t" for c in value)
 
 
 def _list_of(accepts: Callable[[Any], bool], size: int | None = None) -> Callable[[Any], bool]:
