@@ -53,7 +53,7 @@ def _imported(path: Path, name: str, matrix: NDArray[Any] | sparse.csc_array) ->
 
 def _npz(path: Path) -> dict[str, Any]:
     """The matrix of `scipy.sparse.save_npz`, in any of the forms that have explicit indices."""
-    parts = npz_arrays(path)
+    parts = npz_arrays(path, "a whole matrix in NPZ", "write it with scipy.sparse.save_npz")
     form = _text(parts["format"])
     n_rows, n_columns = (int(n) for n in parts["shape"])
     if form in ("csc", "csr"):

@@ -19,7 +19,7 @@ from structid.errors import FileError
 from structid.files.sparse import coordinates
 from structid.structure.importers.fixed_fields import Bytes, FieldError, chunks, fields_at, real_numbers, whole_numbers
 
-_REMEDY = "the file is cut short or damaged; write it again"
+_REMEDY = "the file is cut short or damaged; write it again (scipy.io.mmwrite does)"
 _WIDEST = 64
 _WORDS = {"real": 1, "integer": 1, "complex": 2}
 _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
