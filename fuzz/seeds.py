@@ -373,8 +373,7 @@ def _studies(folder: Path) -> _Made:
         shutil.copytree(EXAMPLES / name, path.parent)
         yield f"study/{name}", "study", path, STUDY
     path = _place(folder, "study/chain", "study.toml")
-    path.write_text(CHAIN)
-    write_record(path.parent / "frf.npz", _chain_record())
+    write_chain(path)
     yield "study/chain", "study", path, STUDY
     path = _place(folder, "study/matrices", "study.toml")
     path.write_text(MATRICES)
@@ -386,9 +385,16 @@ def _studies(folder: Path) -> _Made:
     yield "study/matrices", "study", path, STUDY
 
 
-def _chain_record() -> FrfRecord:
-    values = _random(30, 2, 1) + 1j * _random(30, 2, 1)
-    return FrfRecord(np.linspace(0.5, 12, 30), values, ("1X", "3X"), ("3X",), "accelerance")
+def write_chain(path: Path, text: str | None = None) -> None:
+    """The study of a chain of masses, with its record beside it: the chain's own answer and some noise."""
+    path.write_text(text or CHAIN)
+    frequency = np.linspace(0.5, 12, 60)
+    omega = 2 * np.pi * frequency[:, None, None]
+    stiffness = np.array([[2200.0, -1000, 0], [-1000, 2000, -1000], [0, -1000, 1000]]) * (1 + 0.02j)
+    dynamic = -(omega**2) * np.diag([2.0, 3.0, 1.0]) + 1j * omega * np.diag([3.0, 0, 0]) + stiffness
+    values = -(omega**2) * np.linalg.inv(dynamic)[:, [0, 2], :][:, :, [2]]
+    noisy = values * (1 + 0.01 * _random(60, 2, 1))
+    write_record(path.parent / "frf.npz", FrfRecord(frequency, noisy, ("1X", "3X"), ("3X",), "accelerance"))
 
 
 CHAIN = """\

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import typer
 
@@ -19,7 +22,8 @@ DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
 def reported() -> Iterator[None]:
     """Turns what a user can cause into one message on stderr and an exit code."""
     try:
-        yield
+        with _terminable():
+            yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
     except (SearchFailedError, NoModesError) as error:
@@ -32,6 +36,23 @@ def reported() -> Iterator[None]:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def fail(message: str, code: int) -> None:

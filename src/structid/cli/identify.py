@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import shlex
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -65,7 +62,7 @@ def identify(
         read = load_study(study)
         folder = out if out is not None else Path(f"{study.stem}_results")
         owner = fingerprint(read)
-        with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept, _terminable():
+        with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
             run = LongRun(executor_for(read, workers, scheduler), kept)
             try:
                 with run_progress(read.options.method.max_iterations) as progress:
@@ -123,20 +120,3 @@ def _resumed(study: Path, out: Path | None, workers: int | None, scheduler: str 
     return (
         f"go on with: {shlex.join(['structid', 'identify', *call, *([] if report else ['--no-report']), '--resume'])}"
     )
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
