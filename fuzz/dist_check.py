@@ -29,7 +29,9 @@ def main() -> int:
         )
         shutil.copytree(EXAMPLE, folder / "example")
         words = ["identify", "example/study.toml", "--out", "results"]
-        subprocess.run([folder / "env" / "bin" / "structid", *words], check=False, cwd=folder, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [folder / "env" / "bin" / "structid", *words], check=False, cwd=folder, stdout=subprocess.DEVNULL
+        )
         found = json.loads((folder / "results" / "estimate.json").read_text(encoding="utf-8"))
         page = (folder / "results" / "report.html").stat().st_size
     print(f"{packages[0].name}: {found['status']}, {found['n_parameters']} parameters, a report of {page / 1e6:.1f} MB")

@@ -134,7 +134,9 @@ def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")
     if values.dtype.kind == "c":
-        raise FileError(f"{path}: field 'values' of time histories must hold real numbers, got complex ones; write it again")
+        raise FileError(
+            f"{path}: field 'values' of time histories must hold real numbers, got complex ones; write it again"
+        )
     return TimeRecord(
         sampling_rate=_number(path, fields, "sampling_rate"),
         values=values,

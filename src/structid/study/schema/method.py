@@ -20,7 +20,7 @@ from structid.study.schema.section import (
 
 _SMALL = Kind(
     "a number above 0 and at most 0.01",
-    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 0.01,
+    lambda value: POSITIVE.accepts(value) and value <= 0.01,
 )
 _SEARCHES = {"levenberg_marquardt": LevenbergMarquardt, "gauss_newton": GaussNewton}
 _KINDS = {

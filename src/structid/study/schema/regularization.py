@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from structid.structure import Structure
-from structid.study.schema.section import TEXT, TEXTS, Kind, Section, choice
+from structid.study.schema.section import POSITIVE, TEXT, TEXTS, Kind, Section, choice
 from structid.unknowns import Parameters, Regularization, Smoothness, Sparsity, penalty
 
 _KINDS: dict[str, type[Smoothness] | type[Sparsity]] = {"smoothness": Smoothness, "sparsity": Sparsity}
 _RULES = ("marginal_likelihood", "l_curve", "discrepancy")
 _STRENGTH = Kind(
     "a positive number or one of " + ", ".join(f'"{rule}"' for rule in _RULES),
-    lambda value: (
-        value in _RULES
-        if isinstance(value, str)
-        else isinstance(value, int | float) and value is not True and value > 0
-    ),
+    lambda value: value in _RULES if isinstance(value, str) else POSITIVE.accepts(value),
 )
 
 

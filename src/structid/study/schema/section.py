@@ -14,7 +14,7 @@ from typing import Any
 from structid.errors import InputError
 from structid.study.schema.toml_lines import KeyPath, toml_lines
 
-_LARGEST = 1e100  # its square is still finite
+_LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero
 
 
 class StudyError(InputError):
@@ -30,7 +30,9 @@ class Kind:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    return value == 0 or (1 / _LARGEST <= abs(value) <= _LARGEST and (isinstance(value, float) or abs(value) < 2**63))
 
 
 def _is_integer(value: Any) -> bool:
