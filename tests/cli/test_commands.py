@@ -359,3 +359,11 @@ def test_check_and_convert_draw_nothing(study):
         [sys.executable, "-c", code], capture_output=True, text=True, env=ENVIRONMENT, cwd=study.parent, check=True
     )
     assert {"matplotlib", "plotly", "jinja2", "structid.report"}.isdisjoint(done.stdout.split())
+
+
+def test_what_steers_a_terminal_is_shown_by_its_number(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoke("check", "a\x1b[31mb.toml")
+    assert done.exit_code == 2
+    assert "a\\x1b[31mb.toml: there is no such file" in done.stderr
+    assert "\x1b" not in done.stderr
