@@ -17,6 +17,7 @@ _SETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1", "OM
 _CARD = re.compile(r"^(EXTRN|[ABCQ]SET1?)[*,\s]", re.IGNORECASE | re.MULTILINE)
 _MAPPING = re.compile(r"^\s*\d+\s+(\d+)\s+(UX|UY|UZ|ROTX|ROTY|ROTZ)\s*$", re.IGNORECASE)
 _ANSYS = {"UX": "X", "UY": "Y", "UZ": "Z", "ROTX": "RX", "ROTY": "RY", "ROTZ": "RZ"}
+_MOST_MEMBERS = 5_000_000
 _PAIR = re.compile(r"^\s*(\d+)[\s,;]+([0-6])\s*$")
 
 
@@ -117,7 +118,10 @@ def _listed(lines: BulkLines) -> list[tuple[int, str]]:
     for fields in _cards(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]
         if len(nodes) == 3 and nodes[1] == "THRU":
-            labels = list(range(_whole(lines, nodes[0]), _whole(lines, nodes[2]) + 1))
+            first, last = _whole(lines, nodes[0]), _whole(lines, nodes[2])
+            if last - first > _MOST_MEMBERS:
+                raise FileError(f"{lines.path}: a set from {first} to {last} is too long; correct the card")
+            labels = list(range(first, last + 1))
         else:
             labels = [_whole(lines, node) for node in nodes]
         found.extend((label, components) for label in labels)

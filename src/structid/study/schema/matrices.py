@@ -46,6 +46,7 @@ from structid.study.schema.section import (
 _KEYS = ("mass", "stiffness", "damping")
 #: Names that files give by themselves, so that `matrix` need not say which.
 _OWN_NAMES = {"mass": ("MASS",), "stiffness": ("STIFFNESS",), "damping": ("VISCOUSDAMPING", "DAMPING")}
+_MOST_LABELS = 20_000_000
 _FILE_WORDS = 'a file, or a table such as { path = "model.op4", matrix = "KAA" }'
 _RANGE = re.compile(r"^\s*(\d+)(?:\s*-\s*(\d+))?\s*$")
 
@@ -253,5 +254,7 @@ def _labels(given: Any) -> set[int]:
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first:
             raise InputError(f"elements {entry!r} must go from the lower to the higher label")
+        if last - first > _MOST_LABELS:
+            raise InputError(f"elements {entry!r} are more than {_MOST_LABELS}; give those that there are")
         found.update(range(first, last + 1))
     return found
