@@ -13,5 +13,5 @@ def test_sets_of_nastran_and_abaqus_have_a_longest_range(tmp_path):
         read_numbering(tmp_path / "dofs.pch")
     mesh = "*NODE\n1, 0, 0\n2, 1, 0\n*NSET, NSET=a, GENERATE\n1, 999999999999, 1\n*ELEMENT, TYPE=B31\n1, 1, 2\n"
     (tmp_path / "a.inp").write_text(mesh)
-    with pytest.raises(FileError, match="line 4: .* from 1 to 999999999999 has more than"):
+    with pytest.raises(FileError, match=r"line 4: .* from 1 to 999999999999 has more than"):
         read_mesh(tmp_path / "a.inp")
