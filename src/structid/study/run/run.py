@@ -171,7 +171,7 @@ def _prepared_modes(study: Study, source: SetupSource, setup: ModalSetup) -> tup
     with _placed_mechanism(study.section("structure")):
         require_sound_model(setup.structure, setup.parameters.values(setup.parameters.start), np.inf)
     inner = source.section.section("modes") or source.section
-    with inner.located():
+    with _placed_mechanism(study.section("structure")), inner.located():
         problem = setup.problem()
         problem.residual(problem.theta_start)
     return problem, setup.record.warnings
@@ -198,10 +198,10 @@ def _channel_key(section: Section, key: str) -> str:
 
 @contextmanager
 def _placed_mechanism(section: Section) -> Iterator[None]:
-    """Gives a `SingularModelError` the place of the structure."""
+    """Gives a `SingularModelError`, and what a factorization raises on such matrices, the place of the structure."""
     try:
         yield
-    except SingularModelError as error:
+    except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SingularModelError(str(section.error(str(error)))) from error
 
 
