@@ -1,11 +1,19 @@
 # make demo   identify the measured frame and write its report
 # make test   run all tests
+# make fuzz   damage files of every kind, and print what came of reading them (COUNT=20000 SEED=5 for more)
+# make killed end runs at 100 random moments and run them again to the same digits
+# make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
+# make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
+# make test-newest  run all tests on Python 3.13 with the newest versions (needs uv and 3.13)
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint types imports check clean
+COUNT ?= 2000
+SEED ?= 1
+
+.PHONY: demo test lint types imports check fuzz killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame
@@ -25,6 +33,29 @@ imports: $(STAMP)
 
 check: test lint types imports
 
+fuzz: $(STAMP)
+	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
+
+killed: $(STAMP)
+	$(BIN)/python -m fuzz.killed --count 100 --seed $(SEED)
+
+# a clean environment outside the tree: what the package forgets to name or to hold shows here
+dist-check: $(STAMP)
+	$(BIN)/python -m pip install --quiet build
+	rm -rf dist
+	$(BIN)/python -m build --quiet --outdir dist .
+	$(BIN)/python -m fuzz.dist_check dist
+
+test-lowest:
+	uv venv --quiet --clear --python 3.11 .venv-lowest
+	uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable ".[dev]"
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2
+
+test-newest:
+	uv venv --quiet --clear --python 3.13 .venv-newest
+	uv pip install --quiet --python .venv-newest/bin/python --editable ".[dev]"
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2
+
 $(STAMP): pyproject.toml
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'structid needs Python 3.11 or newer, this is ' + sys.version)"
 	$(PYTHON) -m venv $(VENV)
@@ -33,4 +64,4 @@ $(STAMP): pyproject.toml
 	touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-lowest .venv-newest dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -11,9 +11,10 @@ from structid.errors import InputError
 DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 _WORD = re.compile(
-    r"^\s*(?P<node>\d+)\s*[:_ ]?\s*(?P<before>[+-]?)\s*(?P<direction>R?[XYZ])\s*(?P<after>[+-]?)\s*$", re.IGNORECASE
+    r"^\s*(?P<node>\d{1,15})\s*[:_ ]?\s*(?P<before>[+-]?)\s*(?P<direction>R?[XYZ])\s*(?P<after>[+-]?)\s*$",
+    re.IGNORECASE,
 )
-_NUMBER = re.compile(r"^\s*(?P<node>\d+)\.0?(?P<component>[1-6])\s*(?P<after>[+-]?)\s*$")
+_NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?P<after>[+-]?)\s*$")
 
 
 @dataclass(frozen=True, order=True)

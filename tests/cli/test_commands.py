@@ -330,3 +330,11 @@ def test_convert_names_what_is_wrong(tmp_path, monkeypatch, source, target, word
     for word in words:
         assert word in done.stderr
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_what_steers_a_terminal_is_shown_by_its_number(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoke("check", "a\x1b[31mb.toml")
+    assert done.exit_code == 2
+    assert "a\\x1b[31mb.toml: there is no such file" in done.stderr
+    assert "\x1b" not in done.stderr

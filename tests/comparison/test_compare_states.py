@@ -159,7 +159,7 @@ def test_a_broken_results_folder_is_refused(states, tmp_path):
     before, _ = states
     invoke("identify", before, "--no-report", "--out", tmp_path / "one")
     (tmp_path / "one" / "estimate.h5").write_bytes(b"no HDF5")
-    with pytest.raises(sid.InputError, match="cannot be used"):
+    with pytest.raises(sid.InputError, match=r"estimate\.h5: is damaged, cut short or not HDF5"):
         stored_state(tmp_path / "one")
 
 

@@ -149,3 +149,33 @@ def test_import_is_light():
     code = f"import sys, structid.records; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+def test_complex_histories_are_refused(tmp_path, suffix, history):
+    """Their imaginary part was lost with a warning of Python."""
+    from structid.records.io import layout
+
+    fields = {**layout.fields_of(history), "values": history.values * (1 + 1j)}
+    with pytest.MonkeyPatch.context() as patch:
+        name = {".npz": "npz", ".h5": "hdf5", ".mat": "mat"}[suffix]
+        patch.setattr(sys.modules[f"structid.records.io.{name}"], "fields_of", lambda record: fields)
+        write_record(tmp_path / f"a{suffix}", history)
+    with pytest.raises(FileError, match="must hold real numbers, got complex"):
+        read_record(tmp_path / f"a{suffix}")
+
+
+def test_convert_to_hdf5_is_made_in_memory(tmp_path, history, monkeypatch):
+    """A library that writes to a full disk itself crashes when it closes the file."""
+    import h5py
+
+    opened = []
+    real = h5py.File
+
+    def watched(name, *arguments, **options):
+        opened.append(name)
+        return real(name, *arguments, **options)
+
+    monkeypatch.setattr(h5py, "File", watched)
+    write_record(tmp_path / "a.h5", history)
+    assert not any(isinstance(name, str | os.PathLike) for name in opened)

@@ -249,3 +249,9 @@ def test_no_geometry(tmp_path, frf):
     uff.write(tmp_path / "a.uff", frf)
     with pytest.raises(FileError, match="has no nodes"):
         read_geometry(tmp_path / "a.uff")
+
+
+def test_complex_histories_are_refused(tmp_path, values):
+    dataset = function((1, 3), (0, 0), values[:, 0, 0], func_type=1, abscissa_spec_data_type=17)
+    with pytest.raises(FileError, match=r"1Z\+ has complex samples"):
+        read_record(write(tmp_path / "a.uff", [header(), units(), dataset]))

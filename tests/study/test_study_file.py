@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -428,3 +429,23 @@ def test_the_documented_study_is_read(tmp_path):
     study = load_study(write_chain(tmp_path, text))
     assert study.title == "Two masses on springs"
     assert study.parameters.names == ("mass[masses:1]", "mass[masses:2]", "stiffness[ground]")
+
+
+ODD = {
+    "null": ('title = "Chain of three masses"', 'title = "a\\u0000b"', "title: must be a text in quotes"),
+    "escape": ('name = "mass 1"', 'name = "\\u001b[31m"', "name: must be a text in quotes"),
+    "tiny": ("mass = 1.2", "mass = 1e-320", "mass: must be"),
+    "huge": ("mass = 1.2", "mass = 99999999999999999999999", "mass: must be"),
+    "deep": ("mass = 1.2", "mass = " + "[" * 20000, "so long or so deep"),
+    "digits": ("mass = 1.2", "mass = " + "1" * 5000, "so long or so deep"),
+    "far": ('first = "1X"', 'first = "99999999999999999999X"', "cannot read '99999999999999999999X'"),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_values_at_the_ends_of_what_can_be_written(tmp_path, case):
+    """Each gave a traceback, before the search or behind it."""
+    old, new, words = ODD[case]
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        load_study(write_chain(tmp_path, replaced(old, new)))
+    assert str(caught.value).startswith(str(tmp_path / "chain.toml"))

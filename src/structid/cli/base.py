@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.models import OptionInfo
@@ -43,7 +45,8 @@ def results_folder(default: str) -> OptionInfo:
 def reported() -> Iterator[None]:
     """Turns what a user can cause into one message on stderr and an exit code."""
     try:
-        yield
+        with _terminable():
+            yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
     except NoAnswerError as error:
@@ -58,9 +61,27 @@ def reported() -> Iterator[None]:
         fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
 
 
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def fail(message: str, code: int) -> None:
-    """Exit with `code`, the message on stderr."""
-    typer.echo(f"error: {message}", err=True)
+    """Exit with `code`, the message on stderr; what would steer a terminal in it is shown by its number."""
+    shown = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in message)
+    typer.echo(f"error: {shown}", err=True)
     raise typer.Exit(code) from None
 
 

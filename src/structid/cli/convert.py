@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from structid.errors import FileError
+from structid.files import claimed
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
 
 
@@ -28,7 +29,8 @@ def convert(
     if target.exists() and source.exists() and target.samefile(source):
         raise FileError(f"{target}: is the file that is read; write to another one")
     record = read_record(source, read)
-    write_record(target, record)
+    with claimed(target):
+        write_record(target, record)
     typer.echo(_summary(record, target))
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import shlex
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -23,7 +21,6 @@ from structid.cli.base import (
     Workers,
     check_png,
     fail,
-    reported,
     results_folder,
 )
 from structid.cli.console import identification_summary
@@ -63,33 +60,35 @@ def identify(
       structid identify frame.toml --resume
       structid identify frame.toml --workers 8 --png
     """
-    with reported():
-        check_png(report, png)
-        read = load_study(study)
-        folder = out if out is not None else Path(f"{study.stem}_results")
-        kept = Checkpoint(checkpoint_folder(folder), fingerprint(read), resume, checkpoint)
+    check_png(report, png)
+    read = load_study(study)
+    folder = out if out is not None else Path(f"{study.stem}_results")
+    owner = fingerprint(read)
+    with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
         run = LongRun(executor_for(read, workers, scheduler), kept)
         try:
-            with run_progress(read.options.method.max_iterations) as progress, _terminable():
+            with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
                 result = run_started(started(read), progress.search, run)
+            with staged_folder(folder) as staged:
+                name = _write(result, staged, report, png)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png
-            call = [*_call(study, out=out, workers=workers, scheduler=scheduler), *flags]
-            fail(_interrupted(run, kept, call), INTERRUPTED)
+            fail(
+                _interrupted(run, kept, _resumed(study, flags, out=out, workers=workers, scheduler=scheduler)),
+                INTERRUPTED,
+            )
         except WorkersLostError:
             kept.write(run.so_far())
             raise
         finally:
             run.close()
-        with staged_folder(folder) as staged:
-            name = _write(result, staged, report, png)
         kept.remove()
-        show(identification_summary(result))
-        typer.echo(str(folder / name))
-        estimate = result.identification.estimate
-        if estimate.status is not Status.CONVERGED:
-            fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
+    show(identification_summary(result))
+    typer.echo(str(folder / name))
+    estimate = result.identification.estimate
+    if estimate.status is not Status.CONVERGED:
+        fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
@@ -106,35 +105,15 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png).name
 
 
-def _interrupted(run: LongRun, kept: Checkpoint, call: Sequence[str]) -> str:
+def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
     """What was reached, where it is, and how to go on; what is done is written."""
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
     kept.write(run.so_far())
-    return (
-        f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; go on with:"
-        f" {shlex.join(['structid', 'identify', *call, '--resume'])}"
-    )
+    return f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; {again}"
 
 
-def _call(study: Path, **options: object) -> list[str]:
-    """The words of the command again, those options that were given."""
-    pairs = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
-    return [str(study), *(word for pair in pairs for word in pair)]
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _resumed(study: Path, flags: Sequence[str], **options: object) -> str:
+    """How to go on: the words of the command again, those options that were given."""
+    given = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
+    return f"go on with: {shlex.join(['structid', 'identify', str(study), *given, *flags, '--resume'])}"

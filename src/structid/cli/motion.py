@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, cast
 
 import typer
 
 from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Scheduler, StudyPath, Workers, fail, results_folder
+from structid.files import claimed
 from structid.regression.local_reduction import Engine, Kernels
 from structid.study.results.folder import staged_folder
 from structid.study.run.motion import (
@@ -49,7 +51,8 @@ def motion(
     work = Kernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:
-        found = motion_of_study(study, options, _told)
+        with claimed(checkpoint) if checkpoint is not None else nullcontext():
+            found = motion_of_study(study, options, _told)
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
         fail(f"interrupted; no results were written{kept}", INTERRUPTED)

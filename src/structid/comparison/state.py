@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from structid.arrays import FloatArray, locked
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
+from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields
 from structid.structure import Structure
 from structid.study.results.result import StudyResult
 from structid.study.schema.root import InputFiles, read_study_text
@@ -109,7 +109,9 @@ def stored_state(folder: Path) -> State:
                 f"{folder}: is of search 'matrix_free', which gives no covariance matrix to compare by; group the unknowns"
                 " and identify again without it"
             )
-        estimate, channels = _stored_estimate(folder / "estimate.h5", Status(texts["status"]))
+        estimate, channels = _stored_estimate(
+            folder / "estimate.h5", Status(texts["status"]), texts["covariance_basis"]
+        )
         inputs = dict(texts["provenance"]["inputs"])
         held = tuple(str(item["name"]) for item in texts.get("regularization", ()))
     except FileError:
@@ -122,21 +124,19 @@ def stored_state(folder: Path) -> State:
     return State(str(texts.get("title", folder.name)), folder, estimate, inputs, None, held, _drawn(folder, channels))
 
 
-def _stored_estimate(path: Path, status: Status) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
+def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
     """The estimate in estimate.h5, and the names of its channels."""
-    import h5py  # so that `import structid` stays light
-
-    with h5py.File(path, "r") as file:
-        group: Any = file["parameters"]
-        texts = {name: _texts(group[name]) for name in ("names", "kinds", "units")}
-        values = np.asarray(group["values"], dtype=float)
-        covariance = np.asarray(group[f"covariance_{group.attrs['covariance_basis']}"], dtype=float)
-        if "frf" in file:
-            frf: Any = file["frf"]
-            channels = {name: _texts(frf[name]) for name in ("outputs", "inputs")}
-        else:
-            modal: Any = file["modal_record_1"]
-            channels = {"outputs": _texts(modal["channels"]), "inputs": ()}
+    names, matrix = ("names", "kinds", "units"), f"covariance_{basis}"
+    record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
+    places = ("outputs", "inputs") if record == "frf/" else ("channels",)
+    wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
+    found = hdf5_fields(path, wanted)
+    texts = {name: _texts(found[f"parameters/{name}"]) for name in names}
+    values = np.asarray(found["parameters/values"], dtype=float)
+    covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
+    channels = {"outputs": _texts(found[record + places[0]]), "inputs": ()}
+    if record == "frf/":
+        channels["inputs"] = _texts(found["frf/inputs"])
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
@@ -146,8 +146,8 @@ def _stored_estimate(path: Path, status: Status) -> tuple[StoredEstimate, dict[s
     return estimate, channels
 
 
-def _texts(dataset: Any) -> tuple[str, ...]:
-    return tuple(bytes(entry).decode() for entry in dataset[()])
+def _texts(field: Field) -> tuple[str, ...]:
+    return (field,) if isinstance(field, str) else tuple(str(text) for text in field)
 
 
 def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:

@@ -111,6 +111,10 @@ def require_sound_model(structure: Structure, values: FloatArray, lowest: float)
     mass, stiffness, viscous, structural = (
         structure.matrix(law, values).toarray() for law in ("inertia", "elastic", "viscous", "structural")
     )
+    if not all(np.isfinite(matrix).all() for matrix in (mass, stiffness, viscous, structural)):
+        raise SingularModelError(
+            "the model's matrices are not finite: a property is too large or too small; correct it"
+        )
     if not mass.any():
         raise SingularModelError("the structure has no mass; add point masses, or `mass` to its beams or bars")
     elastic = stiffness + structural

@@ -6,11 +6,11 @@ checked: a gap is named by its sample, and so is the place where a file ends too
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
-from structid.files import require_readable
+from structid.files import DAMAGE, require_readable
+from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields, hdf5_part
+from structid.files.npy import npy_header
 from structid.records.io.bare import channel_units, require_option
+from structid.records.io.layout import MARK
 from structid.records.io.options import ReadOptions
 from structid.records.record import QUANTITY_UNITS, Quantity, TimeRecord
 
@@ -135,29 +138,33 @@ class OnDiskRecord:
                     chunk[row : row + 512, at - begin : end - begin] = read[:, row : row + 512].T
         else:
             chunk = np.ascontiguousarray(self._read(begin, stop), dtype=np.float64)
-        self._require_whole(chunk, begin)
         if self.factors is not None:
             chunk *= self.factors[:, None]
+        self._require_whole(chunk, begin)
         return chunk
 
     def _read(self, begin: int, stop: int) -> NDArray[Any]:
         """These samples, as they lie in the file; opened anew for each chunk, so that a change is noticed."""
         shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
-        with _opened(self.path, self.array, f"at sample {begin}") as array:
-            if array.shape != shape:
-                axis = 0 if self.samples_first else 1
-                now = array.shape[axis] if len(array.shape) == 2 else 0
-                raise FileError(
-                    f"{self.path}: changed while it was read: it had {self.n_times} samples, and has {now} at sample"
-                    f" {begin}; read a copy that nothing writes to, and resume from sample {begin}"
-                )
-            if isinstance(array, np.memmap) and self.samples_first and array.flags.c_contiguous:
-                return self._read_rows(array.offset, array.dtype, begin, stop)
-            part = array[begin:stop] if self.samples_first else array[:, begin:stop]
-            return np.array(part)
+        stored = _stored(self.path, self.array, f"at sample {begin}")
+        if stored.shape != shape:
+            axis = 0 if self.samples_first else 1
+            now = stored.shape[axis] if len(stored.shape) == 2 else 0
+            raise FileError(
+                f"{self.path}: changed while it was read: it had {self.n_times} samples, and has {now} at sample"
+                f" {begin}; read a copy that nothing writes to, and resume from sample {begin}"
+            )
+        if stored.offset is None:
+            return hdf5_part(self.path, self.array, begin, stop, 0 if self.samples_first else 1)
+        if self.samples_first and not stored.fortran:
+            return self._read_rows(stored.offset, stored.dtype, begin, stop)
+        with _damage_told(self.path, f"at sample {begin}"):
+            order: Literal["C", "F"] = "F" if stored.fortran else "C"
+            mapped = np.memmap(self.path, stored.dtype, "r", stored.offset, shape, order)
+            return np.array(mapped[begin:stop] if self.samples_first else mapped[:, begin:stop])
 
     def _read_rows(self, offset: int, dtype: np.dtype[Any], begin: int, stop: int) -> NDArray[Any]:
-        """Whole samples of an NPY file by plain reading: no mapped pages, and no fault where the file is cut."""
+        """Whole samples by plain reading: no mapped pages, and no fault where the file is cut."""
         count = len(self.channels)
         with _damage_told(self.path, f"at sample {begin}"):
             found = np.fromfile(
@@ -249,16 +256,18 @@ def _record(
 
 def _own_layout(path: Path) -> OnDiskRecord | None:
     """The record of a file in structid's own layout; None for another."""
-    import h5py
-
-    with _damage_told(path, "as it was opened"), h5py.File(path, "r") as file:
-        if "structid_record" not in file:
-            return None
-        if file["structid_record"].asstr()[()] != "time 1":
-            raise InputError(f"{path}: holds no time histories; only they are read by chunks")
-        channels = _dofs(file["channels"].asstr()[()].ravel().tolist())
-        quantities = tuple(file["quantities"].asstr()[()].ravel().tolist())
-        rate, shape = float(np.ravel(file["sampling_rate"][()])[0]), file["values"].shape
+    datasets = hdf5_datasets(path)
+    if MARK not in datasets:
+        return None
+    names = {MARK, "channels", "quantities", "sampling_rate", "values"}
+    if not names <= set(datasets):
+        raise FileError(f"{path}: lacks {', '.join(sorted(names - set(datasets)))}; write it again with structid")
+    fields = hdf5_fields(path, names - {"values"})
+    if fields[MARK] != "time 1":
+        raise InputError(f"{path}: holds no time histories; only they are read by chunks")
+    channels, quantities = _dofs(_texts(fields["channels"])), _texts(fields["quantities"])
+    with _damage_told(path, "as it was opened"):
+        rate, shape = float(np.ravel(fields["sampling_rate"])[0]), datasets["values"].shape
     for quantity in dict.fromkeys(quantities):
         if quantity not in QUANTITY_UNITS:
             raise FileError(f"{path}: has channels of {quantity!r}, which this version does not know")
@@ -267,7 +276,11 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
     return _record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
 
 
-def _dofs(texts: Any) -> tuple[Dof, ...]:
+def _texts(field: Field) -> tuple[str, ...]:
+    return (field,) if isinstance(field, str) else tuple(str(text) for text in field)
+
+
+def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:
     """Degrees of freedom of many texts, each different one read once."""
     known: dict[str, Dof] = {}
     for text in texts:
@@ -277,13 +290,8 @@ def _dofs(texts: Any) -> tuple[Dof, ...]:
 
 
 def _only_array(path: Path, wanted: str) -> str:
-    import h5py
-
-    from structid.records.io.hdf5 import dataset_shapes
-
-    with _damage_told(path, "as it was opened"), h5py.File(path, "r") as file:
-        shapes = dataset_shapes(file)
-    numeric = [name for name, (shape, dtype) in shapes.items() if dtype.kind in "fiu" and len(shape) == 2]
+    datasets = hdf5_datasets(path)
+    numeric = [name for name, found in datasets.items() if found.dtype.kind in "fiu" and len(found.shape) == 2]
     if wanted and wanted in numeric:
         return wanted
     if wanted or len(numeric) != 1:
@@ -294,35 +302,38 @@ def _only_array(path: Path, wanted: str) -> str:
 
 
 def _shape(path: Path, array: str) -> tuple[int, ...]:
-    with _opened(path, array, "as it was opened") as opened:
-        if opened.dtype.kind not in "fiu":
-            raise FileError(f"{path}: must hold real numbers, got type {opened.dtype}")
-        return tuple(opened.shape)
+    stored = _stored(path, array, "as it was opened")
+    if stored.dtype.kind not in "fiu":
+        raise FileError(f"{path}: must hold real numbers, got type {stored.dtype}")
+    return stored.shape
 
 
-@contextmanager
-def _opened(path: Path, array: str, when: str) -> Iterator[Any]:
-    """The array, memory-mapped or as an HDF5 dataset, closed when the block ends."""
-    if not array:
-        with _damage_told(path, when):
-            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-        yield mapped
-        return
-    import h5py
+class _Stored(NamedTuple):
+    """Shape, type and order of the array, and the byte where it begins; None where it lies in pieces (HDF5)."""
 
-    with _damage_told(path, when), h5py.File(path, "r") as file:
-        yield file[array]
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int | None
+    fortran: bool
+
+
+def _stored(path: Path, array: str, when: str) -> _Stored:
+    """How the array of an NPY file, or the dataset `array` of an HDF5 file, lies in it."""
+    with _damage_told(path, when):
+        if array:
+            return _Stored(*hdf5_datasets(path)[array], False)
+        header = npy_header(path)
+        return _Stored(header.shape, header.dtype, header.offset, header.fortran)
 
 
 @contextmanager
 def _damage_told(path: Path, when: str) -> Iterator[None]:
     try:
         yield
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, EOFError) as error:
-        if isinstance(error, FileError | InputError):
-            raise
+    except DAMAGE as error:
+        what = str(error).removeprefix(f"{path}: ")
         raise FileError(
-            f"{path}: cannot be read {when} ({error}); it is damaged or cut short: copy or write it again, and resume"
+            f"{path}: cannot be read {when} ({what}); it is damaged or cut short: copy or write it again, and resume"
         ) from error
 
 

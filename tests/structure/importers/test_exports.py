@@ -12,10 +12,13 @@ from scipy import sparse
 
 from structid.dof import Dof
 from structid.errors import FileError, InputError
+from structid.files import contained as contained_process
+from structid.files import worker
 from structid.structure import Beam, Structure, importers
 from structid.structure.importers import (
     FORMATS,
     ImportedMatrix,
+    ansys,
     dof_table,
     dofs_of,
     group_from_exports,
@@ -316,6 +319,8 @@ class FakeEmat:
 
 
 def test_ansys_files_are_read_through_the_library(tmp_path, monkeypatch):
+    """The reader that runs in a child, called here with a library that is none."""
+    monkeypatch.setattr(ansys, "contained", lambda path, reader: worker.READERS[reader](str(path)))
     library = types.ModuleType("ansys.mapdl.reader")
     library.read_binary = lambda path: FakeFull() if path.endswith(".full") else FakeEmat()
     for name in ("ansys", "ansys.mapdl"):
@@ -336,7 +341,10 @@ def test_ansys_files_are_read_through_the_library(tmp_path, monkeypatch):
 
 
 def test_ansys_files_without_the_library_say_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", None)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (tmp_path / "ansys").mkdir()
+    (tmp_path / "ansys" / "__init__.py").touch()
     (tmp_path / "a.full").write_bytes(b"x")
+    contained_process.end()
     with pytest.raises(FileError, match="pip install ansys-mapdl-reader"):
         read_matrices(tmp_path / "a.full")

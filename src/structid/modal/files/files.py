@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import FileError, InputError
-from structid.files import atomic_write, require_readable
+from structid.errors import FileError
+from structid.files import atomic_write, damage_told, require_readable
 from structid.modal.files.csv import modes_csv, read_modes_csv
 from structid.modal.files.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
@@ -51,12 +51,8 @@ def read_modes(path: str | Path) -> ModalRecord:
         **dict.fromkeys(UFF_SUFFIXES, read_modes_uff),
         **dict.fromkeys(CSV_SUFFIXES, read_modes_csv),
     }
-    try:
+    with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):
         return readers[suffix](path)
-    except InputError as error:
-        if str(error).startswith(f"{path}:"):
-            raise
-        raise FileError(f"{path}: {error}") from error
 
 
 def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None = None) -> None:
@@ -156,10 +152,8 @@ def _finite(value: Any) -> Any:
 
 
 def _read_json(path: Path) -> ModalRecord:
-    try:
+    with damage_told(path, "JSON", "copy it again, or run `structid modes` again"):
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: is not JSON ({error}); copy it again, or run `structid modes` again") from error
     if not isinstance(data, dict) or "frequency_hz" not in data:
         raise FileError(f"{path}: has no `frequency_hz`, so it holds no modes; give a modes.json of `structid modes`")
     frequency = _array(path, data, "frequency_hz", 1)

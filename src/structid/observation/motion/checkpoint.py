@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,8 @@ import numpy as np
 
 from structid.arrays import locked, require_finite
 from structid.errors import FileError
-from structid.files import atomic_write, require_readable
+from structid.files import atomic_write, damage_told
+from structid.files.npy import npz_arrays
 from structid.observation.motion.equations import TimeEquations
 from structid.observation.motion.fit import RecursiveMotionFit
 
@@ -47,15 +47,12 @@ def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMot
     FileError
         If the file is damaged, or of another structure, other parameters or other weights.
     """
-    path = require_readable(path)
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
-            fields = {name: kept[name] for name in kept.files}
+    path = Path(path)
+    fields = npz_arrays(path, "a whole checkpoint", "delete it to begin anew")
+    with damage_told(path, "a whole checkpoint", "delete it to begin anew"):
         layout, digest = str(fields["layout"]), str(fields["equations"])
         triangles, energy, error = (locked(fields[name], np.float64) for name in ("triangles", "energy", "error"))
         n_rows, n_samples = int(fields["n_rows"]), int(fields["n_samples"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
-        raise FileError(f"{path}: is not a whole checkpoint ({problem}); delete it to begin anew") from problem
     if layout != _LAYOUT or digest != equations_digest(start.equations):
         raise FileError(
             f"{path}: is the checkpoint of another structure, other parameters or other weights; delete it to begin anew,"

@@ -12,7 +12,7 @@ import structid.records.io.npy as _npy
 import structid.records.io.npz as _npz
 import structid.records.io.uff.uff as _uff
 from structid.errors import FileError, InputError
-from structid.files import require_readable
+from structid.files import damage_told, require_readable
 from structid.records.io.geometry import Geometry, read_geometry
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
@@ -58,12 +58,8 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     path = Path(path)
     module = _format(path)
     require_readable(path)
-    try:
+    with damage_told(path, "a record that can be read"):
         record: FrfRecord | TimeRecord = module.read(path, ReadOptions() if options is None else options)
-    except InputError as error:
-        if str(error).startswith(f"{path}:"):
-            raise
-        raise type(error)(f"{path}: {error}") from error
     return record
 
 

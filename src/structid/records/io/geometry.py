@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.errors import FileError, InputError
+from structid.files import damage_told, require_readable
 from structid.records.io.uff.blocks import datasets
 from structid.records.io.uff.scales import unit_factors
 
@@ -51,11 +52,16 @@ def read_geometry(path: str | Path) -> Geometry:
     FileError
         If the file is damaged, has no nodes, or defines one node twice in different places.
     """
-    path = Path(path)
-    if path.suffix.lower() in (".csv", ".txt"):
-        from structid.records.io.geometry_csv import read_geometry_csv  # which needs Geometry
+    path = require_readable(path)
+    with damage_told(path, "a geometry that can be read", "export it again"):
+        if path.suffix.lower() in (".csv", ".txt"):
+            from structid.records.io.geometry_csv import read_geometry_csv  # which needs Geometry
 
-        return read_geometry_csv(path)
+            return read_geometry_csv(path)
+        return _of_universal_file(path)
+
+
+def _of_universal_file(path: Path) -> Geometry:
     found = datasets(path)
     factors = unit_factors(path, found)
     scale = 1.0 if factors is None else 1 / factors.length
@@ -64,11 +70,7 @@ def read_geometry(path: str | Path) -> Geometry:
         nodes.update(_nodes(path, [d for d in found if d["type"] == number], scale))
     if not nodes:
         raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
-    lines = tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82)
-    try:
-        return Geometry(nodes, lines)
-    except InputError as error:
-        raise FileError(f"{path}: {error}") from error
+    return Geometry(nodes, tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82))
 
 
 def _nodes(path: Path, tables: list[dict[str, Any]], scale: float) -> dict[int, Point]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from structid.errors import FileError
-from structid.files import atomic_write, require_readable
+from structid.files import atomic_write
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields
 from structid.records.io.bare import Shapes, read_bare
 from structid.records.io.layout import MARK, Field, fields_of, record_from
 from structid.records.io.options import ReadOptions
@@ -18,9 +18,6 @@ from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 
-#: What h5py raises on damaged files.
-DAMAGE = (OSError, KeyError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError, AttributeError)
-
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the HDF5 file at `path`.
@@ -28,53 +25,16 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     Raises
     ------
     FileError
-        If the file is not HDF5 or is damaged.
+        If the file is not HDF5, is damaged, or has its values in other files.
     InputError
         If it holds bare arrays and an option is missing.
     """
-    import h5py
-
-    path = require_readable(path)
-    try:
-        with h5py.File(path, "r") as file:
-            own = MARK in file
-            wanted = {options.array, options.frequency_array, options.coherence_array}
-            shapes = dataset_shapes(file)
-            names = set(file) if own else _needed(shapes, wanted)
-            loaded = {name: _field(file[name]) for name in names}
-    except DAMAGE as error:
-        raise FileError(f"{path}: is not a whole HDF5 file ({error}); copy or write it again") from error
-    if own:
-        return selected(path, record_from(path, loaded), options)
+    shapes: Shapes = {name: (dataset.shape, dataset.dtype) for name, dataset in hdf5_datasets(path).items()}
+    if MARK in shapes:
+        fields = hdf5_fields(path, [name for name in shapes if "/" not in name])
+        return selected(path, record_from(path, fields), options)
+    loaded = hdf5_fields(path, _needed(shapes, {options.array, options.frequency_array, options.coherence_array}))
     return read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options)
-
-
-def dataset_shapes(file: Any) -> Shapes:
-    """Shape and type of every dataset in an open HDF5 file, by its path without the leading slash."""
-    import h5py
-
-    found: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
-
-    def note(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.shape is not None:
-            found[name] = (item.shape, complex_type(item.dtype))
-
-    file.visititems(note)
-    return found
-
-
-def complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """complex128 for a compound of real and imaginary parts, as other programs write; else `dtype`."""
-    names = tuple(name.lower() for name in dtype.names or ())
-    return np.dtype(np.complex128) if names in (("real", "imag"), ("r", "i"), ("re", "im")) else dtype
-
-
-def as_complex(array: NDArray[Any]) -> NDArray[Any]:
-    """`array` with compounds of real and imaginary parts made complex numbers."""
-    if array.dtype.names and complex_type(array.dtype) != array.dtype:
-        real, imaginary = array.dtype.names
-        return np.asarray(array[real] + 1j * array[imaginary])
-    return array
 
 
 def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
@@ -84,17 +44,10 @@ def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
     return named if any(wanted) and len(numeric) > len(named) + 1 else named | numeric
 
 
-def _field(dataset: Any) -> Field:
-    import h5py
-
-    if h5py.check_string_dtype(dataset.dtype) is None:
-        return as_complex(np.asarray(dataset[()]))
-    texts = dataset.asstr()[()]
-    return texts if isinstance(texts, str) else tuple(str(text) for text in texts.ravel())
-
-
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
     """Write `record` as an HDF5 file in structid's layout, complete.
+
+    It is made in memory, so that a full disk shows as an ordinary error when the bytes are written.
 
     Raises
     ------
@@ -103,14 +56,12 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
     """
     import h5py
 
-    fields = fields_of(record)
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        for name, field in fields_of(record).items():
+            _store(file, name, field)
     with atomic_write(path) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                for name, field in fields.items():
-                    _store(file, name, field)
-        except RuntimeError as error:
-            raise OSError(f"HDF5 could not write the file: {error}") from error
+        temporary.write_bytes(content.getbuffer())
 
 
 def _store(file: Any, name: str, field: Field) -> None:

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
+from structid.files.hdf5 import Field
 from structid.records.record import FrfRecord, TimeRecord
 
-Field = NDArray[Any] | str | tuple[str, ...]
 MARK = "structid_record"
 _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 
@@ -133,6 +133,10 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
 def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")
+    if values.dtype.kind == "c":
+        raise FileError(
+            f"{path}: field 'values' of time histories must hold real numbers, got complex ones; write it again"
+        )
     return TimeRecord(
         sampling_rate=_number(path, fields, "sampling_rate"),
         values=values,

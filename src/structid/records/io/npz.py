@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import tokenize
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.errors import FileError
-from structid.files import atomic_write, require_readable
+from structid.files import atomic_write
+from structid.files.npy import npz_arrays
 from structid.records.io.bare import Shapes, read_bare
 from structid.records.io.layout import MARK, Field, fields_of, record_from
 from structid.records.io.options import ReadOptions
@@ -20,13 +17,6 @@ from structid.records.io.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".npz",)
-
-#: What NumPy and zipfile raise on damaged archives.
-_DAMAGE = (
-    zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError, RuntimeError,
-    NotImplementedError, OverflowError, MemoryError, TypeError, SyntaxError, IndexError,
-    tokenize.TokenError, AttributeError,
-)  # fmt: skip
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
@@ -39,16 +29,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     InputError
         If it holds bare arrays and an option is missing.
     """
-    path = require_readable(path)
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    except _DAMAGE as error:
-        if "allow_pickle" in str(error):
-            raise FileError(
-                f"{path}: holds Python objects, which can run code when read; save arrays of numbers only"
-            ) from error
-        raise FileError(f"{path}: is not a whole NPZ archive ({error}); copy or write it again") from error
+    arrays = npz_arrays(path)
     if MARK in arrays:
         return selected(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}

@@ -14,7 +14,7 @@ import structid.structure.importers.dmig as _dmig
 import structid.structure.importers.harwell_boeing as _harwell_boeing
 import structid.structure.importers.op4.op4 as _op4
 from structid.errors import FileError
-from structid.files import atomic_write, require_readable
+from structid.files import atomic_write, damage_told, require_readable
 from structid.structure.importers.abaqus import Form
 from structid.structure.importers.dmig import Field
 from structid.structure.importers.exports import group_from_exports, in_si, require_total_mass, total_mass
@@ -92,7 +92,9 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
     """
     path = require_readable(path)
     found: dict[str, ImportedMatrix] = {}
-    for item in _format(path).read(path):
+    with damage_told(path, "a whole file of its format"):
+        items = _format(path).read(path)
+    for item in items:
         name = item.name
         if name in found:
             raise FileError(f"{path}: holds two matrices {name!r}; write each under a name of its own")

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import FileError, InputError
+from structid.files.sparse import coordinates
 from structid.structure.importers.abaqus_elements import read_user_elements
 from structid.structure.importers.imported import (
     ElementEntries,
@@ -62,8 +63,8 @@ def read(path: Path) -> list[ImportedMatrix]:
         if width == _LABELS:
             return [_labels(name, table)]
         return [_of_elements(name, table)]
-    except InputError as error:
-        raise FileError(f"{path}: {error}") from error
+    except (InputError, ValueError) as error:
+        raise FileError(f"{path}: {error}; {_REMEDY}") from error
 
 
 def _table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
@@ -104,11 +105,11 @@ def _is_good(line: bytes, width: int) -> bool:
 
 
 def _require_whole(path: Path, labels: FloatArray) -> None:
-    bad = (labels != np.round(labels)).any(axis=1)
+    bad = ~((labels == np.round(labels)) & (abs(labels) < 2**50)).all(axis=1)
     if bad.any():
         at = int(np.argmax(bad))
         raise FileError(
-            f"{path}: entry {at + 1} has labels {labels[at].tolist()}, which must be whole numbers; {_REMEDY}"
+            f"{path}: entry {at + 1} has labels {labels[at].tolist()}, which must be whole numbers below 2^50; {_REMEDY}"
         )
 
 
@@ -121,7 +122,7 @@ def _coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
             "COORDINATE (negative ones belong to internal nodes), write it with FORMAT=MATRIX INPUT"
         )
     size = int(max(row.max(), column.max())) + 1
-    matrix = sparse.coo_array((table[:, 2], (row, column)), (size, size))
+    matrix = coordinates((size, size), row, column, table[:, 2])
     return ImportedMatrix(name, completed(matrix, name))
 
 

@@ -5,27 +5,26 @@ What is kept: values; all digits. There is no numbering in these formats.
 
 from __future__ import annotations
 
-import zipfile
-import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.errors import FileError
+from structid.files import damage_told
+from structid.files.matlab import matlab_variables
+from structid.files.npy import npy_array, npz_arrays
+from structid.files.sparse import compressed, coordinates
 from structid.structure.importers.imported import ImportedMatrix
+from structid.structure.importers.matrix_market import matrix_market
 
 SUFFIXES: tuple[str, ...] = (".npz", ".npy", ".mtx", ".mat")
 
 _REMEDY = "write it with scipy.sparse.save_npz, scipy.io.mmwrite (.mtx) or numpy.save (.npy)"
-
-#: What SciPy and NumPy raise on damaged files.
-_DAMAGE = (
-    ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error, TypeError, IndexError, OverflowError,
-    NotImplementedError, MemoryError, SyntaxError, AttributeError,
-)  # fmt: skip
+_KIND = "a file of a matrix"
 
 
 def read(path: Path) -> list[ImportedMatrix]:
@@ -36,60 +35,71 @@ def read(path: Path) -> list[ImportedMatrix]:
     FileError
         If the file is damaged, or holds no real or complex matrix of two dimensions.
     """
-    try:
+    with damage_told(path, _KIND, _REMEDY):
         found = _READERS[path.suffix.lower()](path)
-    except _DAMAGE as error:
-        raise FileError(f"{path}: holds no matrix that can be read ({error}); {_REMEDY}") from error
-    matrices = []
-    for name, matrix in found.items():
-        kind = getattr(matrix, "dtype", None)
-        if kind is None or kind.kind not in "fiuc" or len(matrix.shape) != 2:
-            shape = getattr(matrix, "shape", ())
-            raise FileError(
-                f"{path}: must hold a real or complex matrix of two dimensions, got {kind} {shape}; {_REMEDY}"
-            )
-        dtype = np.complex128 if kind.kind == "c" else np.float64
-        matrices.append(ImportedMatrix(name, sparse.csc_array(matrix, dtype=dtype)))
-    if not matrices:
-        raise FileError(f"{path}: holds no numeric matrix; {_REMEDY}")
-    return matrices
+        if not found:
+            raise FileError(f"{path}: holds no numeric matrix; {_REMEDY}")
+        return [_imported(path, name, matrix) for name, matrix in found.items()]
+
+
+def _imported(path: Path, name: str, matrix: NDArray[Any] | sparse.csc_array) -> ImportedMatrix:
+    kind = matrix.dtype.kind
+    if kind not in "fiuc" or len(matrix.shape) != 2:
+        raise FileError(
+            f"{path}: must hold a real or complex matrix of two dimensions, got {matrix.dtype} {matrix.shape}; {_REMEDY}"
+        )
+    return ImportedMatrix(name, sparse.csc_array(matrix, dtype=np.complex128 if kind == "c" else np.float64))
 
 
 def _npz(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream:
-        return {path.stem.upper(): sparse.load_npz(stream)}
+    """The matrix of `scipy.sparse.save_npz`, in any of the forms that have explicit indices."""
+    parts = npz_arrays(path, "a whole matrix in NPZ", "write it with scipy.sparse.save_npz")
+    form = _text(parts["format"])
+    n_rows, n_columns = (int(n) for n in parts["shape"])
+    if form in ("csc", "csr"):
+        shape = (n_rows, n_columns) if form == "csc" else (n_columns, n_rows)
+        stored = compressed(shape, parts["indptr"], parts["indices"], parts["data"])
+        matrix = stored if form == "csc" else stored.T.tocsc()
+    elif form == "coo":
+        row, column = parts["coords"] if "coords" in parts else (parts["row"], parts["col"])
+        matrix = coordinates((n_rows, n_columns), row, column, parts["data"])
+    elif form == "dia":
+        matrix = _diagonals((n_rows, n_columns), parts["offsets"], parts["data"])
+    else:
+        raise ValueError(f"it is of the form {form!r}; write it as csc, csr, coo or dia")
+    return {path.stem.upper(): matrix}
 
 
-def _npy(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream:
-        return {path.stem.upper(): np.load(stream, allow_pickle=False)}
+def _text(array: NDArray[Any]) -> str:
+    """A single text, which SciPy keeps as bytes."""
+    value = array.item()
+    return value.decode("ascii") if isinstance(value, bytes) else str(value)
 
 
-def _matrix_market(path: Path) -> dict[str, Any]:
-    from scipy.io import mmread  # so that `import structid` stays light
-
-    with path.open("rb") as stream:
-        return {path.stem.upper(): mmread(stream)}
-
-
-def _mat(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    content = loadmat(path)
-    keep = {name: value for name, value in content.items() if not name.startswith("__")}
-    return {name: value for name, value in keep.items() if _is_matrix(value)}
+def _diagonals(shape: tuple[int, int], offsets: NDArray[Any], values: NDArray[Any]) -> sparse.csc_array:
+    """Row k of `values` holds diagonal ``offsets[k]``, each value in the column where it stands."""
+    if values.ndim != 2 or offsets.shape != values.shape[:1]:
+        raise ValueError(f"{offsets.shape} offsets belong to diagonals of shape {values.shape}")
+    columns = np.broadcast_to(np.arange(values.shape[1]), values.shape)
+    rows = columns - offsets.astype(np.int64)[:, None]
+    inside = (rows >= 0) & (rows < shape[0]) & (columns < shape[1])
+    return coordinates(shape, rows[inside], columns[inside], values[inside])
 
 
-def _is_matrix(value: Any) -> bool:
-    """More than one entry: single numbers and texts of a MAT file are no matrices."""
-    kind = getattr(value, "dtype", None)
-    return kind is not None and kind.kind in "fiuc" and len(value.shape) == 2 and max(value.shape) > 1
+def _mat(path: Path) -> Mapping[str, Any]:
+    """Variables of more than one entry: single numbers and texts of a MAT file are no matrices."""
+    found = matlab_variables(path)
+    return {
+        name: value
+        for name, value in found.items()
+        if not isinstance(value, str | tuple) and "." not in name and len(value.shape) == 2 and max(value.shape) > 1
+    }
 
 
-_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
+_READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     ".npz": _npz,
-    ".npy": _npy,
-    ".mtx": _matrix_market,
+    ".npy": lambda path: {path.stem.upper(): npy_array(path)},
+    ".mtx": lambda path: {path.stem.upper(): matrix_market(path)},
     ".mat": _mat,
 }
 

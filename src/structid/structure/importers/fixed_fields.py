@@ -13,6 +13,7 @@ Bytes = NDArray[np.uint8]
 
 _BLANK, _PLUS, _MINUS, _POINT, _E = (ord(c) for c in " +-.E")
 _CHUNK = 200_000
+_LARGEST = 2**59  # ten times it, and a digit, is still a 64-bit integer
 
 
 class FieldError(ValueError):
@@ -52,6 +53,9 @@ def real_numbers(fields: Bytes) -> FloatArray:
     """
     if not len(fields):
         return np.zeros(0)
+    if (fields == ord("_")).any():  # Python reads 1_000
+        index = int(np.argmax((fields == ord("_")).any(axis=1)))
+        raise FieldError(index, bytes(fields[index]).decode("latin-1").strip())
     upper = np.where((fields == ord("D")) | (fields == ord("d")) | (fields == ord("e")), np.uint8(_E), fields)
     before = upper[:, :-1]
     signed = (upper[:, 1:] == _PLUS) | (upper[:, 1:] == _MINUS)
@@ -105,7 +109,8 @@ def whole_numbers(fields: Bytes) -> IntArray:
         sign = (column == _PLUS) | (column == _MINUS)
         bad |= (digit & (state == 2)) | (sign & (state > 0)) | ~(digit | blank | sign)
         negative |= column == _MINUS
-        value = np.where(digit, 10 * value + (column - ord("0")), value)
+        bad |= digit & (value > _LARGEST)
+        value = np.where(digit & ~bad, 10 * value + (column - ord("0")), value)
         state = np.where(digit | sign, np.int8(1), np.where(blank & (state == 1), np.int8(2), state))
     if bad.any():
         index = int(np.argmax(bad))

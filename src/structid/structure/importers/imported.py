@@ -16,6 +16,7 @@ from structid.errors import InputError
 
 #: What a component number may be; scalar points (0) take the place of RX, so that they have no part in translations.
 _COMPONENTS = {0: "RX", **{i + 1: direction for i, direction in enumerate(DIRECTIONS)}}
+_LARGEST_LABEL = 2**50
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +149,8 @@ def dof_table(dofs: Iterable[str | Dof]) -> IntArray:
 
 def codes_of(table: IntArray) -> IntArray:
     """One integer for node and component, in the order of nodes, then components."""
+    if table.size and np.abs(table).max() >= _LARGEST_LABEL:
+        raise InputError(f"node labels must be below 2^50, got {np.abs(table).max()}; the file is damaged")
     return table[:, 0] * 64 + table[:, 1]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
+from structid.files import damage_told
 from structid.structure.importers.bulk_lines import BulkLines, bulk_lines
 from structid.structure.importers.imported import dofs_of
 
@@ -16,6 +17,7 @@ _SETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1", "OM
 _CARD = re.compile(r"^(EXTRN|[ABCQ]SET1?)[*,\s]", re.IGNORECASE | re.MULTILINE)
 _MAPPING = re.compile(r"^\s*\d+\s+(\d+)\s+(UX|UY|UZ|ROTX|ROTY|ROTZ)\s*$", re.IGNORECASE)
 _ANSYS = {"UX": "X", "UY": "Y", "UZ": "Z", "ROTX": "RX", "ROTY": "RY", "ROTZ": "RZ"}
+_MOST_MEMBERS = 5_000_000
 _PAIR = re.compile(r"^\s*(\d+)[\s,;]+([0-6])\s*$")
 
 
@@ -35,11 +37,8 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
     FileError
         If the file is no text, or a name cannot be read; with the line.
     """
-    try:
+    with damage_told(path, "a numbering in text", "write one degree of freedom a line"):
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: cannot be read as text ({error}); write one degree of freedom a line") from error
-    try:
         if _CARD.search(text):
             return _from_nastran(path)
         lines = [(number, line.split("#")[0]) for number, line in enumerate(text.splitlines(), 1)]
@@ -49,10 +48,6 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
         if filled and all(_PAIR.match(line) for _, line in filled):
             return dofs_of(np.array([[int(word) for word in re.findall(r"\d+", line)] for _, line in filled]))
         return _from_names(path, filled)
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def _from_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
@@ -123,7 +118,10 @@ def _listed(lines: BulkLines) -> list[tuple[int, str]]:
     for fields in _cards(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]
         if len(nodes) == 3 and nodes[1] == "THRU":
-            labels = list(range(_whole(lines, nodes[0]), _whole(lines, nodes[2]) + 1))
+            first, last = _whole(lines, nodes[0]), _whole(lines, nodes[2])
+            if last - first > _MOST_MEMBERS:
+                raise FileError(f"{lines.path}: a set from {first} to {last} is too long; correct the card")
+            labels = list(range(first, last + 1))
         else:
             labels = [_whole(lines, node) for node in nodes]
         found.extend((label, components) for label in labels)

@@ -35,6 +35,7 @@ _KINDS = (
 )
 #: Where Abaqus numbers the middles of volume and faces in another order than VTK.
 _ORDERS = {"hexahedron27": (*range(20), 26, 24, 23, 25, 21, 22, 20)}
+_MOST_MEMBERS = 20_000_000
 #: Keywords that make nodes or elements by rule: what they say is not read.
 _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _SCOPES = {"PART": "PART", "ASSEMBLY": "ASSEMBLY", "INSTANCE": "INSTANCE"}
@@ -161,6 +162,8 @@ def _set(content: _Content, known: dict[str, set[int]], name: str) -> set[int]:
 def _members(row: list[str], generate: bool, known: dict[str, set[int]]) -> set[int]:
     if generate:
         first, last, step = ([int(w) for w in row if w] + [1])[:3]
+        if (last - first) // step > _MOST_MEMBERS:
+            raise ValueError(f"a set from {first} to {last} has more than {_MOST_MEMBERS} members")
         return set(range(first, last + 1, step))
     found: set[int] = set()
     for word in filter(None, row):

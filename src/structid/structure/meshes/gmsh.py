@@ -179,8 +179,6 @@ def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
     if not len(labels):
         raise FileError(f"{path}: holds no whole table of nodes; {_REMEDY}")
     positions = factor * np.concatenate(content.positions)
-    if not np.isfinite(positions).all():
-        raise FileError(f"{path}: coordinates must be finite; {_REMEDY}")
     blocks, members = [], []
     for kind, parts in content.cells.items():
         name, _, dimension, order = _known(kind)

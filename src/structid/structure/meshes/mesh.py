@@ -109,7 +109,10 @@ class Mesh:
             return self.node_groups[group]
         if group not in self.groups:
             self._raise_missing(group, {**self.groups, **self.node_groups}, "group")
-        return np.unique(np.concatenate([b.nodes[rows].ravel() for b, rows in self.chosen(group)]))
+        nodes = [b.nodes[rows].ravel() for b, rows in self.chosen(group)]
+        if not nodes:
+            raise InputError(f"group {group!r} of {self.source} is empty; put cells into it in the mesher")
+        return np.unique(np.concatenate(nodes))
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
         """Labels of the nodes whose coordinates lie in `ranges`, such as {"x": (0.0, 0.0)}, m.

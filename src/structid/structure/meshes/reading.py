@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
 from structid.errors import FileError, InputError
-from structid.files import require_readable
+from structid.files import damage_told, require_readable
 from structid.structure.meshes import abaqus, gmsh, nastran, vtk
 from structid.structure.meshes.mesh import Mesh
 
@@ -14,6 +16,7 @@ from structid.structure.meshes.mesh import Mesh
 FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_FARTHEST = 1e100  # its square is still finite
 
 
 def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
@@ -44,5 +47,8 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
-    mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+    with damage_told(place, "a whole mesh", "export it again"):
+        mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+    if not (np.abs(mesh.positions) < _FARTHEST).all():
+        raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
     return mesh

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import FileError
+from structid.files import claimed
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
 from structid.identification.regularizing import Held
@@ -44,9 +45,10 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary.mkdir()
-        yield temporary
-        _move(temporary, folder, page)
+        with claimed(folder):
+            temporary.mkdir()
+            yield temporary
+            _move(temporary, folder, page)
     except FileError as error:
         raise FileError(str(error).replace(str(temporary), str(folder))) from error
     except OSError as error:
@@ -63,6 +65,10 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
     if not folder.exists():
         temporary.rename(folder)
         return
+    for path in temporary.rglob("*"):
+        target = folder / path.relative_to(temporary)
+        if target.exists() and target.is_dir() != path.is_dir():
+            raise FileError(f"{target}: is in the way of a result of this name; move it, or give another --out")
     if not (temporary / page).exists():
         (folder / page).unlink(missing_ok=True)  # it would tell of another run
     for path in sorted(temporary.rglob("*")):

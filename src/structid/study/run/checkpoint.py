@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import shutil
 import time
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,14 @@ import numpy as np
 
 from structid._version import __version__
 from structid.errors import FileError
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, claim, damage_told, made_folder, release
+from structid.files.npy import npz_arrays
+from structid.files.worker import filled, plain
 from structid.study.schema.study import Study
 
 _LAYOUT = "structid checkpoint 1"
 _RUN, _SEARCH, _SO_FAR = "run.json", "search.npz", "so_far.json"
+_WHOLE, _ANEW = "a whole checkpoint", "run without --resume to begin anew"
 _MOST_FILES = 64
 #: At most one file in this time, s: what a killed run may have to do again.
 CHECKPOINT_SECONDS = 5.0
@@ -59,7 +61,8 @@ class Checkpoint:
     Raises
     ------
     FileError
-        If there is nothing to resume, it is damaged, or it belongs to other input files or versions.
+        If there is nothing to resume, it is damaged, it belongs to other input files or versions, or another process
+        writes to it.
     """
 
     def __init__(
@@ -73,11 +76,17 @@ class Checkpoint:
         self._written = time.monotonic()
         self._files = 0
         self._is_made = False
-        if resume:
-            self._read()
-        elif folder.exists():
-            _require_ours(folder)
-            shutil.rmtree(folder)
+        made_folder(folder.parent)
+        claim(folder)
+        try:
+            if resume:
+                self._read()
+            elif folder.exists():
+                _require_ours(folder)
+                shutil.rmtree(folder)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def n_found(self) -> int:
@@ -124,9 +133,14 @@ class Checkpoint:
             _write_json(self.folder / _SO_FAR, so_far)
         self._written = time.monotonic()
 
+    def close(self) -> None:
+        """Let another run have the folder."""
+        release(self.folder)
+
     def remove(self) -> None:
         """Remove the folder: the run is done."""
         shutil.rmtree(self.folder, ignore_errors=True)
+        self.close()
 
     def _write_if_due(self) -> None:
         if time.monotonic() - self._written >= self.seconds:
@@ -151,35 +165,28 @@ class Checkpoint:
     def _read(self) -> None:
         if not (self.folder / _RUN).is_file():
             raise FileError(f"{self.folder}: there is no checkpoint to go on from; run without --resume")
-        try:
+        with damage_told(self.folder / _RUN, _WHOLE, _ANEW):
             owner = json.loads((self.folder / _RUN).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise self._damaged(self.folder / _RUN, error) from error
         self._require_same(owner)
         for stale in self.folder.glob(".*"):
             stale.unlink(missing_ok=True)
         for path in sorted(self.folder.glob("done-*.npz")):
-            self.entries.update(self._loaded(path))
+            self.entries.update(_load(path))
             self._files = int(path.stem.split("-")[1])
         if (self.folder / _SEARCH).is_file():
-            found = self._loaded(self.folder / _SEARCH)
-            self._search = str(found["name"]), found["state"]
+            found = _load(self.folder / _SEARCH)
+            if not isinstance(found.get("name"), str) or not isinstance(found.get("state"), dict):
+                raise FileError(f"{self.folder / _SEARCH}: is not {_WHOLE} (no name and state); {_ANEW}")
+            self._search = found["name"], found["state"]
 
-    def _loaded(self, path: Path) -> dict[str, Any]:
-        try:
-            return _load(path)
-        except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
-            raise self._damaged(path, error) from error
-
-    def _damaged(self, path: Path, error: Exception) -> FileError:
-        return FileError(f"{path}: is not a whole checkpoint ({error}); run without --resume to begin anew")
-
-    def _require_same(self, owner: Mapping[str, Any]) -> None:
+    def _require_same(self, owner: Any) -> None:
         """Refuse the checkpoint of another run, and name what differs."""
-        anew = "put it back, or run without --resume to begin anew"
-        if owner.get("layout") != _LAYOUT:
-            raise FileError(f"{self.folder}: is no checkpoint of this program ({owner.get('layout')}); {anew}")
-        inputs, versions = dict(owner.get("inputs", {})), dict(owner.get("versions", {}))
+        anew = f"put it back, or {_ANEW}"
+        if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
+            raise FileError(f"{self.folder}: is no checkpoint of this program; {anew}")
+        inputs, versions = owner.get("inputs"), owner.get("versions")
+        if not isinstance(inputs, dict) or not isinstance(versions, dict):
+            raise FileError(f"{self.folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")
         for name in sorted({*inputs, *self.owner["inputs"]}):
             if inputs.get(name) != self.owner["inputs"].get(name):
                 raise FileError(f"{self.folder}: {name} has changed since this checkpoint was written; {anew}")
@@ -187,7 +194,7 @@ class Checkpoint:
             if versions.get(name) != version:
                 raise FileError(
                     f"{self.folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"
-                    f" differ; install that version, or run without --resume to begin anew"
+                    f" differ; install that version, or {_ANEW}"
                 )
 
 
@@ -209,34 +216,16 @@ def _write_json(path: Path, value: Mapping[str, Any]) -> None:
 def _save(path: Path, tree: Mapping[str, Any]) -> None:
     """A tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the shape, arrays beside it, bit for bit."""
     arrays: list[np.ndarray] = []
-    text = json.dumps(_plain(tree, arrays))
+    text = json.dumps(plain(tree, arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
         named: dict[str, Any] = {f"a{k}": array for k, array in enumerate(arrays)}
         np.savez(stream, tree=np.array(text), **named)
 
 
-def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return {"array": len(arrays) - 1}
-    if isinstance(value, Mapping):
-        return {"map": {str(key): _plain(entry, arrays) for key, entry in value.items()}}
-    if isinstance(value, list | tuple):
-        return {"list": [_plain(entry, arrays) for entry in value]}
-    return value.item() if isinstance(value, np.generic) else value
-
-
 def _load(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        found = _filled(json.loads(str(file["tree"])), file)
-    return dict(found)
-
-
-def _filled(value: Any, arrays: Mapping[str, Any]) -> Any:
-    if not isinstance(value, dict):
-        return value
-    if "array" in value:
-        return np.asarray(arrays[f"a{value['array']}"])
-    if "map" in value:
-        return {key: _filled(entry, arrays) for key, entry in value["map"].items()}
-    return [_filled(entry, arrays) for entry in value["list"]]
+    arrays = npz_arrays(path, _WHOLE, _ANEW)
+    with damage_told(path, _WHOLE, _ANEW):
+        found = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
+        if not isinstance(found, dict):
+            raise ValueError("it holds no entries by name")
+        return found

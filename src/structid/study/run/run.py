@@ -153,18 +153,17 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepa
     values = setup.parameters.values(setup.parameters.start)
     with _placed_mechanism(structure):
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
-    with place.located():
-        prepared = setup.prepared(options)
     with _placed_mechanism(structure), place.located():
+        prepared = setup.prepared(options)
         return prepared, setup.looked_at(prepared, options)
 
 
 @contextmanager
 def _placed_mechanism(section: Section) -> Iterator[None]:
-    """Gives a `SingularModelError` the place of the structure."""
+    """Gives a `SingularModelError`, and what a factorization raises on such matrices, the place of the structure."""
     try:
         yield
-    except SingularModelError as error:
+    except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SingularModelError(str(section.error(str(error)))) from error
 
 

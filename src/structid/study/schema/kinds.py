@@ -15,7 +15,7 @@ from structid.structure.elements.element import Nodes, Values, Vector
 from structid.structure.elements.friction import End, OtherEnd
 from structid.structure.elements.inertia import Translations
 
-_LARGEST = 1e100  # its square is still finite
+_LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero
 _TYPES: Mapping[str, Any] = {
     "string": str, "integer": int, "number": (int, float), "boolean": bool, "array": list, "object": dict,
 }  # fmt: skip
@@ -25,7 +25,8 @@ Schema = Mapping[str, Any]
 def fits(value: Any, schema: Schema) -> bool:
     """Whether a value of a TOML file is what `schema` asks, by the keywords of JSON Schema that kinds use.
 
-    Numbers must be finite too, which JSON knows no other than.
+    What it cannot say of every number and text: no number but 0 is so large or so small that its square is lost, and no
+    text holds characters that steer a terminal, or null, which no file name may hold.
     """
     if "anyOf" in schema:
         return any(fits(value, one) for one in schema["anyOf"])
@@ -33,15 +34,24 @@ def fits(value: Any, schema: Schema) -> bool:
     if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "boolean"):
         return False
     if kind == "string":
-        return value in schema.get("enum", (value,)) and re.search(schema.get("pattern", ""), value) is not None
+        shown = all(letter.isprintable() or letter in "\n\t" for letter in value)
+        return (
+            shown and value in schema.get("enum", (value,)) and re.search(schema.get("pattern", ""), value) is not None
+        )
     if kind == "array":
         few, many = schema.get("minItems", 0), schema.get("maxItems", len(value))
         return few <= len(value) <= many and all(fits(entry, schema["items"]) for entry in value)
     if kind in ("integer", "number"):
-        low, high = schema.get("minimum", -_LARGEST), schema.get("maximum", _LARGEST)
+        low, high = schema.get("minimum", -math.inf), schema.get("maximum", math.inf)
         above, below = schema.get("exclusiveMinimum", -math.inf), schema.get("exclusiveMaximum", math.inf)
-        return low <= value <= high and above < value < below
+        return _has_square(value) and low <= value <= high and above < value < below
     return True
+
+
+def _has_square(value: int | float) -> bool:
+    if value == 0:
+        return True
+    return 1 / _LARGEST <= abs(value) <= _LARGEST and (isinstance(value, float) or abs(value) < 2**63)
 
 
 #: What JSON Schema calls the limits, in the order of the fields of `Limits`.

@@ -38,6 +38,7 @@ from structid.study.schema.tables import Key, Table, held_by, table_of
 _KEYS = ("mass", "stiffness", "damping")
 #: Names that files give by themselves, so that `matrix` need not say which.
 _OWN_NAMES = {"mass": ("MASS",), "stiffness": ("STIFFNESS",), "damping": ("VISCOUSDAMPING", "DAMPING")}
+_MOST_LABELS = 20_000_000
 _RANGE = re.compile(r"^\s*(\d+)(?:\s*-\s*(\d+))?\s*$")
 _LABEL = either(INTEGER, replace(TEXT, schema={"type": "string", "pattern": _RANGE.pattern}))
 _LABELS = replace(several(_LABEL), words='element labels, as in [1, 2, 3] or "1-320" or ["1-10", "25"]')
@@ -286,5 +287,7 @@ def _labels(given: Any) -> set[int]:
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first:
             raise InputError(f"elements {entry!r} must go from the lower to the higher label")
+        if last - first > _MOST_LABELS:
+            raise InputError(f"elements {entry!r} are more than {_MOST_LABELS}; give those that there are")
         found.update(range(first, last + 1))
     return found

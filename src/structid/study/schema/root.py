@@ -99,6 +99,8 @@ def read_study_text(path: str | Path) -> StudyText:
         column = f", column {place[2]}" if place and place[2] else ""
         what = re.sub(r" \(at .*\)$", "", str(error))
         raise StudyError(f"{path}, line {line}{column}: not TOML: {what}; {_syntax_remedy(text, line)}") from error
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits, thousands of brackets
+        raise StudyError(f"{path}: cannot be read as TOML: {error}; correct what is so long or so deep") from error
     return source
 
 

@@ -33,6 +33,9 @@ def read_times(
         If lengths, start or steps differ, or a step is not even.
     """
     channels = tuple(dof_of(path, int(d["rsp_node"]), int(d["rsp_dir"]), "response") for d in times)
+    for dof, dataset in zip(channels, times, strict=True):
+        if np.iscomplexobj(dataset["data"]):
+            raise FileError(f"{path}: the time history of {dof} has complex samples; export real ones")
     _require_one_clock(path, channels, times)
     quantities, factors = _scales(path, found, times, channels, options)
     rate, start = _rate(path, times[0], options), float(np.asarray(times[0]["x"], float)[0])

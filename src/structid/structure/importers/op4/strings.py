@@ -12,6 +12,7 @@ from scipy import sparse
 
 from structid.arrays import IntArray
 from structid.errors import FileError, InputError
+from structid.files.sparse import coordinates
 from structid.structure.importers.imported import ImportedMatrix, completed
 
 Layout = Literal["bigmat", "sparse", "dense"]
@@ -107,8 +108,7 @@ def assembled(
     """The matrix of these strings; `numbers` hold real and imaginary parts in turn where it is complex."""
     values = np.ascontiguousarray(numbers, dtype=np.float64)
     rows, columns, _ = entries(row, column, length)
-    matrix = sparse.coo_array((values.view(np.complex128) if is_complex else values, (rows, columns)), shape)
-    compact = matrix.tocsc()
+    compact = coordinates(shape, rows, columns, values.view(np.complex128) if is_complex else values)
     compact.eliminate_zeros()
     return compact
 

@@ -2,11 +2,12 @@
 
 import errno
 import hashlib
+import os
 
 import pytest
 
 from structid.errors import FileError
-from structid.files import atomic_write, digest, require_readable
+from structid.files import atomic_write, damage_told, digest, require_readable
 
 
 def test_atomic_write_replaces(tmp_path):
@@ -67,3 +68,39 @@ def test_require_readable_names_the_nearest(tmp_path):
 def test_digest_is_sha256(tmp_path):
     (tmp_path / "a").write_bytes(b"structid")
     assert digest(tmp_path / "a") == hashlib.sha256(b"structid").hexdigest()
+
+
+def test_pipes_devices_loops_and_odd_names_are_told(tmp_path):
+    """A pipe would wait for ever, a device fill memory, a loop suggest its own name."""
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "loop.h5").symlink_to(tmp_path / "loop.h5")
+    (tmp_path / "device.npy").symlink_to("/dev/zero")
+    for name, words in (
+        ("pipe.toml", "is a pipe or a device"),
+        ("device.npy", "is a pipe or a device"),
+        ("loop.h5", "is a link to what is not there, or to itself"),
+        ("a\0b.npz", r"a\\x00b.npz': a name cannot hold a null"),
+    ):
+        with pytest.raises(FileError, match=words):
+            require_readable(tmp_path / name)
+        with pytest.raises(FileError, match=words):
+            digest(tmp_path / name)
+
+
+def test_damage_is_told_once_with_the_path(tmp_path):
+    path = tmp_path / "a.x"
+    for raised, words in (
+        (RecursionError("deep"), "is not a thing (deep); mend it"),
+        (OverflowError(), "is not a thing (OverflowError); mend it"),
+        (ValueError("1" * 5000), "1..."),
+        (FileError("no entry"), f"{path}: no entry"),
+        (FileError(f"{path}, line 3: no entry"), f"{path}, line 3: no entry"),
+        (MemoryError("Unable to allocate 9 TiB"), "does not fit in memory (Unable to allocate 9 TiB)"),
+    ):
+        with pytest.raises(FileError) as caught, damage_told(path, "a thing", "mend it"):
+            raise raised
+        assert words in str(caught.value)
+        assert str(caught.value).count(str(path)) == 1
+        assert len(str(caught.value)) < 500
+    with pytest.raises(TypeError), damage_told(path, "a thing"):  # of the program, not of the file
+        raise TypeError

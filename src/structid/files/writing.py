@@ -1,9 +1,7 @@
-"""Files read with a clear word when they are not there, and written whole or not at all."""
+"""Files written whole or not at all."""
 
 from __future__ import annotations
 
-import difflib
-import hashlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -11,54 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from structid.errors import FileError
-
-
-def require_readable(path: str | Path) -> Path:
-    """`path`, after a check that it is a file with something in it that may be read.
-
-    Raises
-    ------
-    FileError
-        If it is missing (the nearest name in its folder is suggested), a folder, empty or not permitted.
-    """
-    path = Path(path)
-    try:
-        if path.is_dir():
-            raise FileError(f"{path}: is a folder; give the path of a file in it")
-        if not path.exists():
-            raise FileError(f"{path}: there is no such file; {_suggestion(path)}")
-        with path.open("rb") as stream:
-            if not stream.read(1):
-                raise FileError(f"{path}: the file is empty; write or copy it again")
-    except (OSError, ValueError) as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(f"{path}: cannot be opened ({error}); check the path and its permissions") from error
-    return path
-
-
-def _suggestion(path: Path) -> str:
-    folder = path.parent
-    if not folder.is_dir():
-        return f"its folder {folder} does not exist either"
-    near = difflib.get_close_matches(path.name, [entry.name for entry in folder.iterdir()], n=1, cutoff=0.5)
-    return f"did you mean {near[0]}?" if near else "check the name and the folder"
-
-
-def digest(path: str | Path) -> str:
-    """SHA-256 of the file at `path`, in hexadecimal.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    """
-    path = require_readable(path)
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read to the end ({error}); check the disk") from error
 
 
 @contextmanager

@@ -1,0 +1,85 @@
+"""What is done with a damaged file: the reader of its kind, as the commands call it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from structid.comparison.state import stored_state
+from structid.modal.files.files import read_modes
+from structid.records.io import ReadOptions, read_geometry, read_record
+from structid.records.on_disk import open_record
+from structid.structure.importers import dofs_of, read_matrices, read_numbering
+from structid.structure.meshes import read_mesh, require_sound
+from structid.study.run.checkpoint import Checkpoint
+from structid.study.run.run import started
+from structid.study.schema.study import load_study
+
+TIME = ReadOptions(sampling_rate=10.0, channels="1X,2X,3X", units="g")
+FRF = ReadOptions(frequency_array="f", array="h", outputs="1X,2X", inputs="1X", kind="mobility")
+
+
+def record(path: Path) -> None:
+    read_record(path)
+
+
+def bare_history(path: Path) -> None:
+    read_record(path, TIME)
+
+
+def bare_frf(path: Path) -> None:
+    read_record(path, FRF)
+
+
+def chunks(path: Path) -> None:
+    for part in open_record(path, TIME if path.suffix == ".npy" or "bare" in path.name else None).chunks(longest=7):
+        assert np.isfinite(part).all()
+
+
+def matrices(path: Path) -> None:
+    for item in read_matrices(path).values():
+        if item.dofs is not None and item.is_square:
+            dofs_of(item.dofs)
+
+
+def numbering(path: Path) -> None:
+    read_numbering(path)
+
+
+def mesh(path: Path) -> None:
+    found = require_sound(read_mesh(path), drop_orphans=True, duplicates="merge")
+    for group in found.groups:
+        found.group_nodes(group)
+
+
+def modes(path: Path) -> None:
+    read_modes(path)
+
+
+def geometry(path: Path) -> None:
+    read_geometry(path)
+
+
+def study(path: Path) -> None:
+    """As far as `check` and `identify` come before the search."""
+    started(load_study(path))
+
+
+def checkpoint(path: Path) -> None:
+    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {"a": "b"}}
+    with_lock = Checkpoint(path.parent, owner, resume=True)
+    with_lock.close()
+
+
+def results(path: Path) -> None:
+    stored_state(path.parent)
+
+
+TARGETS: dict[str, Callable[[Path], None]] = {
+    target.__name__: target
+    for target in (
+        record, bare_history, bare_frf, chunks, matrices, numbering, mesh, modes, geometry, study, checkpoint, results,
+    )
+}  # fmt: skip

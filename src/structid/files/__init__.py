@@ -1,0 +1,17 @@
+"""Files: read with a clear word when something is wrong with them, and written whole or not at all."""
+
+from structid.files.lock import claim, claimed, release
+from structid.files.reading import DAMAGE, damage_told, digest, require_readable
+from structid.files.writing import atomic_write, made_folder
+
+__all__ = [
+    "DAMAGE",
+    "atomic_write",
+    "claim",
+    "claimed",
+    "damage_told",
+    "digest",
+    "made_folder",
+    "release",
+    "require_readable",
+]

@@ -1,0 +1,162 @@
+"""Reading through compiled libraries in a process beside this one, with limits of memory and time.
+
+Libraries in C trust a file's own sizes and offsets: a changed byte can end the process. The readers of
+`structid.files.worker` therefore run in a child, which is started with the first such file, serves those that follow, and is
+replaced when it fails.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from structid.errors import FileError
+from structid.files.worker import __file__ as _SCRIPT
+from structid.files.worker import filled
+
+_SECONDS, _BYTES_A_SECOND = 15.0, 1e6  # a slow network drive
+_START_SECONDS = 120.0
+
+
+class ReaderError(Exception):
+    """What a reader raised in the child: `kind` is the name of the exception."""
+
+    def __init__(self, kind: str, words: str) -> None:
+        super().__init__(words or kind)
+        self.kind = kind
+
+
+class _LostError(Exception):
+    """The child ended, or did not answer in time."""
+
+
+class _Child:
+    """A running `worker.py`."""
+
+    def __init__(self) -> None:
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+        self.owner, self.served = os.getpid(), 0
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", _SCRIPT],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            start_new_session=True,
+        )
+        self._timed(_START_SECONDS, lambda stream: stream.readline())
+
+    def ask(self, request: dict[str, Any], seconds: float) -> Any:
+        """The answer to `request`."""
+        assert self.process.stdin is not None
+        self.served += 1
+        try:
+            self.process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
+            self.process.stdin.flush()
+        except OSError as error:
+            raise _LostError("ended") from error
+        return self._timed(seconds, _answer)
+
+    def _timed(self, seconds: float, read: Any) -> Any:
+        """What `read` takes from the child's answers; the child is killed when it takes longer."""
+        assert self.process.stdout is not None
+        timer = threading.Timer(seconds, self.process.kill)
+        timer.daemon = True
+        timer.start()
+        try:
+            found = read(self.process.stdout)
+        finally:
+            late = not timer.is_alive()
+            timer.cancel()
+        if not found:
+            raise _LostError(f"took more than {seconds:.0f} s" if late else "ended")
+        return found
+
+    def close(self) -> None:
+        """End it; one that another process started is left alone."""
+        if self.owner == os.getpid():
+            self.process.kill()
+            self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout):
+            if stream is not None:
+                with suppress(OSError):  # a request that it never took
+                    stream.close()
+
+
+def _answer(stream: IO[bytes]) -> dict[str, Any]:
+    """One answer with its arrays; {} where the stream ends before it is whole."""
+    line = stream.readline()
+    if not line.endswith(b"\n"):
+        return {}
+    answer: dict[str, Any] = json.loads(line)
+    arrays = []
+    for form, shape in answer.get("arrays", ()):
+        array = np.empty(math.prod(shape) * np.dtype(form).itemsize, np.uint8)
+        if stream.readinto(array.data) != array.size:  # type: ignore[attr-defined]  # it is a buffered reader
+            return {}
+        arrays.append(array.view(form).reshape(shape))
+    return {**answer, "arrays": arrays}
+
+
+_lock = threading.Lock()
+_running: list[_Child] = []
+
+
+def contained(path: Path, reader: str, **options: Any) -> Any:
+    """What the reader of `structid.files.worker` called `reader` gives for the file at `path`.
+
+    Raises
+    ------
+    ReaderError
+        If it raised.
+    FileError
+        If the library crashed on the file, or did not come to an end; the message begins with `path`.
+    """
+    seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
+    request = {"reader": reader, "path": str(path.resolve()), "options": options}
+    with _lock:
+        answer = _asked(path, request, seconds)
+        if "error" in answer:
+            end()  # damage may have left it in a state that the next file should not meet
+            raise ReaderError(answer["error"], answer["words"])
+    return filled(answer["tree"], answer["arrays"].__getitem__)
+
+
+def _asked(path: Path, request: dict[str, Any], seconds: float) -> Any:
+    """The answer of the child; of a new one where that which served others before is lost."""
+    while True:
+        if not _running or _running[0].owner != os.getpid():
+            _running[:] = [_Child()]
+        child = _running[0]
+        fresh = child.served == 0
+        try:
+            return child.ask(request, seconds)
+        except _LostError as error:
+            end()
+            if fresh:
+                raise FileError(
+                    f"{path}: cannot be read: the library that reads such files {error} on it, so that it is damaged; copy"
+                    " or write it again"
+                ) from error
+        except BaseException:  # interrupted while it answers: what comes would be taken for the next answer
+            end()
+            raise
+
+
+def end() -> None:
+    """End the child; the next file starts another."""
+    while _running:
+        _running.pop().close()
+
+
+atexit.register(end)

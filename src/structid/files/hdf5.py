@@ -1,0 +1,80 @@
+"""HDF5 files and MAT files of version 7.3, read in the child of `structid.files.contained`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.errors import FileError
+from structid.files.contained import ReaderError, contained
+from structid.files.reading import require_readable
+
+#: A dataset as read: numbers, a text, or a list of texts.
+Field = NDArray[Any] | str | tuple[str, ...]
+
+
+class Dataset(NamedTuple):
+    """Shape and type of a dataset, and the byte of the file where its values begin: None where they lie in pieces."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int | None
+
+
+def hdf5_datasets(path: Path) -> dict[str, Dataset]:
+    """Every dataset of the file at `path` by its path without the leading slash; texts have the type of objects.
+
+    Raises
+    ------
+    FileError
+        If the file is not HDF5, is damaged, or has links to other files.
+    """
+    found = _read(path, "hdf5_shapes")
+    return {
+        name: Dataset(tuple(shape), np.dtype(object) if form == "text" else np.dtype(form), offset)
+        for name, (shape, form, offset) in found.items()
+    }
+
+
+def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
+    """The datasets called `names`.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, or the values of a dataset lie in other files or were never written.
+    """
+    return _fields(_read(path, "hdf5_fields", names=list(names)))
+
+
+def hdf5_part(path: Path, name: str, begin: int, stop: int, axis: int) -> NDArray[Any]:
+    """Entries `begin` to `stop` along one axis of a dataset of two."""
+    part: NDArray[Any] = _read(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
+    return part
+
+
+def matlab_73_fields(path: Path) -> dict[str, Field]:
+    """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
+    return _fields(_read(path, "matlab_73"))
+
+
+def _fields(found: dict[str, Any]) -> dict[str, Field]:
+    return {name: tuple(field) if isinstance(field, list) else field for name, field in found.items()}
+
+
+def _read(path: Path, reader: str, **options: Any) -> Any:
+    path = require_readable(path)
+    try:
+        return contained(path, reader, **options)
+    except ReaderError as error:
+        if error.kind == "UnusableError":
+            raise FileError(f"{path}: {error}") from error
+        if error.kind == "MemoryError":
+            raise FileError(
+                f"{path}: does not fit in memory; read a part of it, or write it again if it is damaged"
+            ) from error
+        raise FileError(f"{path}: is damaged, cut short or not HDF5 ({error}); copy or write it again") from error

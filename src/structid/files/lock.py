@@ -1,0 +1,115 @@
+"""One process at a time writes to a place; the system lets it go when that process ends, however it ends."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import shutil
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from structid.errors import FileError
+
+try:
+    import fcntl
+except ImportError:  # Windows: two runs in one place are not told
+    fcntl = None  # type: ignore[assignment]
+
+#: Places that this process holds, and the descriptors of their locks.
+_held: dict[Path, tuple[int, int]] = {}
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Holds `path`, a folder or a file that is or will be there, for the block; a process may hold it several times."""
+    path = path.absolute()
+    before = path in _held
+    claim(path)
+    try:
+        yield
+    finally:
+        if not before:
+            release(path)
+
+
+def claim(path: Path) -> None:
+    """Take `path` for this process until `release`, and remove what a killed run left beside it half written.
+
+    Raises
+    ------
+    FileError
+        If another process holds it, or nothing can be written beside it.
+    """
+    path = path.absolute()
+    if path in _held and _held[path][1] == os.getpid():
+        return
+    if not path.parent.is_dir():
+        raise FileError(f"{path}: its folder {path.parent} does not exist; create it first")
+    lock = _lock_file(path)
+    try:
+        _held[path] = _locked(path, lock), os.getpid()
+    except OSError as error:
+        raise FileError(
+            f"{path}: cannot be written ({error.strerror or error}); check the permissions of {path.parent}, or write to"
+            " another folder"
+        ) from error
+    _sweep(path)
+
+
+def release(path: Path) -> None:
+    """Let others have `path`."""
+    path = path.absolute()
+    descriptor, owner = _held.pop(path, (-1, 0))
+    if owner == os.getpid():
+        with suppress(OSError):
+            _lock_file(path).unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _lock_file(path: Path) -> Path:
+    return path.parent / f".{path.name[:200]}.lock"
+
+
+def _locked(path: Path, lock: Path) -> int:
+    """The descriptor of the locked file `lock`, which is still the one of that name."""
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            if fcntl is not None:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            words = os.pread(descriptor, 200, 0).decode("utf-8", "replace").strip() or "another process"
+            os.close(descriptor)
+            raise FileError(
+                f"{path}: {words} writes there; wait until it has ended, or write to another place"
+            ) from error
+        except OSError:  # a file system without locks
+            pass
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(descriptor), lock.stat()):
+                with suppress(OSError):  # a full disk: the lock holds without a name
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+                return descriptor
+        os.close(descriptor)  # the one who held it has just removed it
+
+
+def _sweep(path: Path) -> None:
+    """Remove files and folders half written under another name; nobody else writes here now."""
+    mark = r"\.[0-9a-f]{12}"
+    names = f"{re.escape('.' + path.name)}{mark}|{re.escape('.' + path.stem[:100])}{mark}{re.escape(path.suffix)}"
+    for left in path.parent.glob(".*"):
+        if re.fullmatch(names, left.name):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
+
+
+@atexit.register
+def _release_all() -> None:
+    for path in list(_held):
+        release(path)

@@ -1,0 +1,104 @@
+"""Arrays of NumPy in NPY files and NPZ archives; the sizes they declare are compared with the file before memory is taken."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.errors import FileError
+from structid.files.reading import damage_told, require_readable
+
+_MAGIC = 8
+_DENSEST = 1032  # bytes that deflate can make of one
+
+
+class Header(NamedTuple):
+    """What an NPY file says of its array, and the byte where its values begin."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+    offset: int
+
+    @property
+    def order(self) -> str:
+        return "F" if self.fortran else "C"
+
+
+def npy_header(path: Path) -> Header:
+    """The header of the NPY file at `path`, after a check that its values fill the rest of the file.
+
+    Raises
+    ------
+    FileError
+        If it is no whole NPY array, or holds Python objects.
+    """
+    path = require_readable(path)
+    with damage_told(path, "a whole NPY array"), path.open("rb") as stream:
+        return _header(stream, path.stat().st_size)
+
+
+def npy_array(path: Path) -> NDArray[Any]:
+    """The array in the NPY file at `path`, as `npy_header` checks it."""
+    header = npy_header(path)
+    with damage_told(path, "a whole NPY array"):
+        values = np.fromfile(path, header.dtype, math.prod(header.shape), offset=header.offset)
+        return values.reshape(header.shape, order=header.order)  # type: ignore[call-overload]
+
+
+def npz_arrays(
+    path: Path, kind: str = "a whole NPZ archive", remedy: str = "copy or write it again"
+) -> dict[str, NDArray[Any]]:
+    """Every array in the NPZ archive at `path` by its name; `kind` and `remedy` are for the error.
+
+    Raises
+    ------
+    FileError
+        If it is no whole archive of arrays, or holds Python objects.
+    """
+    path = require_readable(path)
+    with damage_told(path, kind, remedy), zipfile.ZipFile(path) as archive:
+        return {_name(path, member): _member(archive, member) for member in archive.infolist()}
+
+
+def _name(path: Path, member: zipfile.ZipInfo) -> str:
+    if not member.filename.endswith(".npy"):
+        raise FileError(f"{path}: holds {member.filename!r}, which is no array; write it with numpy.savez")
+    return member.filename[: -len(".npy")]
+
+
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{member.filename} is packed in a way that NumPy does not use")
+    if member.file_size > _DENSEST * member.compress_size + _MAGIC:
+        raise ValueError(
+            f"{member.filename} says {member.file_size} bytes, its {member.compress_size} cannot hold them"
+        )
+    with archive.open(member) as stream:
+        header = _header(stream, member.file_size)
+        values = np.frombuffer(stream.read(), header.dtype)
+        return values.reshape(header.shape, order=header.order)  # type: ignore[call-overload]
+
+
+def _header(stream: IO[bytes], size: int) -> Header:
+    version = np.lib.format.read_magic(stream)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError(f"version {version} of the format is not for numbers and texts")
+    try:
+        shape, fortran, dtype = readers[version](stream)
+    except (TypeError, MemoryError) as error:  # a nested literal, or a type of nonsense
+        raise ValueError(f"its header cannot be read: {error}") from error
+    if dtype.hasobject:
+        raise ValueError("it holds Python objects, which can run code when read; save arrays of numbers only")
+    if min(shape, default=0) < 0 or dtype.itemsize == 0:
+        raise ValueError(f"it declares shape {shape} of type {dtype}")
+    declared, there = math.prod(shape) * dtype.itemsize, size - stream.tell()
+    if declared != there:
+        raise ValueError(f"it declares {declared} bytes of values, {there} follow its header")
+    return Header(shape, fortran, dtype, stream.tell())

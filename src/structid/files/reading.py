@@ -1,0 +1,104 @@
+"""Files that are read: a clear word where one is not there, damaged, or larger than memory."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from structid.errors import FileError, InputError
+
+#: What Python, NumPy and SciPy raise on content that is not as its format says.
+DAMAGE = (
+    ValueError, ArithmeticError, LookupError, OSError, EOFError, RecursionError, NotImplementedError, SyntaxError,
+    tokenize.TokenError, struct.error, zlib.error, zipfile.BadZipFile,
+)  # fmt: skip
+
+
+def require_readable(path: str | Path) -> Path:
+    """`path`, after a check that it is an ordinary file with something in it that may be read.
+
+    Raises
+    ------
+    FileError
+        If it is missing (the nearest name in its folder is suggested), a folder, a pipe or device, empty or not
+        permitted.
+    """
+    path = Path(path)
+    if "\0" in str(path):
+        raise FileError(f"{str(path)!r}: a name cannot hold a null character; correct the name")
+    try:
+        if path.is_dir():
+            raise FileError(f"{path}: is a folder; give the path of a file in it")
+        if not path.exists():
+            raise FileError(f"{path}: {_missing(path)}")
+        if not path.is_file():
+            raise FileError(f"{path}: is a pipe or a device, which has no size; copy what it gives to a file")
+        with path.open("rb") as stream:
+            if not stream.read(1):
+                raise FileError(f"{path}: the file is empty; write or copy it again")
+    except (OSError, ValueError) as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{path}: cannot be opened ({error}); check the path and its permissions") from error
+    return path
+
+
+def _missing(path: Path) -> str:
+    if path.is_symlink():
+        return "is a link to what is not there, or to itself; mend the link, or give the file itself"
+    folder = path.parent
+    if not folder.is_dir():
+        return f"there is no such file; its folder {folder} does not exist either"
+    near = difflib.get_close_matches(path.name, [entry.name for entry in folder.iterdir()], n=1, cutoff=0.5)
+    return "there is no such file; " + (f"did you mean {near[0]}?" if near else "check the name and the folder")
+
+
+def digest(path: str | Path) -> str:
+    """SHA-256 of the file at `path`, in hexadecimal.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    """
+    path = require_readable(path)
+    with damage_told(path, "a readable file"), path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@contextmanager
+def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
+    """Turns what damage makes a reader raise into a `FileError` that begins with `path`.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file should be, with its article, as in "a whole NPZ archive".
+    remedy : str
+    """
+    try:
+        yield
+    except InputError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise FileError(f"{path}: {error}") from error
+    except MemoryError as error:
+        raise FileError(
+            f"{path}: does not fit in memory ({error or 'no more is to be had'}); free some, read a part of it, or take a"
+            " machine with more"
+        ) from error
+    except DAMAGE as error:
+        raise FileError(f"{path}: is not {kind} ({_short(error)}); {remedy}") from error
+
+
+def _short(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 200 else text[:197] + "..."

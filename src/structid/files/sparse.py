@@ -1,0 +1,81 @@
+"""Sparse matrices from the parts that a file holds, checked before compiled code follows their indices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+_LARGEST = 2**40
+#: Rows without an entry that a matrix may have: so many, and so many for each entry.
+_EMPTY_ROWS, _ROWS_AN_ENTRY = 1_000_000, 64
+
+
+def compressed(
+    shape: tuple[int, int], starts: NDArray[Any], indices: NDArray[Any], values: NDArray[Any]
+) -> sparse.csc_array:
+    """A matrix by columns from where each begins, the row of each entry, and the values.
+
+    Raises
+    ------
+    ValueError
+        If starts do not rise from 0 to the number of entries, or a row lies outside the matrix.
+    """
+    starts, indices = _whole("column starts", starts), _whole("rows", indices)
+    n_rows, n_columns = _sides(shape)
+    if len(starts) != n_columns + 1:
+        raise ValueError(f"{n_columns} columns need {n_columns + 1} starts, got {len(starts)}")
+    n = int(starts[-1])
+    if starts[0] != 0 or (np.diff(starts) < 0).any() or n > min(len(indices), len(values)):
+        raise ValueError("the starts of the columns do not rise from 0 to the number of entries")
+    indices, values = indices[:n], np.array(values[:n], values.dtype.newbyteorder("="))
+    _require_inside("row", indices, n_rows)
+    return sparse.csc_array((values, indices, starts), (n_rows, n_columns))
+
+
+def coordinates(
+    shape: tuple[int, int], rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any]
+) -> sparse.csc_array:
+    """A matrix from the row, column and value of each entry; entries at one place add up.
+
+    Raises
+    ------
+    ValueError
+        If an entry lies outside the matrix.
+    """
+    rows, columns = _whole("rows", rows), _whole("columns", columns)
+    sides = _sides(shape)
+    if not len(rows) == len(columns) == len(values):
+        raise ValueError(f"there are {len(rows)} rows, {len(columns)} columns and {len(values)} values")
+    if max(sides) > _EMPTY_ROWS + _ROWS_AN_ENTRY * len(values):
+        raise ValueError(f"it declares shape {sides} for {len(values)} entries")
+    _require_inside("row", rows, sides[0])
+    _require_inside("column", columns, sides[1])
+    native = np.asarray(values, values.dtype.newbyteorder("="))
+    return sparse.coo_array((native, (rows, columns)), sides).tocsc()
+
+
+def _sides(shape: tuple[int, int]) -> tuple[int, int]:
+    n_rows, n_columns = (int(n) for n in shape)
+    if not (0 <= n_rows <= _LARGEST and 0 <= n_columns <= _LARGEST):
+        raise ValueError(f"it declares shape {(n_rows, n_columns)}")
+    return n_rows, n_columns
+
+
+def _whole(name: str, numbers: NDArray[Any]) -> NDArray[np.int64]:
+    array = np.asarray(numbers).ravel()
+    if array.dtype.kind not in "iu" and not (abs(array) < 2**53).all():
+        raise ValueError(f"its {name} must be whole numbers")
+    found = array.astype(np.int64)
+    if (found != array).any():
+        raise ValueError(f"its {name} must be whole numbers")
+    return found
+
+
+def _require_inside(name: str, places: NDArray[np.int64], count: int) -> None:
+    outside = (places < 0) | (places >= count)
+    if outside.any():
+        at = int(np.argmax(outside))
+        raise ValueError(f"entry {at + 1} is in {name} {places[at]} of {count}, counted from 0")

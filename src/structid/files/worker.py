@@ -1,0 +1,244 @@
+"""A process of its own that reads files through compiled libraries, so that damage ends it and not the program.
+
+It is run as a script by `structid.files.contained` and imports nothing of structid, so that it starts quickly. A request is a
+line of JSON; the answer is a line of JSON, and the arrays in it behind it as bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+_DENSEST = 1032  # bytes that deflate can make of one
+_HEADROOM = 2**30
+
+
+def plain(value: Any, arrays: list[np.ndarray]) -> Any:
+    """`value`, a tree of mappings, lists, numbers, texts and arrays, as JSON has it; its arrays go to `arrays`."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, Mapping):
+        return {"map": {str(key): plain(entry, arrays) for key, entry in value.items()}}
+    if isinstance(value, list | tuple):
+        return {"list": [plain(entry, arrays) for entry in value]}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def filled(value: Any, array: Callable[[int], np.ndarray]) -> Any:
+    """The reverse of `plain`; `array` gives each array by its number."""
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return array(int(value["array"]))
+    if "map" in value:
+        return {key: filled(entry, array) for key, entry in value["map"].items()}
+    return [filled(entry, array) for entry in value["list"]]
+
+
+class UnusableError(Exception):
+    """The file is whole, and what is asked for cannot be taken from it."""
+
+
+def hdf5_shapes(path: str) -> dict[str, Any]:
+    """Shape, type and first byte (None where it lies in pieces) of every dataset, by its path without the leading slash."""
+    import h5py
+
+    found: dict[str, Any] = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            dtype = _complex_type(item.dtype)
+            text = h5py.check_string_dtype(item.dtype) is not None
+            whole = dtype == item.dtype and not text and not item.dtype.hasobject and _refusal(item) is None
+            offset = item.id.get_offset() if whole and item.chunks is None else None
+            found[name] = [list(item.shape), "text" if text else dtype.str, offset]
+
+    with h5py.File(path, "r") as file:
+        _require_own_links(file)
+        file.visititems(note)
+    return found
+
+
+def hdf5_fields(path: str, names: list[str]) -> dict[str, Any]:
+    """The datasets called `names`: arrays of numbers, a text, or lists of texts."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        _require_own_links(file)
+        return {name: _field(file[name]) for name in names}
+
+
+def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
+    """Entries `begin` to `stop` of a dataset of two dimensions along one axis."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        _require_own_links(file)
+        dataset = file[name]
+        _require_own_values(dataset)
+        return np.asarray(dataset[begin:stop] if axis == 0 else dataset[:, begin:stop])
+
+
+def matlab_73(path: str) -> dict[str, Any]:
+    """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
+    import h5py
+
+    found: dict[str, Any] = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            field = _field_73(item.file, item)
+            if field is not None:
+                found[name.replace("/", ".")] = field
+
+    with h5py.File(path, "r") as file:
+        _require_own_links(file)
+        file.visititems(note)
+    return found
+
+
+def _require_own_links(file: Any) -> None:
+    import h5py
+
+    linked: list[str] = []
+    file.visititems_links(lambda name, link: linked.append(name) if isinstance(link, h5py.ExternalLink) else None)
+    if linked:
+        raise UnusableError(
+            f"{linked[0]!r} is a link to another file, which is not followed; copy its data into this file"
+        )
+
+
+def _refusal(dataset: Any) -> str | None:
+    """Why the values of a dataset cannot be taken as they are."""
+    if dataset.external:
+        return "has its values in another file, which is not read; copy them into this file"
+    if dataset.is_virtual:
+        return "is put together from other files, which are not read; copy its values into this file"
+    if dataset.size and not dataset.id.get_storage_size():
+        return "was never written: it has a shape and no values; write the file again"
+    return None
+
+
+def _require_own_values(dataset: Any) -> None:
+    refusal = _refusal(dataset)
+    if refusal is not None:
+        raise UnusableError(f"{dataset.name[1:]!r} {refusal}")
+    declared, there = math.prod(dataset.shape) * dataset.dtype.itemsize, Path(dataset.file.filename).stat().st_size
+    if declared > _DENSEST * there:
+        raise ValueError(f"{dataset.name[1:]!r} declares {declared} bytes in a file of {there}")
+
+
+def _field(dataset: Any) -> Any:
+    import h5py
+
+    _require_own_values(dataset)
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        return _as_complex(np.asarray(dataset[()]))
+    texts = dataset.asstr("utf-8")[()]
+    return texts if isinstance(texts, str) else [str(text) for text in texts.ravel()]
+
+
+def _field_73(file: Any, dataset: Any) -> Any:
+    """A dataset in MATLAB's conventions: axes reversed, characters as codes, cells as references."""
+    matlab_class = dataset.attrs.get("MATLAB_class", b"")
+    if matlab_class == b"char" and dataset.attrs.get("MATLAB_empty", 0):
+        return ""
+    if matlab_class not in (b"char", b"cell") and dataset.dtype.kind not in "fciuV":
+        return None
+    _require_own_values(dataset)
+    if matlab_class == b"char":
+        return np.asarray(dataset[()]).T.astype("<u2").tobytes().decode("utf-16-le")
+    if matlab_class == b"cell":
+        cells = [_field_73(file, file[reference]) for reference in np.asarray(dataset[()]).T.ravel()]
+        return [str(cell) for cell in cells] if all(isinstance(cell, str) for cell in cells) else None
+    return _as_complex(np.asarray(dataset[()])).T
+
+
+def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """complex128 for a compound of real and imaginary parts, as other programs write; else `dtype`."""
+    names = tuple(name.lower() for name in dtype.names or ())
+    return np.dtype(np.complex128) if names in (("real", "imag"), ("r", "i"), ("re", "im")) else dtype
+
+
+def _as_complex(array: np.ndarray) -> np.ndarray:
+    """`array` with compounds of real and imaginary parts made complex numbers."""
+    if array.dtype.names and _complex_type(array.dtype) != array.dtype:
+        real, imaginary = array.dtype.names
+        return np.asarray(array[real] + 1j * array[imaginary])
+    return array
+
+
+def ansys(path: str) -> dict[str, Any]:
+    """What `ansys-mapdl-reader` finds: of a ``.full`` file rows and matrices, of a ``.emat`` file those of each element."""
+    from ansys.mapdl.reader import read_binary
+
+    opened = read_binary(path)
+    if path.lower().endswith(".full"):
+        dofs, stiffness, mass = opened.load_km(sort=True)
+        found: dict[str, Any] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
+        for name, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
+            if matrix is not None:
+                compact = matrix.tocsc()
+                found[name] = [list(compact.shape), compact.indptr, compact.indices, compact.data]
+        return found
+    elements = []
+    for index in range(opened.n_elements):
+        where, data = opened.read_element(index)
+        parts = {key: np.asarray(values, np.float64) for key, values in data.items()}
+        elements.append([np.asarray(where, np.int64), parts])
+    nodes, labels = np.asarray(opened.neqv, np.int64), np.asarray(opened.eeqv, np.int64)
+    return {"nodes": nodes, "labels": labels, "n_dof": int(opened.n_dof), "elements": elements}
+
+
+READERS: dict[str, Callable[..., Any]] = {
+    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab_73, ansys)
+}
+
+
+def serve(asked: IO[bytes], answers: IO[bytes]) -> None:
+    """Answer requests until there are no more."""
+    answers.write(b"ready\n")
+    answers.flush()
+    for line in asked:
+        request = json.loads(line)
+        arrays: list[np.ndarray] = []
+        try:
+            _limit_memory(request["path"])
+            tree = plain(READERS[request["reader"]](request["path"], **request["options"]), arrays)
+            arrays = [np.ascontiguousarray(array) for array in arrays]
+            if any(array.dtype.kind not in "biufcSU" for array in arrays):
+                raise ValueError("it holds arrays of neither numbers nor texts")
+            answer = {"tree": tree, "arrays": [[array.dtype.str, list(array.shape)] for array in arrays]}
+        except Exception as error:  # whatever a library raises on damage: it is told in the program
+            answer, arrays = {"error": type(error).__name__, "words": " ".join(str(error).split())[:300]}, []
+        answers.write(json.dumps(answer).encode("ascii") + b"\n")
+        for array in arrays:
+            answers.write(array.reshape(-1).view(np.uint8).data)
+        answers.flush()
+
+
+def _limit_memory(path: str) -> None:
+    """Address space for what the file can hold and some more, where the system has such limits."""
+    try:
+        import resource
+
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    except (ImportError, OSError):
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = used + _HEADROOM + 2 * _DENSEST * Path(path).stat().st_size
+    resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
+
+
+if __name__ == "__main__":
+    channel = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    serve(sys.stdin.buffer, channel)

@@ -1,0 +1,154 @@
+"""Compiled libraries read in a child: what ends, hangs or fills it is told with the name of the file."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from structid.errors import FileError
+from structid.files import contained as module
+from structid.files.contained import ReaderError, contained
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part
+from structid.records import ReadOptions, TimeRecord, read_record, write_record
+from structid.records.on_disk import open_record
+
+VALUES = np.random.default_rng(1).standard_normal((50, 2))
+HISTORY = TimeRecord(10.0, VALUES, ("1X", "2X"), ("force", "velocity"))
+BARE = ReadOptions(sampling_rate=10.0, channels="1X,2X", units="N", array="a")
+
+#: A child that ends, sleeps, or answers in part, as the path says.
+STRANGE = """
+import json, os, sys, time
+print("ready", flush=True)
+for n, line in enumerate(sys.stdin):
+    request = json.loads(line)
+    name = os.path.basename(request["path"])
+    if name.startswith("crash") or (name.startswith("second") and n > 0):
+        os.abort()
+    if name.startswith("hang"):
+        time.sleep(60)
+    if name.startswith("half"):
+        print(json.dumps({"tree": {"array": 0}, "arrays": [["<f8", [100]]]}), flush=True)
+        os._exit(0)
+    if name.startswith("error"):
+        print(json.dumps({"error": "ValueError", "words": "no such thing"}), flush=True)
+    else:
+        print(json.dumps({"tree": {"list": [name, n]}, "arrays": []}), flush=True)
+"""
+
+
+@pytest.fixture
+def strange(tmp_path, monkeypatch):
+    (tmp_path / "strange.py").write_text(STRANGE)
+    module.end()
+    monkeypatch.setattr(module, "_SCRIPT", str(tmp_path / "strange.py"))
+    yield lambda name: contained(named(tmp_path, name), "any")
+    module.end()
+
+
+def named(folder: Path, name: str) -> Path:
+    (folder / name).write_text("x")
+    return folder / name
+
+
+def test_what_ends_the_child_is_told_and_the_next_file_is_read(strange, tmp_path, monkeypatch):
+    assert strange("good") == ["good", 0]
+    with pytest.raises(FileError, match=r"crash\.h5: cannot be read: the library that reads such files ended on it"):
+        strange("crash.h5")
+    assert strange("good") == ["good", 0]
+    with pytest.raises(FileError, match=r"half\.h5: cannot be read"):
+        strange("half.h5")
+    with pytest.raises(ReaderError, match="no such thing"):
+        strange("error.h5")
+    assert strange("good") == ["good", 0]  # a new child: damage may have left the old one in any state
+    monkeypatch.setattr(module, "_SECONDS", 0.2)
+    with pytest.raises(FileError, match=r"hang\.h5: cannot be read: .* took more than 0 s"):
+        strange("hang.h5")
+
+
+def test_a_child_that_others_have_left_damaged_is_no_reason_to_refuse_a_file(strange):
+    assert strange("good") == ["good", 0]
+    assert strange("second.h5") == ["second.h5", 0]
+
+
+def test_a_small_file_costs_little(tmp_path):
+    """Behind the first file of a process, which starts the child."""
+    write_record(tmp_path / "a.h5", HISTORY)
+    read_record(tmp_path / "a.h5")
+    seconds = []
+    for _ in range(20):
+        begun = time.perf_counter()
+        read_record(tmp_path / "a.h5")
+        seconds.append(time.perf_counter() - begun)
+    assert min(seconds) < 0.05
+
+
+def test_declared_sizes_do_not_take_memory(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", shape=(10**9, 2), chunks=(1000, 2), dtype="f8")[:1000] = 1.0
+    with pytest.raises(FileError, match=r"'a' declares 16000000000 bytes in a file of"):
+        read_record(tmp_path / "a.h5", BARE)
+
+
+def test_values_in_other_files_are_refused(tmp_path):
+    """A file could otherwise bring the bytes of any other into a result, and read as zeros where that is gone."""
+    (tmp_path / "secret").write_bytes(VALUES.tobytes())
+    with h5py.File(tmp_path / "outside.h5", "w") as file:
+        file.create_dataset("a", (50, 2), "f8", external=[(str(tmp_path / "secret"), 0, 800)])
+    with h5py.File(tmp_path / "source.h5", "w") as file:
+        file["a"] = VALUES
+    with h5py.File(tmp_path / "linked.h5", "w") as file:
+        file["deep/a"] = h5py.ExternalLink("source.h5", "/a")
+    layout = h5py.VirtualLayout((50, 2), "f8")
+    layout[:] = h5py.VirtualSource("gone.h5", "a", (50, 2))
+    with h5py.File(tmp_path / "virtual.h5", "w") as file:
+        file.create_virtual_dataset("a", layout)
+    with h5py.File(tmp_path / "empty.h5", "w") as file:
+        file.create_dataset("a", (50, 2), "f8")
+    words = {
+        "outside.h5": "'a' has its values in another file",
+        "linked.h5": "'deep/a' is a link to another file",
+        "virtual.h5": "'a' is put together from other files",
+        "empty.h5": "'a' was never written",
+    }
+    for name, said in words.items():
+        with pytest.raises(FileError, match=said) as caught:
+            read_record(tmp_path / name, BARE)
+        assert str(caught.value).startswith(str(tmp_path / name))
+        with pytest.raises(FileError, match=said):
+            list(open_record(tmp_path / name, BARE).chunks())
+
+
+def test_contiguous_datasets_are_read_from_where_they_lie(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w", userblock_size=1024) as file:
+        file["whole"], file["text"] = VALUES, "words"
+        file.create_dataset("big", data=VALUES, dtype=">f4")
+        file.create_dataset("pieces", data=VALUES, chunks=(7, 2), compression="gzip")
+    found = hdf5_datasets(tmp_path / "a.h5")
+    assert [found[name].offset for name in ("pieces", "text")] == [None, None]
+    for name in ("whole", "big"):
+        values = np.fromfile(tmp_path / "a.h5", found[name].dtype, 100, offset=found[name].offset)
+        np.testing.assert_array_equal(values.reshape(50, 2), VALUES.astype(found[name].dtype))
+    np.testing.assert_array_equal(hdf5_part(tmp_path / "a.h5", "pieces", 5, 9, 0), VALUES[5:9])
+    np.testing.assert_array_equal(hdf5_part(tmp_path / "a.h5", "pieces", 1, 2, 1), VALUES[:, 1:2])
+    assert hdf5_fields(tmp_path / "a.h5", ["text"]) == {"text": "words"}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="of POSIX")
+def test_a_forked_process_has_a_child_of_its_own(tmp_path):
+    write_record(tmp_path / "a.h5", HISTORY)
+    code = (
+        "import os, sys, numpy as np\nfrom structid.records import read_record\n"
+        "first = read_record(sys.argv[1])\npid = os.fork()\n"
+        "again = read_record(sys.argv[1])\nassert np.array_equal(first.values, again.values)\n"
+        "if pid:\n    assert os.waitpid(pid, 0)[1] == 0\n    read_record(sys.argv[1])\n"
+    )
+    import subprocess
+
+    words = [sys.executable, "-W", "ignore:.*fork:DeprecationWarning", "-c", code, str(tmp_path / "a.h5")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
