@@ -366,7 +366,7 @@ def test_changes_of_the_data_rows_agree_with_differences(close, damping):
             )
             twin = replace(problem, record=moved)
             for name in ("shape_std", "_covariance"):
-                twin.__dict__[name] = getattr(problem, name)
+                twin.data.__dict__[name] = getattr(problem.data, name)
             sides.append(twin.residual(theta)[: problem.n_data])
         difference = (sides[0] - sides[1]) / (2 * step)
         # groups scale their rows by measured eigenvalues, and shapes by their largest entry: of second order in the misfit

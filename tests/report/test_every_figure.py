@@ -34,7 +34,7 @@ from structid.report.rendering import browser, plot, png
 from structid.report.reproduce.page import reproduction_page
 from structid.reproduce.item import Curve, Item, Panel, Verdict
 from structid.study.run.plan import planned
-from structid.study.run.run import load_study, run_free_study, run_study, started
+from structid.study.run.run import load_study, run_study
 from structid.study.schema.plan import load_plan
 from study_cases import CHAIN, chain_record, write_chain
 
@@ -81,7 +81,7 @@ def made(name: str, folder: Path, request: pytest.FixtureRequest) -> Page:
         case = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(case)
         case.made(argparse.Namespace(out=folder, shape=(6, 4), lines=10, sensors=5, noise=0.01, seed=0, rough=None))
-        return free_page(run_free_study(started(load_study(folder / "study.toml"))))
+        return free_page(run_study(load_study(folder / "study.toml")))
     write_record(folder / "tower.npz", ambient(duration=120.0))
     result = modes_of_file(folder / "tower.npz", ModesOptions("ssi_cov"))
     geometry = Geometry(NODES, ((9, 1, 2, 0, 2, 3),)) if name == "modes in space" else None
