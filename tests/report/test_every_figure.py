@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection, QuadMesh
 from page_parts import as_array, pieces, read_figures
+from written_reports import Report
 
-from conftest import Report
 from modes_cases import ambient
 from structid.comparison.comparing import CompareOptions, compare
 from structid.modal.survey.survey import ModesOptions, modes_of_file

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import report_cases
 from page_parts import pieces
+from written_reports import Report
 
 import structid as si
-from conftest import Report
 from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.changes import look, shadings

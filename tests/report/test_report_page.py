@@ -13,8 +13,8 @@ import pytest
 import report_cases
 from page_parts import figures, unpacked, words
 from plotly.offline import get_plotlyjs
+from written_reports import PROVENANCE, TITLE, Report
 
-from conftest import PROVENANCE, TITLE, Report
 from structid.errors import FileError
 from structid.identification.identified import Identification
 from structid.report import write_report
