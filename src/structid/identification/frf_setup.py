@@ -74,6 +74,11 @@ class Setup(RecordSetup[FrfProblem]):
         )
         return Prepared(problem, tuple(warnings))
 
+    def modelled_by(
+        self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
+    ) -> Setup:
+        return Setup(structure, parameters, self.record, channel_unknowns, self.name)
+
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
         return ("output", self.record.outputs), ("input", self.record.inputs)

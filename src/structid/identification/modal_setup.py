@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own
 from structid.identification.setups import Prepared, RecordSetup
 from structid.modal import ModalRecord
-from structid.observation import ModalForm, ModalProblem
+from structid.observation import ChannelUnknown, ModalForm, ModalProblem
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -56,6 +57,11 @@ class ModalSetup(RecordSetup[ModalProblem]):
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
         problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings))
         return Prepared(problem, self.record.warnings)
+
+    def modelled_by(
+        self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
+    ) -> ModalSetup:
+        return replace(self, structure=structure, parameters=parameters)
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:

@@ -16,7 +16,7 @@ from structid.estimation.search.work import StageProgress, Work
 from structid.identification.modal_fit import ModalFit
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit
-from structid.observation import RecordProblem
+from structid.observation import ChannelUnknown, RecordProblem
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -51,6 +51,12 @@ class RecordSetup(ABC, Generic[P]):
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:
         """The problem of the lines that `options` choose."""
+
+    @abstractmethod
+    def modelled_by(
+        self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
+    ) -> RecordSetup[P]:
+        """The same record with another model, and other errors of channels where the record can have some."""
 
     @property
     @abstractmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -18,6 +19,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
 from structid.identification.setups import Prepared, RecordSetup
 from structid.observation import (
+    ChannelUnknown,
     FrfProblem,
     RecordProblem,
     SpectraProblem,
@@ -119,6 +121,11 @@ class TimeSetup(RecordSetup[RecordProblem]):
         spectra = finite_spectra(record, band=options.band)
         spectra = spectra.lines(inside(spectra.frequency, options))
         return SpectraProblem(self.structure, self.parameters, spectra, self.settings.transient, record=record)
+
+    def modelled_by(
+        self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
+    ) -> TimeSetup:
+        return replace(self, structure=structure, parameters=parameters)
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:

@@ -213,8 +213,15 @@ class FrfProblem(RecordProblem):
     def residual(self, theta: FloatArray) -> FloatArray:
         if self.form == "equation":
             return self.linearize(theta).residual
-        data, _ = self._whitened.residual(self.predicted(theta))
-        return self._residual(theta, stack_real(data.ravel()))
+        return self._residual(theta, self.data_rows(self.predicted(theta)))
+
+    def data_rows(self, predicted: ComplexArray) -> FloatArray:
+        """Data rows of the residual where the model's FRF is `predicted`, in the order of `rows`; not of form ``equation``.
+
+        Shapes (..., n_frequencies, n_outputs, n_inputs) and (n_data, ...).
+        """
+        data, _ = self._whitened.residual(predicted)
+        return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         predicted, derivative = self._observed.derivatives(self.physical(theta))
@@ -342,14 +349,24 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
     smooth = smoothed_records(problem.record)
     if not smooth:
         return ()
-    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
-    held = replace(held, measured_sliding=True)
-    stages = [
-        (f"decay {level:g} omega", replace(held, form="log", model_error=0.0, record=record))
-        for level, record in smooth
-    ]
+    held = _held_near_start(problem, start_error)
+    stages = [(f"decay {level:g} omega", _smooth_stage(held, record)) for level, record in smooth]
     near = replace(held, form="output") if is_noisy(problem.record) else replace(held, form="pole_free")
     return *stages, ("held on the axis", near.thinned() or near)
+
+
+def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:
+    """The stage of `continuation_plan` whose data are `record`, one of `smoothed_records`."""
+    return _smooth_stage(_held_near_start(problem, start_error), record)
+
+
+def _held_near_start(problem: FrfProblem, start_error: float) -> FrfProblem:
+    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
+    return replace(held, measured_sliding=True)
+
+
+def _smooth_stage(held: FrfProblem, record: FrfRecord) -> FrfProblem:
+    return replace(held, form="log", model_error=0.0, record=record)
 
 
 def nearer(plan: FrfStages, ratio: float = 0.5) -> FrfStages:

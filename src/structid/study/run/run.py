@@ -77,7 +77,7 @@ def started(study: Study) -> Start:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    setups = tuple(_loaded(source) for source in study.setups)
+    setups = tuple(loaded(source) for source in study.setups)
     problems: list[RecordProblem] = []
     warnings: list[str] = []
     units: list[str] = []
@@ -105,15 +105,24 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    setups = [_loaded(source) for source in study.setups]
+    setups = [loaded(source) for source in study.setups]
     return alike([setup.prepared(study.options).problem for setup in setups])
 
 
-def _loaded(source: SetupSource) -> AnySetup:
-    """The set-up that a source describes, its channels part of the structure."""
+def loaded(source: SetupSource, measured: AnySetup | None = None) -> AnySetup:
+    """The set-up that a source describes, its channels part of the structure.
+
+    Parameters
+    ----------
+    source : SetupSource
+    measured : RecordSetup, optional
+        One with the same record, which is then not read again.
+    """
     section, structure, parameters, name = source.section, source.structure, source.parameters, source.name
     setup: AnySetup
-    if source.record.modes is not None:
+    if measured is not None:
+        setup = measured.modelled_by(structure, parameters, source.channel_unknowns)
+    elif source.record.modes is not None:
         modes = source.record.modes
         setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name)
     elif source.record.time is not None:

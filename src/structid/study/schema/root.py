@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from structid.files import digest, require_readable
 from structid.study.schema.kinds import TEXT
@@ -54,15 +56,21 @@ class InputFiles:
         return path
 
 
-def read_root(path: str | Path) -> tuple[Section, InputFiles]:
+def read_root(path: str | Path, edited: Mapping[str, Any] | None = None) -> tuple[Section, InputFiles]:
     """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
+
+    Parameters
+    ----------
+    path : path
+    edited : mapping, optional
+        Tables in place of those of the file.
 
     Raises
     ------
     InputError
         If there is no such file, it is no TOML, or a section is unknown.
     """
-    source = read_study_text(path)
+    source = replace(read_study_text(path), edited=edited)
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")

@@ -33,15 +33,18 @@ class StudyText:
     ----------
     path : Path
     text : str
+    edited : mapping, optional
+        Tables in place of those of the text.
     """
 
     path: Path
     text: str
+    edited: Mapping[str, Any] | None = None
 
     @cached_property
-    def table(self) -> dict[str, Any]:
-        """Its content; a `TOMLDecodeError` of `tomllib` where it is not TOML."""
-        return tomllib.loads(self.text)
+    def table(self) -> Mapping[str, Any]:
+        """Its content, as edited; a `TOMLDecodeError` of `tomllib` where it is not TOML."""
+        return tomllib.loads(self.text) if self.edited is None else self.edited
 
     @cached_property
     def lines(self) -> Mapping[KeyPath, int]:

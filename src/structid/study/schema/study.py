@@ -79,8 +79,14 @@ class Study:
         return self.root.section(name) or self.root
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path, edited: Mapping[str, Any] | None = None) -> Study:
     """The study in the TOML file at `path`.
+
+    Parameters
+    ----------
+    path : path
+    edited : mapping, optional
+        Tables in place of those of the file; places of errors are then those of what it had.
 
     Raises
     ------
@@ -88,7 +94,7 @@ def load_study(path: str | Path) -> Study:
         If the file or one that it names is missing, a key is unknown, missing or of the wrong kind, or structure
         and unknowns contradict each other; the message gives file, line, section and key.
     """
-    root, files = read_root(path)
+    root, files = read_root(path, edited)
     if "record" not in root.table:
         raise root.error("the section [record] is missing; add it")
     setups = read_setups(root, files)

@@ -1,0 +1,109 @@
+"""A candidate: one change of model or record, as its effect on an FRF for any strength."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.criticism.fields import Fields
+
+#: Change of the FRF for some strengths, (n_strengths, n_lines, n_outputs, n_inputs).
+Effect = Callable[[Fields, FloatArray], ComplexArray]
+
+_STEPS = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0, 1.8, 3.0, 6.0, 10.0, 30.0, 100.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One change that might explain a misfit.
+
+    Attributes
+    ----------
+    kind : str
+        Such as ``support``, ``mass`` or ``sensor_gain``.
+    where : tuple of str
+        Degrees of freedom, nodes, elements or channels.
+    effect : Effect
+        Of record `record` alone where that is given, else of every record.
+    strengths : (n,) float array
+        Which are tried, in the unit of what changes; 0 is no change.
+    bounds : (float, float)
+        Between which a strength makes sense.
+    record : int, optional
+        Position of the only record that it changes.
+    detail : mapping of str to float
+        What else it is made of.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    effect: Effect
+    strengths: FloatArray
+    bounds: tuple[float, float] = (0.0, np.inf)
+    record: int | None = None
+    detail: Mapping[str, float] = field(default_factory=dict)
+
+
+def steps(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:
+    """Strengths over five decades about `scale`."""
+    return np.concatenate([sign * scale * _STEPS for sign in signs])
+
+
+def added(directions: FloatArray, law: Callable[[Fields], ComplexArray]) -> Effect:
+    """Of a part D D' times q a(s) added to Z: dh = -(D'y)' q a (I + q a G)^-1 D'x with G = D' Z^-1 D.
+
+    Parameters
+    ----------
+    directions : (n_dofs, m) float array
+        D.
+    law : callable
+        a at the lines, (n_lines,).
+    """
+
+    def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        d, a = directions, law(fields)
+        u, v = d.T @ fields.under_loads, d.T @ fields.under_sensors
+        g = d.T @ fields.flexibility @ d
+        weight = strengths[:, None] * a
+        if d.shape[1] == 1:
+            inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None] * u
+        else:
+            w = weight[:, :, None, None]
+            inner = w * np.linalg.solve(np.eye(d.shape[1]) + w * g, np.broadcast_to(u, (len(strengths), *u.shape)))
+        found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
+        return found
+
+    return effect
+
+
+def released(coupling: Callable[[Fields], tuple[ComplexArray, ComplexArray]]) -> Effect:
+    """Of a part that gives way with compliance q: dh = (R'y)' q / (1 + q zeta) R'x with zeta = Z_cc - R' Z^-1 R.
+
+    Parameters
+    ----------
+    coupling : callable
+        R (n_lines, n_dofs) and Z_cc (n_lines,): Z between what gives way and the free degrees of freedom, and of it alone.
+    """
+
+    def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        r, own = coupling(fields)
+        row = r[:, None, :]
+        u, v = (row @ fields.under_loads)[:, 0], (row @ fields.under_sensors)[:, 0]
+        zeta = own - (row @ fields.flexibility @ r[:, :, None])[:, 0, 0]
+        weight = strengths[:, None] / (1 + strengths[:, None] * zeta)
+        found: ComplexArray = (weight[:, :, None, None] * v[:, :, None] * u[:, None, :]) * fields.factor
+        return found
+
+    return effect
+
+
+def replaced(make: Callable[[ComplexArray, float], ComplexArray]) -> Effect:
+    """Of another reading: `make` gives the FRF as it would be read, of the model's own and a strength."""
+
+    def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        return np.stack([make(fields.frf, float(q)) for q in strengths]) - fields.frf
+
+    return effect

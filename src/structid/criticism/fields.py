@@ -1,0 +1,154 @@
+"""Fields of an FRF problem's model at one point of the parameters: what every candidate change is screened with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.dof import Dof
+from structid.observation import FrfProblem
+from structid.records.record import DERIVATIVES
+from structid.structure import Structure
+from structid.structure.elements.element import dof_code, dof_of_code
+
+#: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
+_MOST_ENTRIES = 2e7
+_FEWEST_LINES, _MOST_LINES = 40, 120
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """The dynamic stiffness Z of a model at lines of its record, and what follows from it.
+
+    Z is complex symmetric; all products are with the transpose. Friction is not part of it.
+
+    Attributes
+    ----------
+    problem : FrfProblem
+        On the lines that are looked at.
+    values : (n_values,) float array
+        Property values of the structure.
+    channel_values : (n_channel_params,) float array
+        Parameters of the record's channels.
+    frf : (n_lines, n_outputs, n_inputs) complex array
+        As the record has it, errors of channels included.
+    """
+
+    problem: FrfProblem
+    values: FloatArray
+    channel_values: FloatArray
+    frf: ComplexArray
+
+    @property
+    def structure(self) -> Structure:
+        return self.problem.structure
+
+    @property
+    def laplace(self) -> ComplexArray:
+        """(n_lines,), 1/s."""
+        return self.problem.record.laplace
+
+    def stiffness_of(self, structure: Structure) -> ComplexArray:
+        """Z of `structure`, which has the same properties, (n_lines, n, n)."""
+        inertia, viscous, elastic, structural = (
+            structure.matrix(law, self.values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
+        )
+        s = self.laplace[:, None, None]
+        found: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural
+        return found
+
+    @cached_property
+    def flexibility(self) -> ComplexArray:
+        """Z^-1, (n_lines, n_dofs, n_dofs)."""
+        found: ComplexArray = np.linalg.inv(self.stiffness_of(self.structure))
+        return found
+
+    @cached_property
+    def under_loads(self) -> ComplexArray:
+        """x = Z^-1 f, (n_lines, n_dofs, n_inputs)."""
+        return self.flexibility @ self.structure.selection(self.problem.record.inputs).toarray()
+
+    @cached_property
+    def under_sensors(self) -> ComplexArray:
+        """y = Z^-1 s, (n_lines, n_dofs, n_outputs)."""
+        return self.flexibility @ self.structure.selection(self.problem.record.outputs).toarray()
+
+    @cached_property
+    def factor(self) -> ComplexArray:
+        """What makes of a receptance what the record has, its kind and the errors of its channels; broadcasts to `frf`."""
+        kind = (self.laplace ** DERIVATIVES[self.problem.record.kind])[:, None, None]
+        channels = self.problem.channels
+        found: ComplexArray = kind if channels is None else kind * channels.factor(self.channel_values, self.laplace)
+        return found
+
+    @cached_property
+    def columns(self) -> dict[Dof, FloatArray]:
+        """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,)."""
+        numbering = self.structure.numbering
+        rows = numbering.matrix
+        found = {}
+        for place in np.flatnonzero(np.diff(rows.indptr)).tolist():
+            dof = dof_of_code(int(numbering.codes[place])).unsigned
+            found[dof] = rows[[place], :].toarray()[0]
+        return found
+
+    @cached_property
+    def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
+        """Supports that can give way: which they are, Z between them and the free degrees of freedom, and of each alone.
+
+        Shapes (n_supports), (n_lines, n_dofs, n_supports), (n_lines, n_supports).
+        """
+        structure = self.structure
+        free = Structure(structure.nodes, structure.elements, (), structure.ties, structure.active)
+        place = {code: i for i, code in enumerate(free.numbering.free)}
+        held = [d for d in structure.fixed if dof_code(d.node, d.direction) in place]
+        if not held:
+            n_lines, n_dofs = len(self.laplace), structure.n_dofs
+            return (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
+        whole = self.stiffness_of(free)
+        own = np.array([place[code] for code in structure.numbering.free])
+        ends = np.array([place[dof_code(d.node, d.direction)] for d in held])
+        return tuple(held), whole[:, own[:, None], ends], whole[:, ends, ends]
+
+    def elements(self, kinds: tuple[str, ...]) -> Iterator[tuple[str, int, IntArray, FloatArray, str, float]]:
+        """Every element matrix of properties of these kinds: set, element (from 0), codes, matrix, kind, loss factor."""
+        losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
+        for item in self.structure.properties:
+            if item.term.kind not in kinds:
+                continue
+            weights = self.values[item.values]
+            for layer in item.term.layers:
+                if layer.whole is not None:
+                    continue
+                for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
+                    loss = float(losses[item.element][e]) if item.element in losses else 0.0
+                    yield item.element, e, codes, float(weights[e]) * local, item.term.kind, loss
+
+    def reached(self, codes: IntArray) -> FloatArray:
+        """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held."""
+        numbering = self.structure.numbering
+        place = np.minimum(np.searchsorted(numbering.codes, codes), len(numbering.codes) - 1)
+        rows = numbering.matrix[place, :].toarray()
+        rows[numbering.codes[place] != codes] = 0.0
+        return np.asarray(rows)
+
+
+def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
+    """The fields of a problem at free variables, on so many of its lines as memory allows.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+    theta : (n_params,) float array
+        Of this problem.
+    """
+    n_lines = len(problem.frequency)
+    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, _MOST_LINES))
+    if n_lines > room:
+        problem = problem.with_lines(np.unique(np.linspace(0, n_lines - 1, room).round().astype(int)))
+    own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
+    return Fields(problem, problem.parameters.values(own), rest, problem.predicted(theta))

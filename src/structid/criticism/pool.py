@@ -1,0 +1,229 @@
+"""The pool: every single change of a model and of its records that is held against a misfit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.criticism.candidate import Candidate, added, released, replaced, steps
+from structid.criticism.fields import Fields
+from structid.dof import Dof
+from structid.structure import Spring
+from structid.structure.elements.element import dof_of_code
+
+_APPENDAGE_LOSS = 0.03
+_APPENDAGE_FREQUENCIES = 48
+_APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
+#: Other units than those stated, as factors on a reading.
+UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead of m": 1 / 0.0254}
+_FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
+_PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
+_TRANSLATIONS = ("X", "Y", "Z")
+
+
+def pool(records: Sequence[Fields]) -> list[Candidate]:
+    """All candidates for records of one structure, whose `Fields` are at one point of the parameters.
+
+    Parameters
+    ----------
+    records : sequence of Fields
+        The first gives the structure; a change of it is one of all.
+    """
+    first = records[0]
+    found = [*_supports(first), *_joints(first), *_additions(first), *_untied(first)]
+    for number, fields in enumerate(records):
+        found += _channels(fields, number)
+    return found
+
+
+def _inertia(fields: Fields) -> ComplexArray:
+    return fields.laplace**2
+
+
+def _velocity(fields: Fields) -> ComplexArray:
+    return fields.laplace
+
+
+def _constant(fields: Fields) -> ComplexArray:
+    return np.ones_like(fields.laplace)
+
+
+def _scale(fields: Fields, direction: FloatArray, law: ComplexArray) -> float:
+    """Strength at which an added part is as stiff as what it is added to, at most lines."""
+    size = np.abs(law * (direction @ fields.flexibility @ direction))
+    return float(1 / np.median(size))
+
+
+def _additions(fields: Fields) -> Iterator[Candidate]:
+    """Springs to the ground, dashpots, masses and appendages."""
+    nodes: dict[int, list[FloatArray]] = {}
+    for dof, column in fields.columns.items():
+        where = (str(dof),)
+        for kind, law in (("spring", _constant), ("dashpot", _velocity)):
+            yield Candidate(kind, where, added(column[:, None], law), steps(_scale(fields, column, law(fields))))
+        if dof.direction in _TRANSLATIONS:
+            nodes.setdefault(dof.node, []).append(column)
+            yield from _appendages(fields, dof, column)
+    for node, columns in nodes.items():
+        scale = min(_scale(fields, column, _inertia(fields)) for column in columns)
+        yield Candidate(
+            "mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)), (-np.inf, np.inf)
+        )
+    for pair, column in _pairs(fields):
+        yield Candidate("dashpot", pair, added(column[:, None], _velocity), steps(_scale(fields, column, _velocity(fields))))
+
+
+def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
+    """Where springs are: the two ends, and how they move apart."""
+    for element in fields.structure.elements:
+        if isinstance(element, Spring) and element.second is not None:
+            for first, second in zip(element.first, element.second, strict=True):
+                one, other = (fields.columns.get(dof.unsigned) for dof in (first, second))
+                if one is not None and other is not None:
+                    yield (str(first.unsigned), str(second.unsigned)), second.sign * other - first.sign * one
+
+
+def _appendages(fields: Fields, dof: Dof, column: FloatArray) -> Iterator[Candidate]:
+    frequency = fields.problem.frequency
+    for f in np.geomspace(frequency[0], frequency[-1], _APPENDAGE_FREQUENCIES).tolist():
+        law = partial(_appendage, f)
+        strengths = _scale(fields, column, _inertia(fields)) * _APPENDAGE_MASSES
+        yield Candidate("appendage", (str(dof),), added(column[:, None], law), strengths, detail={"frequency": f})
+
+
+def _appendage(frequency: float, fields: Fields) -> ComplexArray:
+    """s^2 k / (s^2 + k) of a unit mass on a spring k = (2 pi f)^2 (1 + i eta)."""
+    k = (2 * np.pi * frequency) ** 2 * (1 + 1j * _APPENDAGE_LOSS)
+    found: ComplexArray = fields.laplace**2 * k / (fields.laplace**2 + k)
+    return found
+
+
+def _supports(fields: Fields) -> Iterator[Candidate]:
+    """Held directions that give way."""
+    held, coupling, own = fields.loose
+    for i, dof in enumerate(held):
+        scale = float(1 / np.median(np.abs(own[:, i])))
+        yield Candidate("support", (str(dof.unsigned),), released(partial(_loose, i)), steps(scale))
+
+
+def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
+    return fields.loose[1][:, :, i], fields.loose[2][:, i]
+
+
+def _joints(fields: Fields) -> Iterator[Candidate]:
+    """Ends of elements that turn against their nodes."""
+    own: dict[tuple[str, int], tuple[FloatArray, dict[int, list[tuple[FloatArray, str, float]]]]] = {}
+    for name, e, codes, matrix, kind, loss in fields.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness")):
+        _, parts = own.setdefault((name, e), (codes, {}))
+        for j, code in enumerate(codes.tolist()):
+            dof = dof_of_code(code) if code >= 0 else None
+            if dof is not None and dof.direction.startswith("R"):
+                parts.setdefault(code, []).append((codes, matrix[:, j], matrix[j, j], kind, loss))  # type: ignore[arg-type]
+    for (name, e), (_, parts) in own.items():
+        for code, columns in parts.items():
+            if not any(kind == "stiffness" and stiff > 0 for _, _, stiff, kind, _ in columns):  # type: ignore[misc]
+                continue
+            coupling = partial(_joint, tuple(columns))
+            scale = float(1 / np.median(np.abs(coupling(fields)[1])))
+            yield Candidate("joint", (f"{name}:{e + 1}", str(dof_of_code(code))), released(coupling), steps(scale))
+
+
+_POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
+
+
+def _joint(columns, fields: Fields) -> tuple[ComplexArray, ComplexArray]:  # type: ignore[no-untyped-def]
+    r, own = 0.0, 0.0
+    for codes, column, diagonal, kind, loss in columns:
+        law = fields.laplace ** _POWERS[kind] if kind in _POWERS else np.full_like(fields.laplace, 1 + 1j * loss)
+        r = r + law[:, None] * (column @ fields.reached(codes))
+        own = own + law * diagonal
+    return r, own
+
+
+def _untied(fields: Fields) -> Iterator[Candidate]:
+    """Elements that differ from their group, in stiffness or mass; strengths are parts of what they have."""
+    counts: dict[tuple[str, str], int] = {}
+    items = list(fields.elements(("stiffness", "mass")))
+    for name, _, _, _, kind, _ in items:
+        counts[name, kind] = counts.get((name, kind), 0) + 1
+    for name, e, codes, matrix, kind, loss in items:
+        if counts[name, kind] < 2:
+            continue
+        size, vectors = np.linalg.eigh(matrix)
+        keep = size > 1e-9 * max(size[-1], 0.0)
+        directions = fields.reached(codes).T @ (vectors[:, keep] * np.sqrt(size[keep]))
+        if not keep.any() or not directions.any():
+            continue
+        law = _inertia if kind == "mass" else partial(_lossy, loss)
+        where = (f"{name}:{e + 1}",)
+        yield Candidate(f"untied {kind}", where, added(directions, law), _PARTS, (-1.0, np.inf))
+
+
+def _lossy(loss: float, fields: Fields) -> ComplexArray:
+    return np.full_like(fields.laplace, 1 + 1j * loss)
+
+
+def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
+    """Calibration, delay, sense and order of sensors and loads."""
+    record, s = fields.problem.record, fields.laplace[:, None, None]
+    logs = np.concatenate([_FACTORS, -_FACTORS, np.log([*UNITS.values()]), -np.log([*UNITS.values()])])
+    delays = np.concatenate([sign * _FACTORS * 2 / (2 * np.pi * record.frequency[-1]) for sign in (1, -1)])
+    for axis, dofs in ((1, record.outputs), (2, record.inputs)):
+        side = "sensor" if axis == 1 else "load"
+        for i, dof in enumerate(dofs):
+            where = (str(dof.unsigned),)
+            make = partial(Candidate, where=where, bounds=(-np.inf, np.inf), record=number)
+            if len(dofs) > 1 or axis == 2 or len(record.outputs) > 1:
+                gained = replaced(partial(_scaled, axis, i))
+                yield make(f"{side}_gain", effect=gained, strengths=logs)
+            late = replaced(partial(_late, axis, i, s))
+            yield make("delay" if axis == 1 else "load_delay", effect=late, strengths=delays)
+            if len(dofs) > 1 or axis == 1:
+                turned = replaced(partial(_turned, axis, i))
+                yield make("polarity" if axis == 1 else "load_polarity", effect=turned, strengths=np.ones(1))
+        for i, k in combinations(range(len(dofs)), 2):
+            swapped = replaced(partial(_swapped, axis, i, k))
+            pair = tuple(str(dofs[j].unsigned) for j in (i, k))
+            kind = "swap" if axis == 1 else "load_swap"
+            yield Candidate(kind, pair, swapped, np.ones(1), (-np.inf, np.inf), number)
+    for i, dof in enumerate(record.outputs):
+        for other, column in fields.columns.items():
+            if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
+                seen = partial(_seen, i, column)
+                yield Candidate("direction", (str(dof.unsigned), str(other)), seen, np.ones(1), (-np.inf, np.inf), number)
+
+
+def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:
+    chosen = np.zeros(h.shape[axis])
+    chosen[i] = 1.0
+    return chosen[:, None] if axis == 1 else chosen[None, :]
+
+
+def _scaled(axis: int, i: int, h: ComplexArray, q: float) -> ComplexArray:
+    return h * (1 + _picked(h, axis, i) * np.expm1(q))
+
+
+def _late(axis: int, i: int, s: ComplexArray, h: ComplexArray, q: float) -> ComplexArray:
+    return h * (1 + _picked(h, axis, i) * np.expm1(-s * q))
+
+
+def _turned(axis: int, i: int, h: ComplexArray, q: float) -> ComplexArray:
+    return h * (1 - 2 * q * _picked(h, axis, i))
+
+
+def _swapped(axis: int, i: int, k: int, h: ComplexArray, q: float) -> ComplexArray:
+    order = np.arange(h.shape[axis])
+    order[[i, k]] = k, i
+    return h + q * (np.take(h, order, axis) - h)
+
+
+def _seen(i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """A sensor that reads another direction of its node."""
+    read = (column @ fields.under_loads) * np.broadcast_to(fields.factor, fields.frf.shape)[:, i]
+    found = np.zeros((len(strengths), *fields.frf.shape), complex)
+    found[:, :, i] = strengths[:, None, None] * (read - fields.frf[:, i])
+    return found

@@ -1,0 +1,272 @@
+"""What each kind of change is in a study file: the tables that are added, the keys that are another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, MutableMapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from structid.criticism.candidate import Candidate
+from structid.dof import DIRECTIONS, Dof, parse_dof
+from structid.errors import InputError
+from structid.study.schema.kinds import as_list
+
+#: A study file as nested tables, plain ones or those of an editor of TOML that keeps comments.
+Tables = MutableMapping[str, Any]
+
+_SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ])+)\s*$", re.IGNORECASE)
+_DIGITS = 4
+
+
+class NoEditError(InputError):
+    """The change cannot be written in this study."""
+
+
+def edit(study: Tables, candidate: Candidate, strength: float) -> None:
+    """Make the change of `candidate` in the tables of a study.
+
+    Raises
+    ------
+    NoEditError
+        If the study is written in a way that has no place for it.
+    """
+    _EDITS[candidate.kind](study, candidate, strength)
+
+
+def _named(study: Tables, words: str) -> str:
+    """`words`, with a number behind where a name of an element set or tie is taken."""
+    taken = {
+        entry.get("name")
+        for entries in study["structure"].values() if isinstance(entries, list)
+        for entry in entries if isinstance(entry, MutableMapping)
+    }  # fmt: skip
+    return next(name for name in (words, *(f"{words} {k}" for k in range(2, 1000))) if name not in taken)
+
+
+def _append(table: Tables, key: str, entry: dict[str, Any]) -> None:
+    if key in table:
+        table[key].append(entry)
+    else:
+        table[key] = [entry]
+
+
+def _unknown(study: Tables, prop: str, elements: str | Sequence[str], **more: Any) -> None:
+    _append(study, "unknown", {"property": prop, "elements": elements, **more})
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def _plain(dof: str) -> str:
+    return dof.rstrip("+")
+
+
+def _spring(study: Tables, candidate: Candidate, strength: float) -> None:
+    name, [at] = _named(study, f"spring {_plain(candidate.where[0])}"), candidate.where
+    _append(study["structure"], "spring", {"name": name, "first": _plain(at), "stiffness": _round(strength)})
+    _unknown(study, "stiffness", name)
+
+
+def _support(study: Tables, candidate: Candidate, strength: float) -> None:
+    dof = parse_dof(candidate.where[0])
+    places = [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
+    freed = [_freed(place, dof) for place in places]
+    if not any(freed):
+        raise NoEditError(f"{_plain(candidate.where[0])} is held by a group of a mesh; hold it by `fixed` to let it give way")
+    name = _named(study, f"support {_plain(candidate.where[0])}")
+    entry = {"name": name, "first": _plain(candidate.where[0]), "stiffness": _round(1 / strength)}
+    _append(study["structure"], "spring", entry)
+    _unknown(study, "stiffness", name)
+
+
+def _freed(place: Tables, dof: Dof) -> bool:
+    """Takes one direction out of ``fixed``; whether it was there."""
+    kept: list[str] = []
+    found = False
+    for text in as_list(place.get("fixed", [])):
+        several = _SEVERAL.match(text)
+        node, directions = (text.strip(), DIRECTIONS) if text.strip().isdigit() else ("", ())
+        if several:
+            node, directions = several[1], tuple(several[2].upper().split())
+        elif not node:
+            single = parse_dof(text)
+            node, directions = str(single.node), (single.direction,)
+        if int(node) != dof.node or dof.direction not in directions:
+            kept.append(str(text))
+            continue
+        found = True
+        rest = [direction for direction in directions if direction != dof.direction]
+        kept += [f"{node} {' '.join(rest)}" if len(rest) > 1 else f"{node}{rest[0]}"] if rest else []
+    if found:
+        place["fixed"] = kept
+    return found
+
+
+def _dashpot(study: Tables, candidate: Candidate, strength: float) -> None:
+    ends = [_plain(dof) for dof in candidate.where]
+    name = _named(study, f"dashpot {' '.join(ends)}")
+    places = dict(zip(("first", "second"), ends, strict=False))
+    _append(study["structure"], "dashpot", {"name": name, **places, "viscous_damping": _round(strength)})
+    _unknown(study, "viscous_damping", name)
+
+
+def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
+    name = _named(study, f"mass {candidate.where[0]}")
+    entry = {"name": name, "nodes": [int(candidate.where[0])], "mass": _round(abs(strength))}
+    _append(study["structure"], "point_mass", entry)
+    more = {} if strength > 0 else {"positive": False, "start": _round(strength)}
+    _unknown(study, "mass", name, **more)
+
+
+def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
+    structure, dof = study["structure"], parse_dof(candidate.where[0])
+    nodes = structure.get("nodes")
+    if nodes is None or str(dof.node) not in nodes:
+        raise NoEditError("something that swings of its own needs a node of [structure.nodes] to hang on")
+    label = max(int(key) for key in nodes) + 1
+    nodes[str(label)] = list(as_list(nodes[str(dof.node)]))
+    at, end = _plain(candidate.where[0]), f"{label}{dof.direction}"
+    mass, spring = (_named(study, f"{words} {at}") for words in ("appendage", "appendage spring"))
+    _append(structure, "point_mass", {
+        "name": mass, "nodes": [label], "mass": _round(strength), "directions": [dof.direction],
+    })  # fmt: skip
+    stiffness = strength * (2 * np.pi * candidate.detail["frequency"]) ** 2
+    _append(structure, "spring", {
+        "name": spring, "first": at, "second": end, "stiffness": _round(stiffness), "loss_factor": 0.03,
+    })  # fmt: skip
+    held = [f"{label}{d}" for d in DIRECTIONS if d != dof.direction]
+    del held
+    _unknown(study, "mass", mass)
+    _unknown(study, "stiffness", spring)
+    _unknown(study, "loss_factor", spring)
+
+
+def _joint(study: Tables, candidate: Candidate, strength: float) -> None:
+    element, at = candidate.where
+    name = _named(study, f"joint {element} {_plain(at)}")
+    entry = {"name": name, "element": element, "at": _plain(at), "stiffness": _round(1 / strength)}
+    _append(study["structure"], "joint", entry)
+    _unknown(study, "stiffness", name)
+
+
+def _untied(kind: str) -> Callable[[Tables, Candidate, float], None]:
+    def make(study: Tables, candidate: Candidate, strength: float) -> None:
+        name, _, number = candidate.where[0].rpartition(":")
+        entries = [u for u in study["unknown"] if _is_of(study, u, name, kind)]
+        if any(u.get("each") or u.get("field") for u in entries):
+            raise NoEditError(f"{candidate.where[0]} has a parameter of its own already")
+        if not entries:
+            _unknown(study, "mass" if kind == "mass" else "stiffness", candidate.where[0], factor=True, start=_round(1 + strength))
+            return
+        for entry in entries:
+            _without(study, entry, name, int(number))
+            more = {key: entry[key] for key in ("factor",) if key in entry}
+            _unknown(study, entry["property"], candidate.where[0], **more)
+
+    return make
+
+
+def _is_of(study: Tables, entry: Tables, name: str, kind: str) -> bool:
+    """Whether an unknown is the stiffness (or mass) of elements of a set."""
+    prop = entry["property"]
+    is_kind = prop == "mass" or prop == "density" if kind == "mass" else "stiffness" in prop or prop == "youngs_modulus"
+    if "damping" in prop:
+        is_kind = False
+    return is_kind and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
+
+
+def _without(study: Tables, entry: Tables, name: str, number: int) -> None:
+    """Takes an element out of the elements of an unknown, which keeps its name."""
+    texts = [str(text) for text in as_list(entry["elements"])]
+    kept: list[str] = []
+    for text in texts:
+        own, _, span = text.rpartition(":")
+        if text == name:
+            kept += _spans(name, [k for k in range(1, _count(study, name) + 1) if k != number])
+        elif own == name:
+            low, _, high = span.partition("-")
+            kept += _spans(name, [k for k in range(int(low), int(high or low) + 1) if k != number])
+        else:
+            kept.append(text)
+    entry["elements"] = kept
+    entry.setdefault("name", ", ".join(texts))
+
+
+def _spans(name: str, numbers: Sequence[int]) -> list[str]:
+    """``set:2-4`` for each run of numbers."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return [f"{name}:{run[0]}" if len(run) == 1 else f"{name}:{run[0]}-{run[-1]}" for run in runs]
+
+
+def _count(study: Tables, name: str) -> int:
+    for entries in study["structure"].values():
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, MutableMapping) and entry.get("name") == name:
+                for key in ("nodes", "first"):
+                    if key in entry:
+                        return len(as_list(entry[key]))
+    raise NoEditError(f"elements of {name} are not listed in the study, so that none can be named alone")
+
+
+def _records(study: Tables) -> list[Tables]:
+    given = study["record"]
+    return list(given) if isinstance(given, list) else [given]
+
+
+def _record(study: Tables, candidate: Candidate) -> Tables:
+    return _records(study)[candidate.record or 0]
+
+
+def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float], None]:
+    def make(study: Tables, candidate: Candidate, strength: float) -> None:
+        record = _record(study, candidate)
+        if "time" in record or "modes" in record:
+            raise NoEditError("errors of channels are parameters of frequency responses only")
+        at = _plain(candidate.where[0])
+        for entry in record.get("channel_error", ()):
+            if entry["property"] == prop and at in [_plain(text) for text in as_list(entry.get(side, []))]:
+                raise NoEditError(f"the {prop} of {at} is a parameter already")
+        start = np.exp(strength) if prop == "gain" else strength
+        start = start if side == "outputs" else (1 / start if prop == "gain" else -start)
+        _append(record, "channel_error", {"property": prop, side: [at], "start": _round(float(start))})
+
+    return make
+
+
+def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
+    """Channels by other names: turned round, exchanged, or of another direction."""
+    record, names = _record(study, candidate), [_plain(text) for text in candidate.where]
+    if candidate.kind.endswith("polarity"):
+        changes = {names[0]: f"{names[0]}-"}
+    elif candidate.kind == "direction":
+        changes = {names[0]: names[1]}
+    else:
+        changes = {names[0]: names[1], names[1]: names[0]}
+    if record.get("relabel"):
+        raise NoEditError("the channels are called otherwise already")
+    record["relabel"] = changes
+
+
+_EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
+    "spring": _spring,
+    "support": _support,
+    "dashpot": _dashpot,
+    "mass": _mass,
+    "appendage": _appendage,
+    "joint": _joint,
+    "untied stiffness": _untied("stiffness"),
+    "untied mass": _untied("mass"),
+    "sensor_gain": _channel_error("outputs", "gain"),
+    "load_gain": _channel_error("inputs", "gain"),
+    "delay": _channel_error("outputs", "delay"),
+    "load_delay": _channel_error("inputs", "delay"),
+    **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap", "direction"), _relabel),
+}
