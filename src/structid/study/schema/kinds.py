@@ -14,6 +14,7 @@ from structid.structure.elements.connector import Ends, OtherEnds
 from structid.structure.elements.element import Nodes, Values, Vector
 from structid.structure.elements.friction import End, OtherEnd
 from structid.structure.elements.inertia import Translations
+from structid.structure.elements.joint import At
 
 _LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero
 _TYPES: Mapping[str, Any] = {
@@ -193,6 +194,7 @@ _PLAIN: dict[Any, Kind] = {
     Values: PROPERTY,
     Nodes: NODES,
     Vector: VECTOR,
+    At: DOF,
     End: DOF,
     OtherEnd: DOF,
     Ends: DOFS,
