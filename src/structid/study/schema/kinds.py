@@ -185,6 +185,12 @@ WEIGHTED = Kind(
     lambda value: all(TEXT.accepts(dof) and NUMBER.accepts(factor) for dof, factor in value),
 )
 
+CHANNEL_NAMES = Kind(
+    'a table of names of channels, as in { "3Z" = "5Z", "5Z" = "3Z" }',
+    {"type": "object", "minProperties": 1, "additionalProperties": _TEXT},
+    lambda table: bool(table) and all(map(TEXT.accepts, table.values())),
+)
+
 _PLAIN: dict[Any, Kind] = {
     float: NUMBER,
     int: INTEGER,
