@@ -17,6 +17,7 @@ from structid import (
     Dashpot,
     Friction,
     InputError,
+    Joint,
     Membrane,
     Plane,
     Plate,
@@ -28,6 +29,7 @@ from structid import (
     Spring,
     Structure,
 )
+from structid.dof import Dof
 from structid.structure import ELEMENT_TYPES
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
@@ -44,17 +46,25 @@ PAIRS = [[1, 2], [2, 3]]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Nodes and one element set on them; `mass` is what moves in any translation, and `turns` whether it turns freely."""
+    """Nodes and one element set on them; `mass` is what moves in any translation, and `turns` whether it turns freely.
+
+    `beside` are sets that it cannot be without.
+    """
 
     name: str
     nodes: dict
     element: ElementSet
     mass: float = 0.0
     turns: bool = True
+    beside: tuple = ()
 
     @property
     def structure(self) -> Structure:
-        return Structure(self.nodes, [self.element])
+        return self.made(self.element)
+
+    def made(self, element: ElementSet) -> Structure:
+        order = list(ELEMENT_TYPES.values())  # as a study file has them
+        return Structure(self.nodes, sorted([*self.beside, element], key=lambda one: order.index(type(one))))
 
 
 def lengths(nodes: dict) -> np.ndarray:
@@ -84,6 +94,22 @@ CASES: dict[str, tuple[Case, ...]] = {
     ),
     "dashpot": (Case("between masses", LINE, Dashpot("e", "1X", "2X-", viscous_damping=3.0)),),
     "friction": (Case("between masses", LINE, Friction("e", "1X", "2X", friction_force=3.0, measured_by="3X")),),
+    "joint": (
+        Case(
+            "in a plane",
+            PLANE,
+            Joint("e", "frame:2", "2RZ", 3.0, 0.1),
+            lengths(PLANE).sum(),
+            beside=(Beam("frame", PAIRS, 1.0, 2.0, 5.0),),
+        ),
+        Case(
+            "in space",
+            SPACE,
+            Joint("e", "frame:1", "2X", 3.0),
+            lengths(SPACE).sum(),
+            beside=(SpaceBeam("frame", PAIRS, 1.0, 2.0, 3.0, 5.0, 4.0),),
+        ),
+    ),
     "membrane": (
         on_cells("consistent", "triangle", lambda t: Membrane("e", t, 2.0, 3.0, 0.01, 0.1), 1.2),
         on_cells("lumped", "triangle", lambda t: Membrane("e", t, 2.0, 3.0, lumped=True), 1.2),
@@ -140,7 +166,8 @@ def rigid_motions(structure: Structure) -> np.ndarray:
     motions = np.zeros((structure.n_dofs, 6))
     for i, dof in enumerate(structure.dofs):
         x = np.zeros(3)
-        x[: structure.dimension] = structure.nodes[dof.node]
+        loosened = [element.loosened[1].node for element in structure.elements if element.loosened]
+        x[: structure.dimension] = structure.nodes[dof.node if dof.node in structure.nodes else loosened[0]]
         motions[i, dof.axis] = 1.0
         if not dof.is_rotation:
             motions[i, 3:] = np.cross(np.eye(3), x)[:, dof.axis]
@@ -184,10 +211,10 @@ def carries_its_mass(case: Case, folder: Path) -> None:
 def follows_its_values(case: Case, folder: Path) -> None:
     """Matrices at other values are those of an element set made with them, powers of the thickness included."""
     base = case.structure
-    own = {item.term.property: item for item in base.properties}
+    own = {item.term.property: item for item in base.properties if item.element == case.element.name}
     for name, nominal in properties(case).items():
         changed = 1.3 * nominal + 0.1
-        made = Structure(case.nodes, [replace(case.element, **{name: changed})])
+        made = case.made(replace(case.element, **{name: changed}))
         values = base.values.copy()
         if name in own:
             values[own[name].values] = changed
@@ -205,7 +232,7 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
     for name in {"mass_damping", "stiffness_damping"} & set(own):
         others = {other: 0.0 for other in own if other.endswith("damping")}
         weights = own.get("mass", own.get("density"))
-        made = Structure(case.nodes, [replace(case.element, **{**others, name: weights})])
+        made = case.made(replace(case.element, **{**others, name: weights}))
         damping, mass = made.matrix("viscous"), made.matrix("inertia")
         assert damping.nnz
         for axis in range(3):
@@ -240,7 +267,7 @@ def says_what_it_takes(case: Case, folder: Path) -> None:
 def travels(case: Case, folder: Path) -> None:
     """It reaches another process as it is."""
     again = pickle.loads(pickle.dumps(case.element))
-    assert same(case.structure, Structure(case.nodes, [again]))
+    assert same(case.structure, case.made(again))
 
 
 def same(first: Structure, second: Structure) -> bool:
@@ -252,12 +279,11 @@ def same(first: Structure, second: Structure) -> bool:
 
 def is_written_in_a_study(case: Case, folder: Path) -> None:
     """The same element set comes from a study file whose keys are its arguments."""
-    [name] = [name for name, kind in ELEMENT_TYPES.items() if kind is type(case.element)]
-    entry = {key: plain(getattr(case.element, key)) for key in element_table(type(case.element)).keys if key != "group"}
-    table = {
-        "nodes": {str(label): plain(np.atleast_1d(x)) for label, x in case.nodes.items()},
-        name: [{key: value for key, value in entry.items() if value is not None}],
-    }
+    table = {"nodes": {str(label): plain(np.atleast_1d(x)) for label, x in case.nodes.items()}}
+    for element in (*case.beside, case.element):
+        [name] = [name for name, kind in ELEMENT_TYPES.items() if kind is type(element)]
+        entry = {key: plain(getattr(element, key)) for key in element_table(type(element)).keys if key != "group"}
+        table[name] = [{key: value for key, value in entry.items() if value is not None}]
     section = Section(StudyText(folder / "study.toml", ""), ("structure",), table)
     assert same(case.structure, read_structure(section, InputFiles(folder)))
 
@@ -266,6 +292,8 @@ def plain(value: object) -> object:
     """A field of an element set as TOML has it."""
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, Dof):
+        return str(value)
     if isinstance(value, tuple):
         texts = [str(entry) for entry in value]
         return texts[0] if len(texts) == 1 else texts or None

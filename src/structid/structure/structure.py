@@ -17,6 +17,7 @@ from structid.errors import InputError
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
+from structid.structure.inside import NumberedTerms, numbered_terms
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
 from structid.structure.supports import Equations, Tie, tie_equations, tied_codes
 
@@ -84,14 +85,18 @@ class Structure:
     @cached_property
     def properties(self) -> tuple[Property, ...]:
         """Every property of every element set, in order."""
-        used = [element.codes(self.nodes) for element in self.elements if not element.follows]
-        present = joined_codes([*used, tied_codes(self._equations)])
         found, start = [], 0
-        for element in self.elements:
-            for term in element.terms(self.nodes, present):
-                found.append(Property(element.name, term, slice(start, start + len(term.values))))
+        for name, terms in self._numbered.terms.items():
+            for term in terms:
+                found.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
         return tuple(found)
+
+    @cached_property
+    def _numbered(self) -> NumberedTerms:
+        used = [element.codes(self.nodes) for element in self.elements if not element.follows]
+        present = joined_codes([*used, tied_codes(self._equations)])
+        return numbered_terms(self.elements, self.nodes, present, self.active or ())
 
     @cached_property
     def values(self) -> FloatArray:
@@ -114,8 +119,13 @@ class Structure:
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
-        """Free degrees of freedom in the order of the matrices."""
+        """Free degrees of freedom in the order of the matrices; those inside elements have labels above the nodes'."""
         return tuple(dof_of_code(code) for code in self.numbering.free)
+
+    def words(self, dof: Dof) -> str:
+        """What messages call one of `dofs`, such as ``3X``, or ``RZ inside joint 1``."""
+        inside = self._numbered.owners.get(dof.node)
+        return str(dof.unsigned)[:-1] if inside is None else f"{dof.direction} inside {inside}"
 
     @property
     def n_dofs(self) -> int:

@@ -73,6 +73,8 @@ def rod_stiffness(length: FloatArray) -> FloatArray:
 class Beam(ElementSet):
     """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
 
+    is_line = True
+
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
     bending_stiffness: Values = declared("EI", "stiffness", "N m^2")

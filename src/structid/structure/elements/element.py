@@ -186,6 +186,8 @@ class ElementSet:
     moves: ClassVar[tuple[str, ...]] = ()
     #: Whether its nodes move as those of other elements do: masses.
     follows: ClassVar[bool] = False
+    #: Whether each element is straight between its two nodes, so that a joint may loosen its ends.
+    is_line: ClassVar[bool] = False
 
     name: str = declared("Name of the set")
     nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")
@@ -202,6 +204,11 @@ class ElementSet:
             if what.stored is not None and value is not None:
                 value = what.stored(self.name, value)
             object.__setattr__(self, name, value)
+
+    @property
+    def loosened(self) -> tuple[str, Dof] | None:
+        """The element whose end it lets go, and in what; its matrices then have -1 for that end. None for most."""
+        return None
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """The matrices that properties weigh, by the name of the property; see `terms`."""

@@ -44,6 +44,7 @@ class SpaceBeam(ElementSet):
     """
 
     moves = DIRECTIONS
+    is_line = True
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
