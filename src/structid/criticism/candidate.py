@@ -34,6 +34,8 @@ class Candidate:
         Between which a strength makes sense.
     record : int, optional
         Position of the only record that it changes.
+    others : tuple of str
+        Channels that stay, where some are left out.
     detail : mapping of str to float
         What else it is made of.
     """
@@ -44,6 +46,7 @@ class Candidate:
     strengths: FloatArray
     bounds: tuple[float, float] = (0.0, np.inf)
     record: int | None = None
+    others: tuple[str, ...] = ()
     detail: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -74,6 +77,28 @@ def added(directions: FloatArray, law: Callable[[Fields], ComplexArray]) -> Effe
             w = weight[:, :, None, None]
             inner = w * np.linalg.solve(np.eye(d.shape[1]) + w * g, np.broadcast_to(u, (len(strengths), *u.shape)))
         found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
+        return found
+
+    return effect
+
+
+def rubbing(direction: FloatArray) -> Effect:
+    """Of dry friction r per unit of drive that acts along a direction (n_dofs,), by harmonic balance: stiffness i r / |x|.
+
+    |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
+    and g = d' Z^-1 d. For one load.
+    """
+
+    def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        d = direction
+        u, v = (d @ fields.under_loads)[:, 0], d @ fields.under_sensors
+        g = d @ fields.flexibility @ d
+        r = strengths[:, None]
+        inside = np.maximum((r * g.imag) ** 2 - (r * np.abs(g)) ** 2 + np.abs(u) ** 2, 0.0)
+        sliding = np.maximum(r * g.imag + np.sqrt(inside), 1e-6 * np.abs(u))
+        weight = 1j * r / sliding
+        inner = weight / (1 + weight * g) * u
+        found: ComplexArray = -(inner[:, :, None] * v)[..., None] * fields.factor
         return found
 
     return effect

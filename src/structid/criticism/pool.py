@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.criticism.candidate import Candidate, added, released, replaced, steps
+from structid.criticism.candidate import Candidate, added, released, replaced, rubbing, steps
 from structid.criticism.fields import Fields
 from structid.dof import Dof
 from structid.structure import Spring
@@ -20,6 +20,8 @@ _APPENDAGE_FREQUENCIES = 48
 _APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
 #: Other units than those stated, as factors on a reading.
 UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead of m": 1 / 0.0254}
+#: Friction forces per unit of drive.
+_RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
 _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 _TRANSLATIONS = ("X", "Y", "Z")
@@ -65,6 +67,8 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
         where = (str(dof),)
         for kind, law in (("spring", _constant), ("dashpot", _velocity)):
             yield Candidate(kind, where, added(column[:, None], law), steps(_scale(fields, column, law(fields))))
+        if len(fields.problem.record.inputs) == 1:
+            yield Candidate("friction", where, rubbing(column), _RUBBING)
         if dof.direction in _TRANSLATIONS:
             nodes.setdefault(dof.node, []).append(column)
             yield from _appendages(fields, dof, column)

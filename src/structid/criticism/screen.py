@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
+from structid.criticism.data import scaled_misfit
 from structid.criticism.fields import Fields, fields_at
 from structid.estimation import JointProblem
 from structid.observation import FrfProblem
@@ -46,6 +47,14 @@ class Point:
     def left(self) -> float:
         """The sum of squares off the basis without any change."""
         return float(self.residual @ self.residual - np.sum((self.basis.T @ self.residual) ** 2))
+
+    def without(self, rows: np.ndarray) -> float:
+        """What is left where some data rows (n_data,) count with the likeliest factor on their errors only."""
+        keep = np.ones(len(self.residual), dtype=bool)
+        keep[: len(rows)] = ~rows
+        step, *_ = np.linalg.lstsq(self.basis[keep], self.residual[keep], rcond=None)
+        rest = self.residual - self.basis @ step
+        return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
 
     def screened(self, candidate: Candidate) -> Screened:
         """The best of the candidate's strengths, the linear estimate of it among them."""

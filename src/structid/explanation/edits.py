@@ -113,6 +113,13 @@ def _dashpot(study: Tables, candidate: Candidate, strength: float) -> None:
     _unknown(study, "viscous_damping", name)
 
 
+def _friction(study: Tables, candidate: Candidate, strength: float) -> None:
+    at = _plain(candidate.where[0])
+    name = _named(study, f"friction {at}")
+    _append(study["structure"], "friction", {"name": name, "first": at, "friction_force": _round(strength)})
+    _unknown(study, "friction_force", name)
+
+
 def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
     name = _named(study, f"mass {candidate.where[0]}")
     entry = {"name": name, "nodes": [int(candidate.where[0])], "mass": _round(abs(strength))}
@@ -255,10 +262,83 @@ def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
     record["relabel"] = changes
 
 
+def _left_out(study: Tables, candidate: Candidate, strength: float) -> None:
+    """A channel that is not used."""
+    _record(study, candidate)["channels_used"] = [_plain(text) for text in candidate.others]
+
+
+def _excluded(study: Tables, candidate: Candidate, strength: float) -> None:
+    """Lines that are not used."""
+    method = study.setdefault("method", {})
+    spans = [[float(text) for text in where.removesuffix(" Hz").split(" to ")] for where in candidate.where]
+    method["exclude"] = [*[list(span) for span in method.get("exclude", [])], *spans]
+
+
+def _without_record(study: Tables, candidate: Candidate, strength: float) -> None:
+    if not isinstance(study["record"], list) or len(study["record"]) < 2:
+        raise NoEditError("the only record cannot be left out")
+    del study["record"][candidate.record or 0]
+
+
+def _mesh(study: Tables, candidate: Candidate, strength: float) -> None:
+    study["structure"]["subdivide"] = round(strength) * int(study["structure"].get("subdivide", 1))
+
+
+def _entry(study: Tables, name: str) -> tuple[str, Tables]:
+    """The type and the table of an element set."""
+    for kind, entries in study["structure"].items():
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, MutableMapping) and entry.get("name") == name:
+                return kind, entry
+    raise NoEditError(f"{name} is no table of the study")
+
+
+def _shear(study: Tables, candidate: Candidate, strength: float) -> None:
+    _, entry = _entry(study, candidate.where[0])
+    entry["shear_stiffness"] = _round(strength)
+    _unknown(study, "shear_stiffness", candidate.where[0])
+
+
+def _damping_law(study: Tables, candidate: Candidate, strength: float) -> None:
+    name, law = candidate.where
+    kind, entry = _entry(study, name)
+    if law == "loss factor":
+        entry["loss_factor"] = _round(strength)
+        _unknown(study, "loss_factor", name)
+        return
+    if kind != "spring":
+        nominal = next(key for key in ("bending_stiffness", "axial_stiffness", "youngs_modulus") if key in entry)
+        entry["stiffness_damping"] = [_round(strength * k) for k in as_list(entry[nominal])]
+        if len(entry["stiffness_damping"]) == 1:
+            entry["stiffness_damping"] = entry["stiffness_damping"][0]
+        _unknown(study, "stiffness_damping", name)
+        return
+    beside = _named(study, f"dashpots {name}")
+    damping = [_round(strength * k) for k in as_list(entry["stiffness"])]
+    ends = {key: entry[key] for key in ("first", "second") if key in entry}
+    _append(study["structure"], "dashpot", {
+        "name": beside, **ends, "viscous_damping": damping if len(damping) > 1 else damping[0],
+    })  # fmt: skip
+    _unknown(study, "viscous_damping", beside)
+
+
+def _held(study: Tables, candidate: Candidate, strength: float) -> None:
+    prop, _, name = candidate.where[0].rstrip("]").partition("[")
+    _unknown(study, prop, name)
+
+
+def _window(study: Tables, candidate: Candidate, strength: float) -> None:
+    for record in _records(study):
+        if "time" in record or "modes" in record:
+            raise NoEditError("a window's decay is a parameter of frequency responses only")
+        _append(record, "channel_error", {"property": "window_decay", "outputs": "all", "start": _round(strength)})
+
+
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "spring": _spring,
     "support": _support,
     "dashpot": _dashpot,
+    "friction": _friction,
     "mass": _mass,
     "appendage": _appendage,
     "joint": _joint,
@@ -268,5 +348,13 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "load_gain": _channel_error("inputs", "gain"),
     "delay": _channel_error("outputs", "delay"),
     "load_delay": _channel_error("inputs", "delay"),
+    "mesh": _mesh,
+    "shear": _shear,
+    "damping_law": _damping_law,
+    "held": _held,
+    "window": _window,
+    "channel": _left_out,
+    "outlying_lines": _excluded,
+    "record": _without_record,
     **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap", "direction"), _relabel),
 }

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
+from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, scaled_misfit
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
 from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
+from structid.explanation.by_study import study_candidates
 from structid.explanation.trial import _QUICK, Trial
 from structid.observation import FrfProblem
 
@@ -79,6 +81,8 @@ def explained(base: Fitted, told: Told | None = None) -> Explanation:
     points = screening_points(base)
     shortlist, tried = shortlisted(points)
     rejected: list[tuple[str, str]] = []
+    few = list(of_study(base))
+    shortlist, tried = [*few, *shortlist], tried + len(few)
     approached = []
     for number, one in enumerate(shortlist):
         if told is not None:
@@ -86,6 +90,7 @@ def explained(base: Fitted, told: Told | None = None) -> Explanation:
         try:
             trial = base.trial.changed(one.candidate, one.strength)
             theta, cost = trial.approached()
+            cost += left_out(base, trial, theta)
         except (StructidError, np.linalg.LinAlgError) as error:
             rejected.append((f"{one.candidate.kind} {' '.join(one.candidate.where)}", str(error)))
             continue
@@ -100,10 +105,37 @@ def explained(base: Fitted, told: Told | None = None) -> Explanation:
         except StructidError as error:
             rejected.append((str(trial.changes[-1][0].kind), str(error)))
             continue
-        fits.append(Fitted(trial, found.theta, float(found.costs[-1])))
+        fits.append(Fitted(trial, found.theta, float(found.costs[-1]) + left_out(base, trial, found.theta)))
     fits.sort(key=lambda one: one.cost)
     causes, criteria = accepted(base, fits, tried)
     return Explanation(base, causes, criteria, tried, tuple(rejected), tuple(fits))
+
+
+def of_study(base: Fitted) -> Iterator[Screened]:
+    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit or at the anchored fit."""
+    for candidate in study_candidates(base.trial):
+        strength = float(candidate.strengths[0])
+        try:
+            trial = base.trial.changed(candidate, strength)
+            theta = trial.theta_of(base.values)
+            at = trial.target.linearize(theta)
+        except (StructidError, np.linalg.LinAlgError):
+            continue
+        basis = np.linalg.qr(at.jacobian)[0]
+        left = float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
+        if left < (1 - _LEAST_DROP) * base.cost or candidate.kind == "mesh":
+            yield Screened(candidate, strength, left)
+
+
+def left_out(base: Fitted, trial: Trial, theta: FloatArray) -> float:
+    """What data that the last change leaves out add to the misfit, their errors larger by the likeliest factor."""
+    candidate = trial.changes[-1][0]
+    if candidate.kind not in DATA_KINDS:
+        return 0.0
+    rows = changed_rows(candidate, base.trial.problems)
+    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
+    residual = base.trial.target.residual(base.trial.theta_of({**base.values, **known}))[: len(rows)]
+    return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))
 
 
 def screening_points(base: Fitted) -> list[Point]:
@@ -134,9 +166,15 @@ def shortlisted(points: list[Point]) -> tuple[list[Screened], int]:
     tried = 0
     for point in points:
         candidates = pool(point.records)
-        tried = max(tried, len(candidates))
+        problems = [fields.problem for fields in point.records]
+        names = [str(k) for k in range(len(problems))]
+        n_data = sum(problem.n_data for problem in problems)
+        data = list(data_candidates(problems, names, point.residual[:n_data]))
+        tried = max(tried, len(candidates) + len(data))
         base, kinds = point.left, dict[str, int]()
-        rows = sorted((point.screened(candidate) for candidate in candidates), key=lambda row: row.left)
+        rows = [point.screened(candidate) for candidate in candidates]
+        rows += [Screened(one, 1.0, point.without(changed_rows(one, problems))) for one in data]
+        rows.sort(key=lambda row: row.left)
         seen: set[tuple[object, ...]] = set()
         place = 0
         for row in rows:
@@ -166,13 +204,19 @@ def accepted(base: Fitted, fits: list[Fitted], tried: int) -> tuple[tuple[Fitted
     scale = max(1.0, min(one.cost / k for one, k in zip(fits, dof, strict=True)))
     found = []
     for one in fits:
-        more = len(one.trial.target.names) - len(base.trial.target.names)
+        more = max(n_parameters(one.trial) - len(base.trial.target.names), 1)
         drop = base.cost - one.cost
-        probability = float(special.gammaincc(max(more, 1) / 2, drop / scale / 2)) if drop > 0 else 1.0
+        probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
         if probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost:
-            found.append((one.cost / scale + len(one.trial.target.names) * np.log(n_data), one))
+            found.append((one.cost / scale + n_parameters(one.trial) * np.log(n_data), one))
     found.sort(key=lambda pair: pair[0])
     return tuple(one for _, one in found), tuple(float(c) for c, _ in found)
+
+
+def n_parameters(trial: Trial) -> int:
+    """Parameters of a study and of what was left out of it."""
+    own = [len(c.where) if c.kind == "outlying_lines" else 1 for c, _ in trial.changes if c.kind in DATA_KINDS]
+    return len(trial.target.names) + sum(own)
 
 
 def summary(found: Explanation) -> Mapping[str, object]:

@@ -1,0 +1,97 @@
+"""Data that do not go with the rest: a channel, lines or a whole record whose errors are larger than stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage
+
+from structid.arrays import FloatArray
+from structid.criticism.candidate import Candidate, replaced
+from structid.observation import FrfProblem, RecordProblem
+
+_NONE = np.ones(1)
+_BOTH = (-np.inf, np.inf)
+#: A line is outlying where its misfit is so many times that of the lines about it.
+_OUTLYING = 8.0
+_ABOUT = 21
+
+
+def scaled_misfit(squares: float, n_rows: int) -> float:
+    """Twice the negative logarithm of the likelihood of rows whose errors are larger by one factor, the likeliest, less a constant.
+
+    Rows as stated have `squares` instead; one parameter is the price of the factor.
+    """
+    return n_rows * (1 + np.log(squares / n_rows)) if squares > n_rows else squares
+
+
+def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str], residual: FloatArray) -> Iterator[Candidate]:
+    """Channels, lines and records that may be left out.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    names : sequence of str
+        Of the records.
+    residual : (n_rows,) float array
+        Whitened data rows of all.
+    """
+    first = 0
+    for number, problem in enumerate(problems):
+        own = residual[first : first + problem.n_data]
+        first += problem.n_data
+        if len(problems) > 1:
+            yield _candidate("record", (names[number],), number)
+        if isinstance(problem, FrfProblem):
+            outputs = tuple(str(dof.unsigned) for dof in problem.record.outputs)
+            if len(outputs) > 1:
+                for name in outputs:
+                    yield _candidate("channel", (name,), number, tuple(one for one in outputs if one != name))
+            spans = outlying(problem, own)
+            if spans:
+                yield _candidate("outlying_lines", spans, number)
+
+
+def _candidate(kind: str, where: tuple[str, ...], number: int, others: tuple[str, ...] = ()) -> Candidate:
+    return Candidate(kind, where, replaced(lambda h, q: h), _NONE, _BOTH, number, others)
+
+
+def outlying(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none where they are many."""
+    frequency = problem.frequency
+    count = np.bincount(problem.lines, minlength=len(frequency))
+    size = np.bincount(problem.lines, residual**2, len(frequency)) / np.maximum(count, 1)
+    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
+    out = np.flatnonzero(size > _OUTLYING * level)
+    if not 0 < len(out) <= max(3, len(frequency) // 10):
+        return ()
+    runs = np.split(out, np.flatnonzero(np.diff(out) > 2) + 1)
+    edges = np.concatenate([[2 * frequency[0] - frequency[1]], frequency, [2 * frequency[-1] - frequency[-2]]])
+    middles = np.array([(a + b) / 2 for a, b in pairwise(edges)])
+    return tuple(f"{middles[run[0]]:.5g} to {middles[run[-1] + 1]:.5g} Hz" for run in runs)
+
+
+def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.ndarray:
+    """Which data rows of all problems a candidate leaves out, (n_rows,) bool."""
+    parts = []
+    for number, problem in enumerate(problems):
+        mine = number == candidate.record
+        keep = np.zeros(problem.n_data, dtype=bool)
+        if mine and candidate.kind == "record":
+            keep[:] = True
+        elif mine and candidate.kind == "channel" and isinstance(problem, FrfProblem):
+            outputs = [str(dof.unsigned) for dof in problem.record.outputs]
+            n_inputs = len(problem.record.inputs)
+            keep = (problem.series // 2) // n_inputs == outputs.index(candidate.where[0])
+        elif mine and candidate.kind == "outlying_lines":
+            for where in candidate.where:
+                low, high = (float(text) for text in where.removesuffix(" Hz").split(" to "))
+                inside = (problem.frequency >= low) & (problem.frequency <= high)
+                keep |= inside[problem.lines]
+        parts.append(keep)
+    return np.concatenate(parts)
+
+
+DATA_KINDS = ("channel", "outlying_lines", "record")
