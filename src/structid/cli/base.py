@@ -16,13 +16,14 @@ from typer.models import OptionInfo
 
 from structid.errors import NoAnswerError, StructidError
 
-DONE, NOT_DETERMINED, UNUSABLE_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.
 EXIT_CODES = {
     DONE: "done",
     NOT_DETERMINED: "the search failed or the data do not determine the answer (results are written, the reason is on"
     " stderr)",
     UNUSABLE_INPUT: "the input cannot be used or the disk is full",
+    WRONG_MODEL: "the model does not explain the record (results are written and marked)",
     INTERRUPTED: "interrupted",
 }
 

@@ -16,6 +16,7 @@ from structid.study.results.changes import PARAMETERS, largest_changes
 from structid.study.results.result import StudyResult
 
 _MOST_CHANGES = 10
+_MOST_WARNINGS, _MOST_CAUSES = 4, 5
 
 
 def identification_summary(result: StudyResult) -> list[RenderableType]:
@@ -50,7 +51,25 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)
-    return [*heading(result.study.title, found.warnings), *map(Text, facts), table, *together, Text(mass), *shown]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_WARNINGS)]
+    return [*head, *map(Text, facts), table, *together, Text(mass), *shown]
+
+
+def _verdict(result: StudyResult) -> list[RenderableType]:
+    """The verdict, and the causes of a misfit."""
+    if result.criticism is None:
+        return []
+    judgement, causes = result.criticism.judgement, result.criticism.causes
+    style = {"sound": "bold green", "approximate": "bold yellow"}.get(judgement.verdict, "bold red")
+    shown: list[RenderableType] = [Text(judgement.words, style=style)]
+    if causes:
+        table = new_table("cause", "misfit removed", "chi-square per dof left", "study ready to run")
+        for cause in causes[:_MOST_CAUSES]:
+            alike = " (cannot be told from the first)" if cause.is_alike and cause is not causes[0] else ""
+            row = f"{100 * cause.share:.1f} %", number(cause.chi_square_per_dof, 3), cause.study
+            table.add_row(cause.words + alike, *row)
+        shown.append(table)
+    return shown
 
 
 def _changes_summary(result: StudyResult) -> list[RenderableType]:
@@ -70,7 +89,8 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
-    return [*heading(result.study.title, found.warnings), *map(Text, facts), table, Text(rest), Text(mass)]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_WARNINGS)]
+    return [*head, *map(Text, facts), table, Text(rest), Text(mass)]
 
 
 def _fit_facts(fits: Sequence[RecordFit]) -> list[str]:

@@ -14,6 +14,7 @@ import typer
 from structid.cli.base import (
     INTERRUPTED,
     NOT_DETERMINED,
+    WRONG_MODEL,
     Png,
     Report,
     Scheduler,
@@ -27,6 +28,7 @@ from structid.cli.console import identification_summary
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.estimation import Status
+from structid.explanation.answer import criticized, write_suggestions
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
@@ -44,6 +46,9 @@ def identify(
     out: Annotated[Path | None, results_folder("<study name>_results")] = None,
     report: Report = True,
     png: Png = False,
+    explain: Annotated[
+        bool, typer.Option("--explain/--no-explain", help="Look for causes where the answer is not sound.")
+    ] = True,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -69,11 +74,15 @@ def identify(
         try:
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
-                result = run_started(started(read), progress.search, run)
+                ready = started(read)
+                result = run_started(ready, progress.search, run)
+                result, explanation = criticized(ready, result, explain, progress.tasks)
             with staged_folder(folder) as staged:
                 name = _write(result, staged, report, png)
+                if explanation is not None:
+                    write_suggestions(result, explanation, staged, folder)
         except KeyboardInterrupt:
-            flags = ["--no-report"] * (not report) + ["--png"] * png
+            flags = ["--no-report"] * (not report) + ["--png"] * png + ["--no-explain"] * (not explain)
             fail(
                 _interrupted(run, kept, _resumed(study, flags, out=out, workers=workers, scheduler=scheduler)),
                 INTERRUPTED,
@@ -87,6 +96,9 @@ def identify(
     show(identification_summary(result))
     typer.echo(str(folder / name))
     estimate = result.identification.estimate
+    verdict = result.criticism.judgement.verdict if result.criticism is not None else ""
+    if verdict == "wrong_model":
+        raise typer.Exit(WRONG_MODEL)
     if estimate.status is not Status.CONVERGED:
         fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
 
@@ -102,7 +114,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
         return free_page(result).write(folder, png).name
     from structid.report import write_report
 
-    return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png).name
+    return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png, result.criticism).name
 
 
 def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:

@@ -29,9 +29,11 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
 
 
-def heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
-    """Title and warnings."""
-    return [Text(title, style="bold"), *(Text(f"warning: {warning}", style="yellow") for warning in warnings)]
+def heading(title: str, warnings: Iterable[str], most: int | None = None) -> list[RenderableType]:
+    """Title and warnings, `most` of them."""
+    told = list(warnings)
+    left = [] if most is None or len(told) <= most else [Text(f"{len(told) - most} more warnings stand in the results")]
+    return [Text(title, style="bold"), *(Text(f"warning: {one}", style="yellow") for one in told[:most]), *left]
 
 
 def new_table(*columns: str) -> Table:

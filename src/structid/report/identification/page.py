@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from structid.criticism.verdict import Criticism
 from structid.estimation import Status
 from structid.identification.identified import Identification
 from structid.report.drawing.changes import shadings
@@ -16,6 +17,7 @@ from structid.report.figures.responses import residual_channels_figure, residual
 from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
 from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
+from structid.report.identification.verdict import verdict_words
 from structid.report.page import Page
 from structid.report.rendering import plot
 from structid.report.tables import provenance_facts
@@ -31,6 +33,7 @@ def write_report(
     title: str = "",
     provenance: Mapping[str, object] | None = None,
     png: bool = False,
+    criticism: Criticism | None = None,
 ) -> Path:
     """Path of ``report.html`` in `folder`.
 
@@ -46,6 +49,8 @@ def write_report(
         Versions, digests of input files, settings: shown as they are at the end.
     png : bool
         Whether the figures are written as PNG files too, in ``figures``.
+    criticism : Criticism, optional
+        Whether the answer is to be trusted, and what would explain a misfit.
 
     Returns
     -------
@@ -57,11 +62,14 @@ def write_report(
     FileError
         If a file cannot be written.
     """
-    return report_page(identification, title, provenance).write(folder, png)
+    return report_page(identification, title, provenance, criticism).write(folder, png)
 
 
 def report_page(
-    identification: Identification, title: str = "", provenance: Mapping[str, object] | None = None
+    identification: Identification,
+    title: str = "",
+    provenance: Mapping[str, object] | None = None,
+    criticism: Criticism | None = None,
 ) -> Page:
     """The page and its figures."""
     found, structure = identification.estimate, identification.structure
@@ -81,6 +89,7 @@ def report_page(
     }
     words = {
         "title": title or "Structural identification",
+        **verdict_words(criticism),
         "status": found.status.value,
         "status_words": _status_warning(identification),
         "is_good": found.status is Status.CONVERGED and not identification.warnings,

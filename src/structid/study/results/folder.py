@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.criticism.verdict import Criticism
 from structid.errors import FileError
 from structid.files import claimed
 from structid.identification.identified import Identification
@@ -117,6 +118,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
     estimate, identifiability = found.estimate, found.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
+        **_verdict(result.criticism),
         "title": result.study.title,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
@@ -161,6 +163,20 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
         "provenance": asdict(result.provenance),
+    }  # fmt: skip
+
+
+def _verdict(criticism: Criticism | None) -> dict[str, Any]:
+    """The verdict and the causes of a misfit."""
+    if criticism is None:
+        return {}
+    causes = [
+        {**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in criticism.causes
+    ]
+    judgement = criticism.judgement
+    return {
+        "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
+        "causes": causes, "n_changes_tried": criticism.n_tried,
     }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import scipy
 
 from structid._version import __version__
 from structid.arrays import FloatArray
+from structid.criticism.verdict import Criticism
 from structid.dynamics.receptance import factorizer_words
 from structid.identification.identified import Identification
 from structid.provenance import Provenance
@@ -25,11 +26,14 @@ class StudyResult:
     study : Study
     identification : Identification
     provenance : Provenance
+    criticism : Criticism, optional
+        Whether the answer is to be trusted, and what would explain a misfit.
     """
 
     study: Study
     identification: Identification
     provenance: Provenance
+    criticism: Criticism | None = None
 
 
 def provenance(study: Study) -> Provenance:

@@ -1,0 +1,103 @@
+"""Fits to parts of the data: where the model is right they agree within their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import FloatArray
+from structid.errors import StructidError
+from structid.estimation import LevenbergMarquardt, Problem, Search
+from structid.estimation.estimate import estimate
+from structid.identification.together import together
+from structid.observation import FrfProblem, RecordProblem
+
+_METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
+_RISK = 0.001
+_FEWEST_LINES = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Disagreement:
+    """Two parts of the data whose fits do not agree.
+
+    Attributes
+    ----------
+    parts : (str, str)
+    name : str
+        The parameter that differs most.
+    values : (float, float)
+    distance : float
+        Its difference in standard deviations of the difference.
+    """
+
+    parts: tuple[str, str]
+    name: str
+    values: tuple[float, float]
+    distance: float
+
+
+def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple[Disagreement, ...]:
+    """Halves of the band and of the channels, and single records, that give other values; each pair once.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    theta : (n_params,) float array
+        Free variables of all parameters together, from which each part is fitted.
+    """
+    place = {name: i for i, name in enumerate(together(problems).names)}
+    found = []
+    for first, second in _pairs(problems):
+        fits = []
+        for _, part in (first, second):
+            start = np.array([theta[place[name]] for name in part.names])
+            try:
+                fits.append(estimate(part, _METHOD, search=Search(restarts=0, start=start)))
+            except (StructidError, np.linalg.LinAlgError):
+                break
+        if len(fits) < 2:
+            continue
+        shared = [name for name in fits[0].names if name in fits[1].names]
+        one, other = ([fit.names.index(name) for name in shared] for fit in fits)
+        difference = fits[0].values[one] - fits[1].values[other]
+        std = np.hypot(fits[0].std[one], fits[1].std[other])
+        distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
+        worst = int(np.argmax(distance))
+        if 2 * special.ndtr(-distance[worst]) * len(shared) < _RISK:
+            values = float(fits[0].values[one][worst]), float(fits[1].values[other][worst])
+            found.append(Disagreement((first[0], second[0]), shared[worst], values, float(distance[worst])))
+    return tuple(found)
+
+
+Part = tuple[str, Problem]
+
+
+def _pairs(problems: Sequence[RecordProblem]) -> Iterator[tuple[Part, Part]]:
+    frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
+    if len(frequency) >= 2 * _FEWEST_LINES:
+        middle = float(np.median(frequency))
+        low, high = ([_lines(p, p.frequency <= middle) if below else _lines(p, p.frequency > middle) for p in problems]
+                     for below in (True, False))  # fmt: skip
+        if all(part is not None for part in (*low, *high)):
+            yield (f"below {middle:.4g} Hz", _whole(low)), (f"above {middle:.4g} Hz", _whole(high))
+    frfs = [problem for problem in problems if isinstance(problem, FrfProblem)]
+    if len(frfs) == len(problems) and all(len(p.record.outputs) > 3 and p.channels is None for p in frfs):
+        parts = [[replace(p, record=p.record.channels(p.record.outputs[k::2])) for p in frfs] for k in (0, 1)]
+        words = [", ".join(str(dof).rstrip("+") for dof in one[0].record.outputs) for one in parts]
+        yield (words[0], together(parts[0])), (words[1], together(parts[1]))
+
+
+def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
+    return together([part for part in parts if part is not None])
+
+
+def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
+    """The problem on some of its lines; None where it cannot be cut, or too few are left."""
+    if keep.sum() < _FEWEST_LINES:
+        return None
+    cut = problem.with_lines(np.flatnonzero(keep))
+    return None if cut is problem else cut

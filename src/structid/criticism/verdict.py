@@ -1,0 +1,212 @@
+"""The verdict: whether an answer is to be trusted, and the fact or two that say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from structid.criticism.halves import Disagreement, disagreements
+from structid.estimation import Estimate, Status
+from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
+
+Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
+
+#: Half-bandwidths by which a resonance of the model may be off, and the least damping ratio that this is measured by.
+_OFF, _LEAST_DAMPING = 1.0, 0.001
+#: Standard deviations by which an accepted cause may move a value of an approximate answer.
+_MOVES = 2.0
+#: Part of a misfit that one named change removes from where on it is the cause.
+_MOST = 0.5
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with its reasons.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    words : str
+        One or two sentences for the first line of everything that shows the answer.
+    reasons : tuple of str
+        All that speaks for it, the strongest first.
+    """
+
+    verdict: Verdict
+    words: str
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A value that a cause changes.
+
+    Attributes
+    ----------
+    name, unit : str
+    before, after : float
+    distance : float
+        Change in standard deviations of the answer.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    distance: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A change of model or record that explains a misfit.
+
+    Attributes
+    ----------
+    kind : str
+    where : tuple of str
+    words : str
+        Such as ``the support 9Y gives way``.
+    share : float
+        Part of the misfit that it removes.
+    chi_square_per_dof : float
+        That is left.
+    found : tuple of (str, float, str)
+        Parameters that it adds: name, value, unit.
+    moved : tuple of Moved
+        Values that change, the farthest first.
+    is_alike : bool
+        Whether the data do not tell it from the first.
+    study : str
+        Name of the study that is written with it; "" where there is none.
+    lines : tuple of str
+        In which that differs, with + or - before each.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    words: str
+    share: float
+    chi_square_per_dof: float
+    found: tuple[tuple[str, float, str], ...] = ()
+    moved: tuple[Moved, ...] = ()
+    is_alike: bool = False
+    study: str = ""
+    lines: tuple[str, ...] = ()
+
+    @property
+    def moves(self) -> float:
+        """How far it moves the value that it moves most, in standard deviations of the answer."""
+        return self.moved[0].distance if self.moved else 0.0
+
+
+@dataclass(frozen=True)
+class Criticism:
+    """What is said of an answer as a whole.
+
+    Attributes
+    ----------
+    judgement : Judgement
+    causes : tuple of Cause
+        The likeliest first.
+    n_tried : int
+        How many changes were held against the misfit; 0 where none were.
+    """
+
+    judgement: Judgement
+    causes: tuple[Cause, ...] = ()
+    n_tried: int = 0
+
+
+def fits_noise(found: Estimate) -> bool:
+    """Whether the residual is what the stated noise leaves: its size, and no order in it."""
+    tests = found.residual_tests
+    return found.covariance_basis == "noise" and (tests is None or not tests.words)
+
+
+def is_sound(found: Identification) -> bool:
+    """Whether nothing speaks against model, record and search."""
+    return found.estimate.status is Status.CONVERGED and fits_noise(found.estimate)
+
+
+def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0) -> Judgement:
+    """The verdict on an identification.
+
+    Parameters
+    ----------
+    found : Identification
+    causes : sequence of Cause
+        Accepted ones, the likeliest first.
+    n_tried : int
+        How many changes were tried; 0 where none were.
+    """
+    estimate = found.estimate
+    if is_sound(found) and not causes:
+        return Judgement("sound", "Sound: the model explains the record to within its noise, and the data determine every parameter.")
+    misfit = f"the misfit is {_times(estimate.chi_square_per_dof)} the stated noise"
+    if causes and (causes[0].share >= _MOST or causes[0].moves > _MOVES):
+        best = causes[0]
+        words = (
+            f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
+            f" {100 * best.share:.0f} % of it: {best.words}"
+            + (f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations." if best.moves > _MOVES else ".")
+        )
+        return Judgement("wrong_model", words, (misfit, best.words))
+    if estimate.status is Status.NOT_IDENTIFIABLE:
+        return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message,))
+    if fits_noise(estimate):
+        return Judgement("undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,))
+    off = [words for fit in found.fits for words in _off_resonances(fit)]
+    if off:
+        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}"
+        return Judgement("wrong_model", words, tuple(off))
+    if estimate.status is not Status.CONVERGED:
+        return Judgement("undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,))
+    apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
+    if apart:
+        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
+        return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
+    words = (
+        f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit."
+        + (f" {causes[0].words[0].upper()}{causes[0].words[1:]} would remove {100 * causes[0].share:.0f} % of it." if causes else "")
+    )
+    return Judgement("approximate", words, (misfit, *(cause.words for cause in causes)))
+
+
+def _times(ratio: float) -> str:
+    size = float(np.sqrt(ratio))
+    return f"{size:.2g} times" if size < 100 else f"{size:.0f} times"
+
+
+def _searched(n_tried: int) -> str:
+    return f"None of {n_tried} single changes of model and record explains it." if n_tried else ""
+
+
+def _apart(one: Disagreement) -> str:
+    return (
+        f"{one.name} is {one.values[0]:.4g} from {one.parts[0]} and {one.values[1]:.4g} from {one.parts[1]},"
+        f" {one.distance:.0f} standard deviations apart"
+    )
+
+
+def _off_resonances(fit: RecordFit) -> list[str]:
+    """Resonances that the model misses by more than their half-bandwidth."""
+    found = []
+    modes = fit.modes
+    for peak in fit.resonances:
+        if not np.isfinite(peak.predicted):
+            found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
+            continue
+        near = int(np.argmin(np.abs(modes.frequency - peak.predicted))) if len(modes.frequency) else -1
+        damping = max(float(modes.damping_ratio[near]), _LEAST_DAMPING) if near >= 0 else _LEAST_DAMPING
+        lines = float(np.min(np.diff(np.unique(fit.problem.frequency)))) if len(fit.problem.frequency) > 1 else 0.0
+        half = max(damping * peak.measured, lines)
+        distance = abs(peak.predicted - peak.measured) / half
+        if distance > _OFF:
+            share = 100 * abs(peak.predicted / peak.measured - 1)
+            words = f"the model misses the resonance at {peak.measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
+            found.append((distance, words))
+    return [words for _, words in sorted(found, key=lambda pair: -pair[0])]

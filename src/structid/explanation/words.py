@@ -1,0 +1,71 @@
+"""Causes in words."""
+
+from __future__ import annotations
+
+from structid.criticism.candidate import Candidate
+from structid.criticism.pool import UNITS
+
+#: Relative difference of a gain from that of another unit within which it is taken for it.
+_UNIT = 0.05
+
+
+def _plain(texts: tuple[str, ...]) -> list[str]:
+    return [text.removesuffix("+") for text in texts]
+
+
+def cause_kind(candidate: Candidate, value: float | None) -> str:
+    """The kind as results have it: what it turned out to be."""
+    if candidate.kind in ("sensor_gain", "load_gain") and value is not None and unit_of(value):
+        return "unit"
+    return {"untied stiffness": "untied", "untied mass": "untied", "load_delay": "delay", "load_polarity": "polarity",
+            "held": "untied"}.get(candidate.kind, candidate.kind)  # fmt: skip
+
+
+def unit_of(gain: float) -> str:
+    """The unit that a gain stands for; "" where it is that of none."""
+    for words, factor in UNITS.items():
+        for one in (factor, 1 / factor):
+            if abs(gain / one - 1) < _UNIT:
+                return words
+    return ""
+
+
+def cause_words(candidate: Candidate, value: float | None) -> str:
+    """What a change says, in a clause."""
+    where = _plain(candidate.where)
+    first = where[0]
+    words = {
+        "support": f"the support {first} gives way",
+        "spring": f"something holds {first}: a spring to the ground",
+        "dashpot": f"a damper acts {'between' if len(where) > 1 else 'at'} {' and '.join(where)}",
+        "friction": f"something rubs at {first}",
+        "mass": f"a mass at node {first} is {'missing in the model' if value is None or value > 0 else 'too much in the model'}",
+        "appendage": f"something swings of its own at {first}",
+        "joint": f"the end of {first} at {where[-1]} turns against its node",
+        "untied stiffness": f"the stiffness of {first} is not that of its group",
+        "untied mass": f"the mass of {first} is not that of its group",
+        "mesh": "elements are too long for the highest frequencies",
+        "shear": f"{first} shears: it is no slender beam",
+        "damping_law": f"damping of {first} is {where[-1]}",
+        "held": f"{first}, which the study holds, is not what the model says",
+        "window": "the records were windowed, which adds damping",
+        "delay": f"sensor {first} is late",
+        "load_delay": f"the load at {first} is late",
+        "polarity": f"sensor {first} reads with the opposite sense",
+        "load_polarity": f"the load at {first} acts with the opposite sense",
+        "swap": f"the cables of {' and '.join(where)} are exchanged",
+        "load_swap": f"the loads {' and '.join(where)} are exchanged",
+        "direction": f"sensor {first} points along {where[-1]}",
+        "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
+        "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
+        "record": f"record {first} is of another state than the others",
+        "noise_level": "the noise is not what is stated; it is"
+        + ("" if value is None else f" {value:.3g} times that"),
+    }  # fmt: skip
+    if candidate.kind in ("sensor_gain", "load_gain"):
+        what = f"sensor {first}" if candidate.kind == "sensor_gain" else f"the load at {first}"
+        unit = "" if value is None else unit_of(value)
+        if unit:
+            return f"{what} is in another unit than stated ({unit})"
+        return f"the calibration of {what} is off" + ("" if value is None else f" by a factor of {value:.4g}")
+    return words[candidate.kind]

@@ -1,0 +1,37 @@
+"""The verdict on the page: the fact that matters first, and the causes of a misfit with the studies that they make."""
+
+from __future__ import annotations
+
+from structid.criticism.verdict import Cause, Criticism
+from structid.report.tables import Table
+from structid.report.text import counted, number, percent, with_unit
+
+_MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad"}
+_HEADER = ("Cause", "Misfit removed", "Chi-square per degree of freedom left", "What it adds", "Value that moves most")
+
+
+def verdict_words(criticism: Criticism | None) -> dict[str, object]:
+    """What the template shows of the verdict."""
+    if criticism is None:
+        return {"verdict": None}
+    judgement, causes = criticism.judgement, criticism.causes
+    return {
+        "verdict": {
+            "words": judgement.words,
+            "mark": _MARKS[judgement.verdict],
+            "reasons": judgement.reasons[1:],
+            "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+            "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
+            "studies": [(cause.words, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
+        }
+    }
+
+
+def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
+    alike = " (the data do not tell it from the first)" if cause.is_alike and cause is not first else ""
+    added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
+    moved = ""
+    if cause.moved:
+        one = cause.moved[0]
+        moved = f"{one.name}: {number(one.before)} to {with_unit(number(one.after), one.unit)}"
+    return cause.words + alike, percent(cause.share, 3, signed=False), number(cause.chi_square_per_dof, 3), added, moved
