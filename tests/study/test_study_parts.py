@@ -204,3 +204,25 @@ def test_a_structure_without_lines_cannot_be_cut(tmp_path):
         sid.InputError, match=r"line 4: \[structure\] subdivide: .* cuts bars, beams and space beams only"
     ):
         written(tmp_path, text)
+
+
+def test_shear_and_bending_stiffness_are_found_together(tmp_path):
+    shears = replaced(
+        GIRDER,
+        ("loss_factor = 0.01", "loss_factor = 0.01\nshear_stiffness = 6e3"),
+        ("[record]", '[[unknown]]\nproperty = "shear_stiffness"\nelements = "girder"\n[record]'),
+    )
+    true = written(tmp_path, replaced(shears, ("6e3", "2.5e3"), ("= 900.0", "= 800.0")), "true.toml")
+    write_record(tmp_path / "frf.npz", simulated(true, FREQUENCY))
+    start = replaced(
+        shears, ("[[unknown]]", '[[unknown]]\nproperty = "bending_stiffness"\nelements = "girder:3-4"\n[[unknown]]')
+    )
+    found = sid.run_study(written(tmp_path, start)).identification.estimate
+    assert found.names[-1] == "shear_stiffness[girder]"
+    assert found.values == pytest.approx([800.0, 800.0, 2000.0, 2500.0], rel=1e-4)
+
+
+@pytest.mark.parametrize("given", ["0.0", "-1.0", "[1.0, 2.0]"])
+def test_a_shear_stiffness_is_positive_and_one_an_element(tmp_path, given):
+    with pytest.raises(sid.InputError, match=r'"girder".*shear_stiffness'):
+        written(tmp_path, replaced(GIRDER, ("loss_factor = 0.01", f"shear_stiffness = {given}")))
