@@ -91,6 +91,18 @@ CASES: dict[str, tuple[Case, ...]] = {
     "beam": (
         Case("on a line", LINE, Beam("e", PAIRS, [2.0, 3.0], [5.0, 7.0], **DAMPED), lengths(LINE) @ [2.0, 3.0]),
         Case("in a plane", PLANE, Beam("e", PAIRS, 2.0, 5.0, 11.0, **DAMPED), 2.0 * lengths(PLANE).sum()),
+        Case(
+            "with shear on a line",
+            LINE,
+            Beam("e", PAIRS, 2.0, [5.0, 7.0], shear_stiffness=[9.0, 20.0], **DAMPED),
+            2.0 * lengths(LINE).sum(),
+        ),
+        Case(
+            "with shear in a plane",
+            PLANE,
+            Beam("e", PAIRS, 2.0, 5.0, 11.0, shear_stiffness=9.0, **DAMPED),
+            2.0 * lengths(PLANE).sum(),
+        ),
     ),
     "dashpot": (Case("between masses", LINE, Dashpot("e", "1X", "2X-", viscous_damping=3.0)),),
     "friction": (Case("between masses", LINE, Friction("e", "1X", "2X", friction_force=3.0, measured_by="3X")),),
@@ -146,6 +158,12 @@ CASES: dict[str, tuple[Case, ...]] = {
             SpaceBeam("e", PAIRS, 2.0, 5.0, 6.0, 11.0, 3.0, 0.1, 0.01, 0.2, orientation=[0.1, 0.2, 0.9]),
             2.0 * lengths(SPACE).sum(),
         ),
+        Case(
+            "with shear",
+            SPACE,
+            SpaceBeam("e", PAIRS, 2.0, [5.0, 3.0], 6.0, 11.0, 3.0, shear_stiffness_y=9.0, shear_stiffness_z=[8.0, 7.0]),
+            2.0 * lengths(SPACE).sum(),
+        ),
     ),
     "spring": (
         Case("between masses", LINE, Spring("e", ["1X", "2X"], ["2X", "3X"], stiffness=[3.0, 4.0], loss_factor=0.1)),
@@ -177,7 +195,9 @@ def rigid_motions(structure: Structure) -> np.ndarray:
 def properties(case: Case) -> dict:
     """Declared properties of the element that have a value."""
     said = declarations(case.element)
-    return {name: getattr(case.element, name) for name, what in said.items() if what.kind is not None}
+    own = {name: getattr(case.element, name) for name, what in said.items() if what.kind is not None}
+    assert all(said[name].unlimited for name, value in own.items() if value is None)
+    return {name: value for name, value in own.items() if value is not None}
 
 
 def keeps_symmetry(case: Case, folder: Path) -> None:
@@ -242,11 +262,14 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
 
 
 def refuses_bad_values(case: Case, folder: Path) -> None:
-    """Every property is a finite number of at least 0, one for all or one an element."""
+    """Every property is a finite number of at least 0, one for all or one an element; infinite is none of what may be none."""
     for name, what in declarations(case.element).items():
         if what.kind is None:
             continue
-        for bad in (-1.0, np.nan, np.inf, np.ones(99), *([0.0] if what.positive else [])):
+        if what.unlimited:
+            assert getattr(replace(case.element, **{name: np.inf}), name) is None
+        infinite = np.full(len(case.element.nodes), np.inf) if what.unlimited else np.inf
+        for bad in (-1.0, np.nan, infinite, np.ones(99), *([0.0] if what.positive else [])):
             with pytest.raises(InputError, match=f"`{name}` of 'e' must be"):
                 replace(case.element, **{name: bad})
 

@@ -13,6 +13,7 @@ from structid.records import write_record
 from structid.report.drawing.drawing import structure_picture
 from structid.report.identification.tables import element_table
 from structid.study.schema.record import load_histories, load_record
+from study_cases import CHAIN
 
 GIRDER = """
 [structure]
@@ -162,3 +163,66 @@ def test_time_histories_and_modes_are_relabelled_before_they_are_chosen(tmp_path
 def test_channels_that_cannot_be_relabelled_are_told_at_the_key(tmp_path, names, words):
     with pytest.raises(sid.InputError, match=words):
         load_record(written(tmp_path, replaced(GIRDER, ("[record]", f"[record]\nrelabel = {names}"))).record)
+
+
+def test_elements_in_pieces_keep_their_numbers_parameters_and_joints(tmp_path):
+    study = written(
+        tmp_path, replaced(GIRDER, ("[structure]", "[structure]\nsubdivide = 3"), ("girder:1-2", "girder:3"))
+    )
+    by_hand = replaced(
+        GIRDER,
+        ("3 = [1.0, 0.0]", "3 = [1.0, 0.0]\n" + "\n".join(f"{9 + k} = [{k / 6}, 0.0]" for k in range(12) if k % 3)),
+        (
+            "[[1, 2], [2, 3], [3, 4], [4, 5]]",
+            "[[1, 10], [10, 11], [11, 2], [2, 13], [13, 14], [14, 3], [3, 16], [16, 17], [17, 4], [4, 19], [19, 20], [20, 5]]",
+        ),
+        ("girder:2", "girder:6"),
+        ("girder:1-2", "girder:7-9"),
+    )
+    finer = written(tmp_path, by_hand, "by hand.toml")
+    assert study.parameters.names == finer.parameters.names
+    assert study.structure.n_dofs == finer.structure.n_dofs == 4 * 3 * 3 + 1
+    assert len(study.structure.elements[0].nodes) == 4
+    physical = np.array([500.0, 300.0])
+    for law in ("inertia", "elastic", "structural"):
+        found, made = (
+            np.linalg.eigvalsh(s.structure.matrix(law, s.parameters.values(physical)).toarray()) for s in (study, finer)
+        )
+        assert found == pytest.approx(made, rel=1e-9, abs=1e-13 * made.max())
+    assert simulated(study, FREQUENCY).values == pytest.approx(simulated(finer, FREQUENCY).values, rel=1e-8)
+
+
+@pytest.mark.parametrize("pieces", ["0", "101", "1.5", "true", '"2"'])
+def test_pieces_are_a_whole_number(tmp_path, pieces):
+    with pytest.raises(sid.InputError, match=r"\[structure\] subdivide: must be a whole number of at least 1"):
+        written(tmp_path, replaced(GIRDER, ("[structure]", f"[structure]\nsubdivide = {pieces}")))
+
+
+def test_a_structure_without_lines_cannot_be_cut(tmp_path):
+    text = CHAIN.replace("[structure]", "[structure]\nsubdivide = 2", 1)
+    with pytest.raises(
+        sid.InputError, match=r"line 4: \[structure\] subdivide: .* cuts bars, beams and space beams only"
+    ):
+        written(tmp_path, text)
+
+
+def test_shear_and_bending_stiffness_are_found_together(tmp_path):
+    shears = replaced(
+        GIRDER,
+        ("loss_factor = 0.01", "loss_factor = 0.01\nshear_stiffness = 6e3"),
+        ("[record]", '[[unknown]]\nproperty = "shear_stiffness"\nelements = "girder"\n[record]'),
+    )
+    true = written(tmp_path, replaced(shears, ("6e3", "2.5e3"), ("= 900.0", "= 800.0")), "true.toml")
+    write_record(tmp_path / "frf.npz", simulated(true, FREQUENCY))
+    start = replaced(
+        shears, ("[[unknown]]", '[[unknown]]\nproperty = "bending_stiffness"\nelements = "girder:3-4"\n[[unknown]]')
+    )
+    found = sid.run_study(written(tmp_path, start)).identification.estimate
+    assert found.names[-1] == "shear_stiffness[girder]"
+    assert found.values == pytest.approx([800.0, 800.0, 2000.0, 2500.0], rel=1e-4)
+
+
+@pytest.mark.parametrize("given", ["0.0", "-1.0", "[1.0, 2.0]"])
+def test_a_shear_stiffness_is_positive_and_one_an_element(tmp_path, given):
+    with pytest.raises(sid.InputError, match=r'"girder".*shear_stiffness'):
+        written(tmp_path, replaced(GIRDER, ("loss_factor = 0.01", f"shear_stiffness = {given}")))

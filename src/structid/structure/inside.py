@@ -1,4 +1,4 @@
-"""What moves inside elements besides their nodes, such as ends that joints let go: numbered above all nodes."""
+"""What moves inside elements besides their nodes, numbered above all nodes: between equal pieces, and ends let go."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import IntArray
+from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
-from structid.structure.elements.element import ElementSet, Positions, Term, dof_code
+from structid.structure.elements.element import ElementSet, Layer, Positions, Term, dof_code
 
 _ELEMENT = re.compile(r"^(?P<name>.+):(?P<number>\d+)$")
 #: Part of the largest entry of a matrix below which an entry is rounding.
@@ -36,26 +36,35 @@ class NumberedTerms:
 
 
 def numbered_terms(
-    elements: Sequence[ElementSet], positions: Positions, present: IntArray, active: Sequence[str]
+    elements: Sequence[ElementSet], positions: Positions, present: IntArray, active: Sequence[str], pieces: int = 1
 ) -> NumberedTerms:
-    """The terms of `elements` with joints made; see `ElementSet.terms`.
+    """The terms of `elements` with lines cut into equal `pieces` and joints made; see `ElementSet.terms`.
 
-    The end that a joint lets go has a degree of freedom of its own in the element's matrices, in place of the node's;
-    all others stay the node's.
+    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
+    lets go has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the
+    node's.
 
     Raises
     ------
     InputError
         If a joint cannot be: its element, node or direction is not there, or the element has no stiffness in it.
     """
-    terms = {element.name: element.terms(positions, present) for element in elements}
+    terms: dict[str, tuple[Term, ...]] = {}
     owners: dict[int, str] = {}
+    first = max(positions) + 1
+    for element in elements:
+        if element.is_line and pieces > 1:
+            terms[element.name] = _cut(element, positions, present, pieces, first + len(owners))
+            names = (f"{element.name}:{row + 1}" for row in range(len(element.nodes)) for _ in range(pieces - 1))
+            owners.update(enumerate(names, first + len(owners)))
+        else:
+            terms[element.name] = element.terms(positions, present)
     loosened: dict[tuple[str, int, int], str] = {}
     for joint in elements:
         if joint.loosened is not None:
             text, at = joint.loosened
             target, row = _element(joint.name, text, elements)
-            own, label = dof_code(at.node, at.direction), max(positions) + 1 + len(owners)
+            own, label = dof_code(at.node, at.direction), first + len(owners)
             other = loosened.setdefault((target.name, row, own), joint.name)
             if other != joint.name:
                 raise InputError(f"joint {joint.name!r} is in the place of joint {other!r}; take one of them out")
@@ -65,6 +74,28 @@ def numbered_terms(
             terms[joint.name] = _recoded(terms[joint.name], slice(None), -1, end)
             terms[target.name] = _recoded(terms[target.name], row, own, end)
     return NumberedTerms(terms, owners)
+
+
+def _cut(element: ElementSet, positions: Positions, present: IntArray, pieces: int, first: int) -> tuple[Term, ...]:
+    """Terms of lines that are each a chain of equal pieces, the nodes between labelled from `first` line by line."""
+    nearer = {label: place / pieces for label, place in positions.items()}  # lines as long as one piece
+    between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
+    terms = element.terms(nearer, present)
+    made = {id(layer): _chained(layer, between) for term in terms for layer in term.layers}
+    return tuple(replace(term, layers=[made[id(layer)] for layer in term.layers]) for term in terms)
+
+
+def _chained(layer: Layer, between: IntArray) -> Layer:
+    """Matrices of chains of pieces with the nodes `between` (n_elements, n_pieces - 1), from those of one piece."""
+    n, width = layer.codes.shape
+    half, pieces = width // 2, between.shape[1] + 1
+    start, end = layer.codes[:, :half], layer.codes[:, half:]
+    middle = 6 * between[:, :, None] + (start % 6)[:, None, :]
+    local: FloatArray = np.zeros((n, (pieces + 1) * half, (pieces + 1) * half))
+    for piece in range(pieces):
+        own = slice(piece * half, piece * half + width)
+        local[:, own, own] += layer.local
+    return replace(layer, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
 
 
 def _recoded(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from structid.declared import Limits, alternatives
 from structid.dof import Dof
 from structid.structure.elements.connector import Ends, OtherEnds
-from structid.structure.elements.element import Nodes, Values, Vector
+from structid.structure.elements.element import Nodes, OptionalValues, Values, Vector
 from structid.structure.elements.friction import End, OtherEnd
 from structid.structure.elements.inertia import Translations
 from structid.structure.elements.joint import At
@@ -198,6 +198,7 @@ _PLAIN: dict[Any, Kind] = {
     str: TEXT,
     Dof: DOF,
     Values: PROPERTY,
+    OptionalValues: PROPERTY,
     Nodes: NODES,
     Vector: VECTOR,
     At: DOF,
