@@ -76,11 +76,10 @@ def identify(
                 run.progress = progress.tasks
                 ready = started(read)
                 result = run_started(ready, progress.search, run)
-                result, explanation = criticized(ready, result, explain, progress.tasks)
+                result, fits = criticized(ready, result, explain, progress.tasks)
             with staged_folder(folder) as staged:
                 name = _write(result, staged, report, png)
-                if explanation is not None:
-                    write_suggestions(result, explanation, staged, folder)
+                write_suggestions(result, fits, staged, folder)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png + ["--no-explain"] * (not explain)
             fail(
@@ -114,7 +113,9 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
         return free_page(result).write(folder, png).name
     from structid.report import write_report
 
-    return write_report(result.identification, folder, result.study.title, asdict(result.provenance), png, result.criticism).name
+    return write_report(
+        result.identification, folder, result.study.title, asdict(result.provenance), png, result.criticism
+    ).name
 
 
 def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:

@@ -36,6 +36,8 @@ class Candidate:
         Position of the only record that it changes.
     others : tuple of str
         Channels that stay, where some are left out.
+    alike : Candidate, optional
+        What looks the same on smoothed data.
     detail : mapping of str to float
         What else it is made of.
     """
@@ -47,6 +49,7 @@ class Candidate:
     bounds: tuple[float, float] = (0.0, np.inf)
     record: int | None = None
     others: tuple[str, ...] = ()
+    alike: Candidate | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
 
 

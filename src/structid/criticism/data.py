@@ -17,6 +17,8 @@ _BOTH = (-np.inf, np.inf)
 #: A line is outlying where its misfit is so many times that of the lines about it.
 _OUTLYING = 8.0
 _ABOUT = 21
+#: Lines side by side; more of them are a resonance that the model misses.
+_LONGEST = 3
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
@@ -27,7 +29,9 @@ def scaled_misfit(squares: float, n_rows: int) -> float:
     return n_rows * (1 + np.log(squares / n_rows)) if squares > n_rows else squares
 
 
-def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str], residual: FloatArray) -> Iterator[Candidate]:
+def data_candidates(
+    problems: Sequence[RecordProblem], names: Sequence[str], residual: FloatArray
+) -> Iterator[Candidate]:
     """Channels, lines and records that may be left out.
 
     Parameters
@@ -67,7 +71,9 @@ def outlying(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
     out = np.flatnonzero(size > _OUTLYING * level)
     if not 0 < len(out) <= max(3, len(frequency) // 10):
         return ()
-    runs = np.split(out, np.flatnonzero(np.diff(out) > 2) + 1)
+    runs = [run for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if len(run) <= _LONGEST]
+    if not runs:
+        return ()
     edges = np.concatenate([[2 * frequency[0] - frequency[1]], frequency, [2 * frequency[-1] - frequency[-2]]])
     middles = np.array([(a + b) / 2 for a, b in pairwise(edges)])
     return tuple(f"{middles[run[0]]:.5g} to {middles[run[-1] + 1]:.5g} Hz" for run in runs)

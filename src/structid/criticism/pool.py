@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.criticism.candidate import Candidate, added, released, replaced, rubbing, steps
 from structid.criticism.fields import Fields
 from structid.dof import Dof
@@ -25,6 +26,8 @@ _RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
 _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 _TRANSLATIONS = ("X", "Y", "Z")
+#: Power of s with which properties enter the dynamic stiffness.
+_POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
 
 
 def pool(records: Sequence[Fields]) -> list[Candidate]:
@@ -65,10 +68,14 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
     nodes: dict[int, list[FloatArray]] = {}
     for dof, column in fields.columns.items():
         where = (str(dof),)
-        for kind, law in (("spring", _constant), ("dashpot", _velocity)):
-            yield Candidate(kind, where, added(column[:, None], law), steps(_scale(fields, column, law(fields))))
-        if len(fields.problem.record.inputs) == 1:
-            yield Candidate("friction", where, rubbing(column), _RUBBING)
+        rubs = (
+            Candidate("friction", where, rubbing(column), _RUBBING) if len(fields.problem.record.inputs) == 1 else None
+        )
+        for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):
+            strengths = steps(_scale(fields, column, law(fields)))
+            yield Candidate(kind, where, added(column[:, None], law), strengths, alike=alike)
+        if rubs is not None:
+            yield rubs
         if dof.direction in _TRANSLATIONS:
             nodes.setdefault(dof.node, []).append(column)
             yield from _appendages(fields, dof, column)
@@ -78,7 +85,9 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             "mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)), (-np.inf, np.inf)
         )
     for pair, column in _pairs(fields):
-        yield Candidate("dashpot", pair, added(column[:, None], _velocity), steps(_scale(fields, column, _velocity(fields))))
+        yield Candidate(
+            "dashpot", pair, added(column[:, None], _velocity), steps(_scale(fields, column, _velocity(fields)))
+        )
 
 
 def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
@@ -108,7 +117,7 @@ def _appendage(frequency: float, fields: Fields) -> ComplexArray:
 
 def _supports(fields: Fields) -> Iterator[Candidate]:
     """Held directions that give way."""
-    held, coupling, own = fields.loose
+    held, _, own = fields.loose
     for i, dof in enumerate(held):
         scale = float(1 / np.median(np.abs(own[:, i])))
         yield Candidate("support", (str(dof.unsigned),), released(partial(_loose, i)), steps(scale))
@@ -118,34 +127,43 @@ def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
     return fields.loose[1][:, :, i], fields.loose[2][:, i]
 
 
+class _Column(NamedTuple):
+    """One column of an element matrix: the codes of its rows, it, its kind and its loss factor."""
+
+    codes: IntArray
+    column: FloatArray
+    diagonal: float
+    kind: str
+    loss: float
+
+
 def _joints(fields: Fields) -> Iterator[Candidate]:
     """Ends of elements that turn against their nodes."""
-    own: dict[tuple[str, int], tuple[FloatArray, dict[int, list[tuple[FloatArray, str, float]]]]] = {}
-    for name, e, codes, matrix, kind, loss in fields.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness")):
-        _, parts = own.setdefault((name, e), (codes, {}))
+    ends: dict[tuple[str, int, int], list[_Column]] = {}
+    for name, e, codes, matrix, kind, loss in fields.elements(
+        ("mass", "rotary_inertia", "viscous_damping", "stiffness")
+    ):
         for j, code in enumerate(codes.tolist()):
-            dof = dof_of_code(code) if code >= 0 else None
-            if dof is not None and dof.direction.startswith("R"):
-                parts.setdefault(code, []).append((codes, matrix[:, j], matrix[j, j], kind, loss))  # type: ignore[arg-type]
-    for (name, e), (_, parts) in own.items():
-        for code, columns in parts.items():
-            if not any(kind == "stiffness" and stiff > 0 for _, _, stiff, kind, _ in columns):  # type: ignore[misc]
-                continue
+            if code >= 0 and dof_of_code(code).is_rotation:
+                part = _Column(codes, matrix[:, j], float(matrix[j, j]), kind, loss)
+                ends.setdefault((name, e, code), []).append(part)
+    for (name, e, code), columns in ends.items():
+        if any(part.kind == "stiffness" and part.diagonal > 0 for part in columns):
             coupling = partial(_joint, tuple(columns))
             scale = float(1 / np.median(np.abs(coupling(fields)[1])))
             yield Candidate("joint", (f"{name}:{e + 1}", str(dof_of_code(code))), released(coupling), steps(scale))
 
 
-_POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
-
-
-def _joint(columns, fields: Fields) -> tuple[ComplexArray, ComplexArray]:  # type: ignore[no-untyped-def]
-    r, own = 0.0, 0.0
-    for codes, column, diagonal, kind, loss in columns:
-        law = fields.laplace ** _POWERS[kind] if kind in _POWERS else np.full_like(fields.laplace, 1 + 1j * loss)
-        r = r + law[:, None] * (column @ fields.reached(codes))
-        own = own + law * diagonal
-    return r, own
+def _joint(columns: Sequence[_Column], fields: Fields) -> tuple[ComplexArray, ComplexArray]:
+    """Z between the end of an element that turns and the free degrees of freedom, and of the end alone."""
+    coupling = np.zeros((len(fields.laplace), fields.structure.n_dofs), dtype=np.complex128)
+    own = np.zeros(len(fields.laplace), dtype=np.complex128)
+    for part in columns:
+        power = _POWERS.get(part.kind)
+        law = np.full_like(fields.laplace, 1 + 1j * part.loss) if power is None else fields.laplace**power
+        coupling += law[:, None] * (part.column @ fields.reached(part.codes))
+        own += law * part.diagonal
+    return coupling, own
 
 
 def _untied(fields: Fields) -> Iterator[Candidate]:
@@ -198,7 +216,9 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
                 seen = partial(_seen, i, column)
-                yield Candidate("direction", (str(dof.unsigned), str(other)), seen, np.ones(1), (-np.inf, np.inf), number)
+                yield Candidate(
+                    "direction", (str(dof.unsigned), str(other)), seen, np.ones(1), (-np.inf, np.inf), number
+                )
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:

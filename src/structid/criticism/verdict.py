@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from structid.criticism.halves import Disagreement, disagreements
-from structid.estimation import Estimate, Status
+from structid.estimation import Status
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
 
@@ -21,6 +21,8 @@ _OFF, _LEAST_DAMPING = 1.0, 0.001
 _MOVES = 2.0
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
+#: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
+_DOUBT, _TOLERANCE = 1e-3, 1.25
 
 
 @dataclass(frozen=True)
@@ -121,15 +123,37 @@ class Criticism:
     n_tried: int = 0
 
 
-def fits_noise(found: Estimate) -> bool:
+def noise_ratio(found: Identification) -> float | None:
+    """The noise in parts of what is stated, where that is all that is wrong: the residual has no order in it, but another size.
+
+    Coherence from few averages n gives a chi-square of n / (n - 2) per degree of freedom where all is right.
+    """
+    tests = found.estimate.residual_tests
+    if tests is None or tests.not_white or tests.one_sided:
+        return None
+    expected = 1.0
+    averages = [fit.measured.averages for fit in found.fits if fit.measured.noise_source == "coherence"]
+    if averages and len(averages) == len(found.problems) and all(averages):
+        n = float(min(one for one in averages if one))
+        expected = n / (n - 2) if n > 2 else np.inf
+    ratio = found.estimate.chi_square_per_dof
+    is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
+    if is_of_size or (1 / _TOLERANCE < ratio / expected < _TOLERANCE and expected > 1):
+        return 1.0
+    return float(np.sqrt(ratio))
+
+
+def fits_noise(found: Identification) -> bool:
     """Whether the residual is what the stated noise leaves: its size, and no order in it."""
-    tests = found.residual_tests
-    return found.covariance_basis == "noise" and (tests is None or not tests.words)
+    tests = found.estimate.residual_tests
+    if tests is None:
+        return found.estimate.covariance_basis == "noise"
+    return noise_ratio(found) == 1.0
 
 
 def is_sound(found: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
-    return found.estimate.status is Status.CONVERGED and fits_noise(found.estimate)
+    return found.estimate.status is Status.CONVERGED and fits_noise(found)
 
 
 def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0) -> Judgement:
@@ -145,33 +169,49 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
     """
     estimate = found.estimate
     if is_sound(found) and not causes:
-        return Judgement("sound", "Sound: the model explains the record to within its noise, and the data determine every parameter.")
+        return Judgement(
+            "sound", "Sound: the model explains the record to within its noise, and the data determine every parameter."
+        )
     misfit = f"the misfit is {_times(estimate.chi_square_per_dof)} the stated noise"
+    if causes and causes[0].kind == "noise_level" and estimate.status is Status.CONVERGED:
+        words = (
+            f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
+        )
+        return Judgement("approximate", words, (causes[0].words,))
     if causes and (causes[0].share >= _MOST or causes[0].moves > _MOVES):
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
             f" {100 * best.share:.0f} % of it: {best.words}"
-            + (f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations." if best.moves > _MOVES else ".")
+            + (
+                f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations."
+                if best.moves > _MOVES
+                else "."
+            )
         )
         return Judgement("wrong_model", words, (misfit, best.words))
     if estimate.status is Status.NOT_IDENTIFIABLE:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message,))
-    if fits_noise(estimate):
-        return Judgement("undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,))
+    if fits_noise(found):
+        return Judgement(
+            "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
+        )
     off = [words for fit in found.fits for words in _off_resonances(fit)]
     if off:
         words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}"
         return Judgement("wrong_model", words, tuple(off))
     if estimate.status is not Status.CONVERGED:
-        return Judgement("undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,))
+        return Judgement(
+            "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
+        )
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
     if apart:
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
         return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
-    words = (
-        f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit."
-        + (f" {causes[0].words[0].upper()}{causes[0].words[1:]} would remove {100 * causes[0].share:.0f} % of it." if causes else "")
+    words = f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit." + (
+        f" {causes[0].words[0].upper()}{causes[0].words[1:]} would remove {100 * causes[0].share:.0f} % of it."
+        if causes
+        else ""
     )
     return Judgement("approximate", words, (misfit, *(cause.words for cause in causes)))
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.criticism.candidate import Candidate
-from structid.criticism.verdict import Cause, Criticism, Moved, is_sound, judged
+from structid.criticism.candidate import Candidate, replaced
+from structid.criticism.verdict import Cause, Criticism, Moved, is_sound, judged, noise_ratio
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import Trial
@@ -17,14 +17,16 @@ from structid.explanation.words import cause_kind, cause_words
 from structid.study.results.result import StudyResult
 from structid.study.run.run import Start
 
-_MOST = 6
+_MOST, _MOST_ALIKE = 4, 4
 _MOST_MOVED = 8
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level")
 
 
-def criticized(ready: Start, result: StudyResult, explain: bool = True, told: Told | None = None) -> tuple[StudyResult, Explanation | None]:
-    """The result with its verdict.
+def criticized(
+    ready: Start, result: StudyResult, explain: bool = True, told: Told | None = None
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    """The result with its verdict, and the fits behind its causes.
 
     Parameters
     ----------
@@ -37,24 +39,39 @@ def criticized(ready: Start, result: StudyResult, explain: bool = True, told: To
         Called with the name of a stage, and how many of how many steps of it are done.
     """
     found = result.identification
-    if is_sound(found) or not explain or found.target is None or not found.estimate.uncertainty.has_matrix:
-        return replace(result, criticism=Criticism(judged(found))), None
+    if is_sound(found):
+        return replace(result, criticism=Criticism(judged(found))), ()
+    ratio = noise_ratio(found)
+    if ratio is not None and ratio != 1.0:
+        causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
+        return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
+    if not explain or found.target is None or not found.estimate.uncertainty.has_matrix:
+        return replace(result, criticism=Criticism(judged(found))), ()
     base = Fitted(Trial(ready.study, ready.setups, found.problems), found.estimate.theta, found.estimate.chi_square)
     explanation = explained(base, told)
-    causes = named_causes(result, explanation)
-    judgement = judged(found, causes, explanation.tried)
-    return replace(result, criticism=Criticism(judgement, causes, explanation.tried)), explanation
+    ranked = _ranked(explanation)
+    made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
+    judgement = judged(found, made, explanation.tried)
+    return replace(result, criticism=Criticism(judgement, made, explanation.tried)), tuple(one for one, _ in ranked)
 
 
-def named_causes(result: StudyResult, explanation: Explanation) -> tuple[Cause, ...]:
-    """The accepted causes in words, the likeliest first."""
-    made = []
-    for number, (fitted, criterion) in enumerate(zip(explanation.causes, explanation.criteria, strict=True), 1):
-        if number > _MOST:
-            break
-        is_alike = criterion - explanation.criteria[0] < ALIKE
-        made.append(_cause(result, explanation, fitted, number, is_alike))
-    return tuple(made)
+def _noise_level(chi_square: float, ratio: float) -> Cause:
+    candidate = Candidate("noise_level", ("all records",), replaced(lambda h, q: h), np.ones(1))
+    words = cause_words(candidate, ratio)
+    return Cause(candidate.kind, candidate.where, words, 1.0 - 1 / chi_square if chi_square > 1 else 0.0, 1.0)
+
+
+def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
+    """The likeliest cause and what cannot be told from it, a second cause beside it, and what comes next."""
+    marked = [
+        (one, criterion - explanation.criteria[0] < ALIKE)
+        for one, criterion in zip(explanation.causes, explanation.criteria, strict=True)
+    ]
+    first = [pair for pair in marked if pair[1]][:_MOST_ALIKE]
+    others = [pair for pair in marked if not pair[1]]
+    further = explanation.further
+    second = [] if further is None else [(one, False) for one in further.causes[:_MOST_ALIKE]]
+    return [*first[:2], *second[:2], *first[2:], *others][: max(_MOST, len(first) + len(second[:2]))]
 
 
 def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number: int, is_alike: bool) -> Cause:
@@ -62,7 +79,9 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
     candidate, _ = fitted.trial.changes[-1]
     before, after = base.values, fitted.values
     target = fitted.trial.target
-    added = tuple((name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before)
+    added = tuple(
+        (name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before
+    )
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     moved = sorted(
         (
@@ -72,14 +91,12 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         key=lambda one: -one.distance,
     )  # fmt: skip
     value = added[0][1] if added and candidate.kind not in _STATISTICAL else None
-    if candidate.kind == "load_gain" and value is not None:
-        value = float(value)
     changes = fitted.trial.changes
     return Cause(
         kind=cause_kind(candidate, value),
         where=_places(candidate),
         words=cause_words(candidate, value),
-        share=max(0.0, 1 - fitted.cost / base.cost),
+        share=max(0.0, 1 - fitted.cost / (base if len(fitted.trial.changes) == 1 else explanation.causes[0]).cost),
         chi_square_per_dof=fitted.cost / max(base.trial.target.n_data - len(target.names), 1),
         found=added,
         moved=tuple(moved[:_MOST_MOVED]),
@@ -98,11 +115,11 @@ def _distance(change: float, std: float) -> float:
     return abs(change) / std if np.isfinite(std) and std > 0 else 0.0
 
 
-def write_suggestions(result: StudyResult, explanation: Explanation, folder: Path, place: Path) -> None:
+def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, place: Path) -> None:
     """Write the studies of the causes into `folder`, which will be `place`."""
     causes: Sequence[Cause] = result.criticism.causes if result.criticism is not None else ()
-    if not causes:
+    if not fits:
         return
     (folder / FOLDER).mkdir()
-    for cause, fitted in zip(causes, explanation.causes, strict=False):
+    for cause, fitted in zip(causes, fits, strict=True):
         write_suggestion(result.study, fitted.trial.changes, folder / cause.study, place / FOLDER)

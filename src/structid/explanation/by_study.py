@@ -33,7 +33,11 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
         yield from _damping(element, middle)
     for item in structure.properties:
         values = item.term.values
-        if values.any() and not _acts(unknown, item.values) and item.term.kind in ("mass", "stiffness", "rotary_inertia"):
+        if (
+            values.any()
+            and not _acts(unknown, item.values)
+            and item.term.kind in ("mass", "stiffness", "rotary_inertia")
+        ):
             yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
     if trial.frfs and all(p.channels is None or "window_decay" not in p.channels.kinds for p in trial.frfs):
         yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)

@@ -75,7 +75,9 @@ def _support(study: Tables, candidate: Candidate, strength: float) -> None:
     places = [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
     freed = [_freed(place, dof) for place in places]
     if not any(freed):
-        raise NoEditError(f"{_plain(candidate.where[0])} is held by a group of a mesh; hold it by `fixed` to let it give way")
+        raise NoEditError(
+            f"{_plain(candidate.where[0])} is held by a group of a mesh; hold it by `fixed` to let it give way"
+        )
     name = _named(study, f"support {_plain(candidate.where[0])}")
     entry = {"name": name, "first": _plain(candidate.where[0]), "stiffness": _round(1 / strength)}
     _append(study["structure"], "spring", entry)
@@ -88,7 +90,8 @@ def _freed(place: Tables, dof: Dof) -> bool:
     found = False
     for text in as_list(place.get("fixed", [])):
         several = _SEVERAL.match(text)
-        node, directions = (text.strip(), DIRECTIONS) if text.strip().isdigit() else ("", ())
+        node: str = text.strip() if text.strip().isdigit() else ""
+        directions: tuple[str, ...] = DIRECTIONS if node else ()
         if several:
             node, directions = several[1], tuple(several[2].upper().split())
         elif not node:
@@ -166,7 +169,13 @@ def _untied(kind: str) -> Callable[[Tables, Candidate, float], None]:
         if any(u.get("each") or u.get("field") for u in entries):
             raise NoEditError(f"{candidate.where[0]} has a parameter of its own already")
         if not entries:
-            _unknown(study, "mass" if kind == "mass" else "stiffness", candidate.where[0], factor=True, start=_round(1 + strength))
+            _unknown(
+                study,
+                "mass" if kind == "mass" else "stiffness",
+                candidate.where[0],
+                factor=True,
+                start=_round(1 + strength),
+            )
             return
         for entry in entries:
             _without(study, entry, name, int(number))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
-from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, scaled_misfit
+from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, outlying, scaled_misfit
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
@@ -21,6 +21,9 @@ from structid.observation import FrfProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED, _FINALISTS = 6, 2, 40, 10
 _LEAST_DROP = 0.02
+_MOST_PASSES = 4
+#: Probability of a misfit below which a second cause is looked for.
+_MISFIT = 1e-3
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
@@ -57,7 +60,7 @@ class Explanation:
     Attributes
     ----------
     base : Fitted
-        The study as it is.
+        The study as it is, or with the first cause.
     causes : tuple of Fitted
         Accepted changes, the likeliest first; those within `ALIKE` of the first cannot be told from it.
     criteria : tuple of float
@@ -66,6 +69,8 @@ class Explanation:
         How many candidates there were.
     rejected : tuple of (str, str)
         Candidates that could not be tried, and why.
+    further : Explanation, optional
+        Of what the first cause leaves.
     """
 
     base: Fitted
@@ -73,42 +78,83 @@ class Explanation:
     criteria: tuple[float, ...]
     tried: int
     rejected: tuple[tuple[str, str], ...] = ()
-    ranked: tuple[Fitted, ...] = field(default=())
+    further: Explanation | None = None
 
 
 def explained(base: Fitted, told: Told | None = None) -> Explanation:
-    """The changes that explain the misfit of a fitted study."""
-    points = screening_points(base)
-    shortlist, tried = shortlisted(points)
+    """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it."""
+    found = _once(base, told, "causes")
+    if found.causes and _is_misfit(found.causes[0]):
+        return replace(found, further=_once(found.causes[0], told, "second causes"))
+    return found
+
+
+def _is_misfit(fitted: Fitted) -> bool:
+    dof = fitted.trial.target.n_data - n_parameters(fitted.trial)
+    return dof > 0 and float(special.gammaincc(dof / 2, fitted.cost / 2)) < _MISFIT
+
+
+def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
+    shortlist, tried = shortlisted(screening_points(base))
     rejected: list[tuple[str, str]] = []
     few = list(of_study(base))
     shortlist, tried = [*few, *shortlist], tried + len(few)
-    approached = []
+    approached: list[tuple[float, Trial, FloatArray]] = []
+    steps = len(shortlist) + _FINALISTS
     for number, one in enumerate(shortlist):
         if told is not None:
-            told("refits", number, len(shortlist))
+            told(stage, number, steps)
         try:
             trial = base.trial.changed(one.candidate, one.strength)
             theta, cost = trial.approached()
-            cost += left_out(base, trial, theta)
         except (StructidError, np.linalg.LinAlgError) as error:
             rejected.append((f"{one.candidate.kind} {' '.join(one.candidate.where)}", str(error)))
             continue
-        approached.append((cost, trial, theta))
+        approached.append((cost + left_out(base, trial, theta), trial, theta))
     approached.sort(key=lambda one: one[0])
     fits = []
     for number, (_, trial, theta) in enumerate(approached[:_FINALISTS]):
         if told is not None:
-            told("fits", number, min(_FINALISTS, len(approached)))
+            told(stage, len(shortlist) + number, steps)
         try:
-            found = trial.fitted([theta, trial.theta_of(base.values)])
+            fits.append(_finally(base, trial, theta))
         except StructidError as error:
-            rejected.append((str(trial.changes[-1][0].kind), str(error)))
-            continue
-        fits.append(Fitted(trial, found.theta, float(found.costs[-1]) + left_out(base, trial, found.theta)))
-    fits.sort(key=lambda one: one.cost)
+            rejected.append((trial.changes[-1][0].kind, str(error)))
+    if told is not None:
+        told(stage, steps, steps)
     causes, criteria = accepted(base, fits, tried)
-    return Explanation(base, causes, criteria, tried, tuple(rejected), tuple(fits))
+    return Explanation(base, causes, criteria, tried, tuple(rejected))
+
+
+def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
+    """The fit as the study asks for; of outlying lines those that stand out from it once more."""
+    found = trial.fitted([theta, trial.theta_of(base.values)])
+    for _ in range(_MOST_PASSES):
+        again = _other_lines(base, trial, found.theta)
+        if again is None:
+            break
+        trial = again
+        found = trial.fitted([trial.theta_of(base.values)])
+    return Fitted(trial, found.theta, float(found.costs[-1]) + left_out(base, trial, found.theta))
+
+
+def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
+    """The trial with all lines that stand out from its fit left out; None where these are the ones."""
+    candidate, strength = trial.changes[-1]
+    if candidate.kind != "outlying_lines" or len(base.trial.problems) > 1:
+        return None
+    residual = _seen_from(base, trial, theta)
+    [problem] = base.trial.problems
+    spans = outlying(problem, residual[: problem.n_data]) if isinstance(problem, FrfProblem) else ()
+    if not spans or spans == candidate.where:
+        return None
+    return base.trial.changed(replace(candidate, where=spans), strength)
+
+
+def _seen_from(base: Fitted, trial: Trial, theta: FloatArray) -> FloatArray:
+    """The residual of all data of `base` at what a trial found."""
+    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
+    return base.trial.target.residual(base.trial.theta_of({**base.values, **known}))
 
 
 def of_study(base: Fitted) -> Iterator[Screened]:
@@ -133,8 +179,7 @@ def left_out(base: Fitted, trial: Trial, theta: FloatArray) -> float:
     if candidate.kind not in DATA_KINDS:
         return 0.0
     rows = changed_rows(candidate, base.trial.problems)
-    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
-    residual = base.trial.target.residual(base.trial.theta_of({**base.values, **known}))[: len(rows)]
+    residual = _seen_from(base, trial, theta)[: len(rows)]
     return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))
 
 
@@ -186,13 +231,24 @@ def shortlisted(points: list[Point]) -> tuple[list[Screened], int]:
                 continue  # an appendage of another frequency at the same place
             seen.add(key)
             count = kinds.setdefault(row.candidate.kind, 0)
-            if place < _FIRST or count < _OF_EACH_KIND:
-                if key not in best or drop > best[key][0]:
-                    best[key] = (drop, row)
+            is_early = place < _FIRST or count < _OF_EACH_KIND
+            if is_early and (key not in best or drop > best[key][0]):
+                best[key] = (drop, row)
             kinds[row.candidate.kind] += 1
             place += 1
+    _with_friction(best)
     found = sorted(best.values(), key=lambda pair: -pair[0])
     return [row for _, row in found[:_REFITTED]], tried
+
+
+def _with_friction(best: dict[tuple[object, ...], tuple[float, Screened]]) -> None:
+    """Beside the best dampers, friction at the same places: smoothed data show one as the other."""
+    dampers = [pair for key, pair in best.items() if key[0] == "dashpot" and len(pair[1].candidate.where) == 1]
+    for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:_OF_EACH_KIND]:
+        where = row.candidate.where
+        if ("friction", where, None) not in best and row.candidate.alike is not None:
+            twin = row.candidate.alike
+            best["friction", where, None] = (drop, Screened(twin, float(np.median(twin.strengths)), row.left))
 
 
 def accepted(base: Fitted, fits: list[Fitted], tried: int) -> tuple[tuple[Fitted, ...], tuple[float, ...]]:
@@ -217,12 +273,3 @@ def n_parameters(trial: Trial) -> int:
     """Parameters of a study and of what was left out of it."""
     own = [len(c.where) if c.kind == "outlying_lines" else 1 for c, _ in trial.changes if c.kind in DATA_KINDS]
     return len(trial.target.names) + sum(own)
-
-
-def summary(found: Explanation) -> Mapping[str, object]:
-    """For people who look at it in a terminal."""
-    n = found.base.trial.target.n_data
-    return {
-        "base": found.base.cost / n, "tried": found.tried,
-        "causes": [(one.trial.changes[-1][0].kind, one.trial.changes[-1][0].where, one.cost / n) for one in found.causes],
-    }  # fmt: skip

@@ -155,7 +155,9 @@ def read_trial(study: Study, tables: Mapping[str, Any], measured: Sequence[AnySe
     edited = load_study(study.path, tables)
     setups = []
     for number, source in enumerate(edited.setups):
-        same = number < len(measured) and _of_record(source.section.table) == _of_record(study.setups[number].section.table)
+        same = number < len(measured) and _of_record(source.section.table) == _of_record(
+            study.setups[number].section.table
+        )
         setups.append(loaded(source, measured[number] if same else None))
     problems = alike([setup.prepared(edited.options).problem for setup in setups])
     decided = tuple(problem.decided(problem.theta_start) for problem in problems)

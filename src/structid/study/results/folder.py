@@ -171,7 +171,8 @@ def _verdict(criticism: Criticism | None) -> dict[str, Any]:
     if criticism is None:
         return {}
     causes = [
-        {**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in criticism.causes
+        {**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where}
+        for cause in criticism.causes
     ]
     judgement = criticism.judgement
     return {
