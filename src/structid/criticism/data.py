@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate, replaced
-from structid.observation import FrfProblem, RecordProblem
+from structid.observation import FrfProblem, ModalProblem, RecordProblem
 
 _NONE = np.ones(1)
 _BOTH = (-np.inf, np.inf)
@@ -19,6 +19,7 @@ _OUTLYING = 8.0
 _ABOUT = 21
 #: Lines side by side; more of them are a resonance that the model misses.
 _LONGEST = 3
+_FEWEST_MODES = 2
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
@@ -83,21 +84,40 @@ def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.
     """Which data rows of all problems a candidate leaves out, (n_rows,) bool."""
     parts = []
     for number, problem in enumerate(problems):
-        mine = number == candidate.record
-        keep = np.zeros(problem.n_data, dtype=bool)
-        if mine and candidate.kind == "record":
-            keep[:] = True
-        elif mine and candidate.kind == "channel" and isinstance(problem, FrfProblem):
-            outputs = [str(dof.unsigned) for dof in problem.record.outputs]
-            n_inputs = len(problem.record.inputs)
-            keep = (problem.series // 2) // n_inputs == outputs.index(candidate.where[0])
-        elif mine and candidate.kind == "outlying_lines":
+        taken = np.zeros(problem.n_data, dtype=bool)
+        if number != candidate.record:
+            parts.append(taken)
+            continue
+        if candidate.kind == "record":
+            taken[:] = True
+        elif candidate.kind == "channel":
+            channels = [name.split("/")[0].removeprefix("shape at ") for name in problem.rows.names]
+            number_of = np.array([_sense_free(name) == _sense_free(candidate.where[0]) for name in channels])
+            taken = number_of[np.unique(problem.series, return_inverse=True)[1]]
+        elif candidate.kind == "extra_mode":
+            taken = problem.lines == int(candidate.detail["mode"])
+        else:
             for where in candidate.where:
                 low, high = (float(text) for text in where.removesuffix(" Hz").split(" to "))
-                inside = (problem.frequency >= low) & (problem.frequency <= high)
-                keep |= inside[problem.lines]
-        parts.append(keep)
+                taken |= ((problem.frequency >= low) & (problem.frequency <= high))[problem.lines]
+        parts.append(taken)
     return np.concatenate(parts)
 
 
-DATA_KINDS = ("channel", "outlying_lines", "record")
+def _sense_free(name: str) -> str:
+    return name.rstrip("+-")
+
+
+def extra_modes(problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+    """Each mode of records of modes, as one that is none of this structure."""
+    for number, problem in enumerate(problems):
+        if isinstance(problem, ModalProblem) and len(problem.data.measured) > _FEWEST_MODES:
+            used = tuple(str(mode + 1) for mode in problem.data.measured.tolist())
+            for mode in problem.data.measured.tolist():
+                where = (f"{problem.record.frequency[mode]:.5g} Hz",)
+                others = tuple(one for one in used if one != str(mode + 1))
+                effect = replaced(lambda h, q: h)
+                yield Candidate("extra_mode", where, effect, _NONE, _BOTH, number, others, detail={"mode": float(mode)})
+
+
+DATA_KINDS = ("channel", "outlying_lines", "record", "extra_mode")

@@ -23,6 +23,8 @@ _MOVES = 2.0
 _MOST = 0.5
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
+#: Data from which on their order says whether a residual is noise.
+_MANY = 300
 
 
 @dataclass(frozen=True)
@@ -138,9 +140,9 @@ def noise_ratio(found: Identification) -> float | None:
         expected = n / (n - 2) if n > 2 else np.inf
     ratio = found.estimate.chi_square_per_dof
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
-    if is_of_size or (1 / _TOLERANCE < ratio / expected < _TOLERANCE and expected > 1):
+    if is_of_size or (expected > 1 and 1 / _TOLERANCE < ratio / expected < _TOLERANCE):
         return 1.0
-    return float(np.sqrt(ratio))
+    return float(np.sqrt(ratio)) if found.fits and found.estimate.n_data >= _MANY else None
 
 
 def fits_noise(found: Identification) -> bool:

@@ -12,7 +12,7 @@ from structid.criticism.candidate import Candidate, replaced
 from structid.criticism.verdict import Cause, Criticism, Moved, is_sound, judged, noise_ratio
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
-from structid.explanation.trial import Trial
+from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_kind, cause_words
 from structid.study.results.result import StudyResult
 from structid.study.run.run import Start
@@ -20,7 +20,7 @@ from structid.study.run.run import Start
 _MOST, _MOST_ALIKE = 4, 4
 _MOST_MOVED = 8
 #: Whose first added parameter says how large the cause is.
-_STATISTICAL = ("channel", "outlying_lines", "record", "noise_level")
+_STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
 
 def criticized(
@@ -47,8 +47,13 @@ def criticized(
         return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
     if not explain or found.target is None or not found.estimate.uncertainty.has_matrix:
         return replace(result, criticism=Criticism(judged(found))), ()
-    base = Fitted(Trial(ready.study, ready.setups, found.problems), found.estimate.theta, found.estimate.chi_square)
+    theta = found.estimate.theta
+    base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
     explanation = explained(base, told)
+    tests = found.estimate.residual_tests
+    if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
+        causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
+        return replace(result, criticism=Criticism(judged(found, causes), causes, explanation.tried)), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     judgement = judged(found, made, explanation.tried)

@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate, replaced
 from structid.explanation.trial import Trial
+from structid.observation import FrfProblem
 from structid.structure import Beam, Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
@@ -39,7 +40,10 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
             and item.term.kind in ("mass", "stiffness", "rotary_inertia")
         ):
             yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
-    if trial.frfs and all(p.channels is None or "window_decay" not in p.channels.kinds for p in trial.frfs):
+    if all(
+        isinstance(p, FrfProblem) and (p.channels is None or "window_decay" not in p.channels.kinds)
+        for p in trial.problems
+    ):
         yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)
 
 

@@ -343,6 +343,10 @@ def _window(study: Tables, candidate: Candidate, strength: float) -> None:
         _append(record, "channel_error", {"property": "window_decay", "outputs": "all", "start": _round(strength)})
 
 
+def _other_modes(study: Tables, candidate: Candidate, strength: float) -> None:
+    _record(study, candidate).setdefault("modes", {})["use"] = [int(text) for text in candidate.others]
+
+
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "spring": _spring,
     "support": _support,
@@ -365,5 +369,6 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "channel": _left_out,
     "outlying_lines": _excluded,
     "record": _without_record,
+    "extra_mode": _other_modes,
     **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap", "direction"), _relabel),
 }

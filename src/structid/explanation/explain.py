@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
-from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, outlying, scaled_misfit
+from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, extra_modes, outlying, scaled_misfit
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
@@ -97,7 +97,7 @@ def _is_misfit(fitted: Fitted) -> bool:
 def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
     shortlist, tried = shortlisted(screening_points(base))
     rejected: list[tuple[str, str]] = []
-    few = list(of_study(base))
+    few = [*of_study(base), *(Screened(one, 1.0, base.cost) for one in extra_modes(base.trial.problems))]
     shortlist, tried = [*few, *shortlist], tried + len(few)
     approached: list[tuple[float, Trial, FloatArray]] = []
     steps = len(shortlist) + _FINALISTS
@@ -186,23 +186,19 @@ def left_out(base: Fitted, trial: Trial, theta: FloatArray) -> float:
 def screening_points(base: Fitted) -> list[Point]:
     """Where candidates are screened: on smoothed data, at the anchored fit, and at the fit."""
     trial, points = base.trial, []
-    if not trial.frfs:
-        return []
     theta = np.asarray(trial.target.theta_start)
     for level, stage in trial.smoothed():
         theta = minimize(stage, _QUICK, theta).theta
         if level in _SCREENED_LEVELS:
             points.append(point_at(_frfs(stage), theta))
-    anchored = trial.anchored()
-    theta = minimize(anchored, _QUICK, theta).theta
-    points.append(point_at(_frfs(anchored), theta))
-    points.append(point_at(trial.frfs, base.theta))
+    theta = minimize(trial.anchored(), _QUICK, theta).theta
+    points.append(point_at(trial.anchored_views(), theta))
+    points.append(point_at(trial.views, base.theta))
     return points
 
 
-def _frfs(problem: object) -> tuple[FrfProblem, ...]:
-    parts = problem.problems if isinstance(problem, JointProblem) else (problem,)
-    return tuple(part for part in parts if isinstance(part, FrfProblem))
+def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
+    return tuple(part for part in stage.problems if isinstance(part, FrfProblem))
 
 
 def shortlisted(points: list[Point]) -> tuple[list[Screened], int]:

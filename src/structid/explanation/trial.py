@@ -12,14 +12,16 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
+from structid.criticism.views import views
 from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
+from structid.identification.options import IdentifyOptions
 from structid.identification.setups import AnySetup
 from structid.identification.together import alike, together
-from structid.observation import FrfProblem, RecordProblem
+from structid.observation import FrfProblem, ModalProblem, RecordProblem
 from structid.observation.frf.continuation import LEVELS, smoothed_records
 from structid.observation.frf.problem import smooth_stage
 from structid.records import FrfRecord
@@ -46,6 +48,8 @@ class Trial:
     setups : tuple of RecordSetup
     problems : tuple of RecordProblem
         With starts as the study has them.
+    views : tuple of FrfProblem
+        Every record as FRFs; see `structid.criticism.views`.
     changes : tuple of (Candidate, float)
         What was changed, in order, with the strengths written.
     known : tuple of (FrfRecord, dict)
@@ -55,6 +59,7 @@ class Trial:
     study: Study
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
+    views: tuple[FrfProblem, ...]
     changes: tuple[tuple[Candidate, float], ...] = ()
     known: tuple[tuple[FrfRecord, dict[float, FrfRecord]], ...] = ()
 
@@ -62,12 +67,6 @@ class Trial:
     def target(self) -> Problem:
         """All problems as one."""
         return together(self.problems)
-
-    @cached_property
-    def frfs(self) -> tuple[FrfProblem, ...]:
-        """The problems where all are of FRFs; else none."""
-        found = tuple(problem for problem in self.problems if isinstance(problem, FrfProblem))
-        return found if len(found) == len(self.problems) else ()
 
     def changed(self, candidate: Candidate, strength: float) -> Trial:
         """The study with one change more.
@@ -79,39 +78,60 @@ class Trial:
         """
         tables = deepcopy(dict(self.study.root.table))
         edit(tables, candidate, strength)
-        made = read_trial(self.study, tables, self.setups)
-        problems = tuple(_on_same_record(new, self.frfs) for new in made.problems)
-        known = tuple(zip((p.record for p in self.frfs), self.smooth, strict=True))
-        return replace(made, problems=problems, changes=(*self.changes, (candidate, strength)), known=known)
+        problems, setups, edited = read_study(self.study, tables, self.setups)
+        shown = tuple(
+            _same_view(problem, setup, before, view, edited.options)
+            for problem, setup, before, view in zip(problems, setups, self.setups, self.views, strict=False)
+        )
+        if len(self.views) > len(problems):  # a record is left out
+            left = candidate.record or 0
+            kept = [view for number, view in enumerate(self.views) if number != left]
+            shown = tuple(view_of(p, view) for p, view in zip(problems, kept, strict=True))
+        known = tuple(zip((view.record for view in self.views), self.smooth, strict=True))
+        changes = (*self.changes, (candidate, strength))
+        return Trial(edited, setups, problems, shown, changes, known)
 
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
         """Free variables with physical values by name, the study's starts for those not known."""
         return together([_started(problem, known) for problem in self.problems]).theta_start
 
+    @property
+    def has_modes(self) -> bool:
+        """Whether some records are of modes."""
+        return any(isinstance(problem, ModalProblem) for problem in self.problems)
+
     @cached_property
     def smooth(self) -> tuple[dict[float, FrfRecord], ...]:
         """Smoothed data of every record by their decay; see `smoothed_records`."""
         known = {id(record): data for record, data in self.known}
-        return tuple(known.get(id(one)) or dict(smoothed_records(one)) for one in (p.record for p in self.frfs))
+        return tuple(known.get(id(one)) or dict(smoothed_records(one)) for one in (view.record for view in self.views))
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
         """Stages on smoothed data with their decays, from far to near; those that the lines of every record allow."""
-        shared = [level for level in levels if self.frfs and all(level in data for data in self.smooth)]
+        if self.has_modes:
+            return []
+        shared = [level for level in levels if all(level in data for data in self.smooth)]
         return [
             (level, JointProblem(tuple(
-                smooth_stage(problem, data[level], START_ERROR)
-                for problem, data in zip(self.frfs, self.smooth, strict=True)
+                smooth_stage(view, data[level], START_ERROR)
+                for view, data in zip(self.views, self.smooth, strict=True)
             ), first_prior_counts=True))
             for level in shared
         ]  # fmt: skip
 
-    def anchored(self) -> Problem:
-        """The logarithm of the FRFs with 10 % of model error and every parameter held near its start."""
-        held = [p.with_parts([part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(p.parts)])
-                for p in self.problems]  # fmt: skip
-        if self.frfs:
-            held = [replace(p, form="log", model_error=_MODEL_ERROR) for p in held if isinstance(p, FrfProblem)]
+    def anchored(self) -> JointProblem:
+        """The logarithm of the FRFs with 10 % of model error, modes as they are, every parameter held near its start."""
+        held: list[RecordProblem] = []
+        for problem, view in zip(self.problems, self.views, strict=True):
+            of = problem if isinstance(problem, ModalProblem) else view
+            near = [part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(of.parts)]
+            one = of.with_parts(near)
+            held.append(replace(one, form="log", model_error=_MODEL_ERROR) if isinstance(one, FrfProblem) else one)
         return JointProblem(tuple(held), first_prior_counts=True)
+
+    def anchored_views(self) -> tuple[FrfProblem, ...]:
+        """The views in the form of the anchored fit."""
+        return tuple(replace(view, form="log", model_error=_MODEL_ERROR) for view in self.views)
 
     def approached(self) -> tuple[FloatArray, float]:
         """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages."""
@@ -150,7 +170,16 @@ def _started(problem: RecordProblem, known: Mapping[str, float]) -> RecordProble
     return problem.with_parts(parts)
 
 
-def read_trial(study: Study, tables: Mapping[str, Any], measured: Sequence[AnySetup]) -> Trial:
+def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: FloatArray) -> Trial:
+    """The study as it is, with free variables of all its parameters at which its records are looked at as FRFs."""
+    columns = JointProblem(tuple(problems), first_prior_counts=True).columns
+    own = [theta[index] for index in columns]
+    return Trial(study, tuple(setups), tuple(problems), views(setups, problems, own, study.options))
+
+
+def read_study(
+    study: Study, tables: Mapping[str, Any], measured: Sequence[AnySetup]
+) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
     """The study with other tables; records that are the same are not read again."""
     edited = load_study(study.path, tables)
     setups = []
@@ -160,21 +189,37 @@ def read_trial(study: Study, tables: Mapping[str, Any], measured: Sequence[AnySe
         )
         setups.append(loaded(source, measured[number] if same else None))
     problems = alike([setup.prepared(edited.options).problem for setup in setups])
-    decided = tuple(problem.decided(problem.theta_start) for problem in problems)
-    return Trial(edited, tuple(setups), decided)
+    return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 
-def _on_same_record(problem: RecordProblem, known: Sequence[FrfProblem]) -> RecordProblem:
-    """The problem with a record that is known already, where that is the same."""
+def view_of(problem: RecordProblem, view: FrfProblem) -> FrfProblem:
+    """A view with the model of a problem."""
+    parameters, *channels = problem.parts
+    return (
+        replace(
+            view,
+            structure=problem.structure,
+            parameters=problem.parameters,
+            channels=problem.channels if isinstance(problem, FrfProblem) else None,
+        )
+        if parameters is problem.parameters and len(channels) < 2
+        else view
+    )
+
+
+def _same_view(
+    problem: RecordProblem, setup: AnySetup, before: AnySetup, view: FrfProblem, options: IdentifyOptions
+) -> FrfProblem:
+    """The view of a changed problem: the same FRFs where the record is the same."""
     if isinstance(problem, FrfProblem):
-        for other in known:
-            if other.record.values is problem.record.values or _is_same(other.record, problem.record):
-                return replace(problem, record=other.record)
-    return problem
+        return replace(problem, record=view.record) if _is_same(problem.record, view.record) else problem
+    if setup.measured is before.measured:
+        return view_of(problem, view)
+    return views([setup], [problem], [problem.theta_start], options)[0]
 
 
 def _is_same(one: FrfRecord, other: FrfRecord) -> bool:
-    return (
+    return one is other or (
         one.values.shape == other.values.shape and one.outputs == other.outputs and one.inputs == other.inputs
         and np.array_equal(one.frequency, other.frequency) and np.array_equal(one.values, other.values)
     )  # fmt: skip

@@ -58,6 +58,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "direction": f"sensor {first} points along {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
+        "extra_mode": f"the mode at {first} is none of this structure",
         "record": f"record {first} is of another state than the others",
         "noise_level": "the noise is not what is stated; it is"
         + ("" if value is None else f" {value:.3g} times that"),

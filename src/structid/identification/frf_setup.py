@@ -74,6 +74,10 @@ class Setup(RecordSetup[FrfProblem]):
         )
         return Prepared(problem, tuple(warnings))
 
+    @property
+    def measured(self) -> object:
+        return self.record
+
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> Setup:

@@ -57,6 +57,10 @@ class ModalSetup(RecordSetup[ModalProblem]):
         problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings))
         return Prepared(problem, self.record.warnings)
 
+    @property
+    def measured(self) -> object:
+        return self.record
+
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> ModalSetup:

@@ -52,6 +52,11 @@ class RecordSetup(ABC, Generic[P]):
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:
         """The problem of the lines that `options` choose."""
 
+    @property
+    @abstractmethod
+    def measured(self) -> object:
+        """The record itself."""
+
     @abstractmethod
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()

@@ -108,7 +108,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
             problem = output_error_problem(self.structure, self.parameters, self.record, self._options(options))
         else:
             problem = self._spectra(options)
-        averaged = replace(self._shown(options).record, coherence=None)  # leakage, which the fit has none of
+        averaged = replace(self.shown_problem(options).record, coherence=None)  # leakage, which the fit has none of
         return Prepared(problem, record_warnings(self.structure, averaged))
 
     def _spectra(self, options: IdentifyOptions) -> SpectraProblem:
@@ -121,6 +121,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         spectra = finite_spectra(record, band=options.band)
         spectra = spectra.lines(inside(spectra.frequency, options))
         return SpectraProblem(self.structure, self.parameters, spectra, self.settings.transient, record=record)
+
+    @property
+    def measured(self) -> object:
+        return self.record
 
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
@@ -147,7 +151,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return used, judged.frequency
 
     def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> tuple[str, ...]:
-        beside = self._shown(options)
+        beside = self.shown_problem(options)
         return unit_warnings(beside.record, beside.predicted(beside.theta_start))
 
     @property
@@ -159,7 +163,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
-        return record_fit(title, self._averaged(), self._shown(options), own, options)
+        return record_fit(title, self._averaged(), self.shown_problem(options), own, options)
 
     def _options(self, options: IdentifyOptions) -> TimeOptions:
         method = self.settings.fit
@@ -176,7 +180,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def _averaged(self) -> FrfRecord:
         return self.shown or averaged_frfs(self.record)
 
-    def _shown(self, options: IdentifyOptions) -> FrfProblem:
+    def shown_problem(self, options: IdentifyOptions) -> FrfProblem:
         """The problem of averaged FRFs, which only shows the fit."""
         used = used_lines(self._averaged(), options)
         error = _SHOWN_ERROR if used.variance is None else 0.0

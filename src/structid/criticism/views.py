@@ -1,0 +1,83 @@
+"""Every record as FRFs, which changes are screened on: as they are, averaged from histories, or made of measured modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.identification.modal_fit import paired_modes
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups import AnySetup
+from structid.identification.time_setup import TimeSetup
+from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.records import FrfRecord
+
+#: Of FRFs made of modes: error of each value, decay of the lines in parts of their frequency, lines, and loads.
+_ERROR, _DECAY, _LINES, _LOADS = 0.02, 0.02, 90, 2
+
+
+def views(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
+) -> tuple[FrfProblem, ...]:
+    """One problem of FRFs for each record.
+
+    Parameters
+    ----------
+    setups, problems : sequences
+        Of the study.
+    theta : sequence of (n_own,) float arrays
+        Free variables of each problem, at which measured modes are given a scale.
+    options : IdentifyOptions
+    """
+    found = []
+    for setup, problem, own in zip(setups, problems, theta, strict=True):
+        if isinstance(problem, FrfProblem):
+            found.append(problem)
+        elif isinstance(setup, TimeSetup):
+            found.append(setup.shown_problem(options))
+        elif isinstance(problem, ModalProblem):
+            found.append(modal_view(problem, own))
+    return tuple(found)
+
+
+def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
+    """FRFs of measured modes, scaled to unit modal mass by the model's, with the model's own modes where none was measured.
+
+    Lines lie off the axis, where damping hardly counts. The loads are the channels that move most.
+    """
+    state, pairs = problem.model_state(problem.physical(theta)), paired_modes(problem, theta)
+    sensors = problem.structure.selection(problem.record.channels).toarray()
+    seen = sensors.T @ state.modes.mode_shapes
+    shapes, frequency = seen.copy(), state.modes.frequency.copy()
+    given = problem.data.shapes[:, problem.data.measured]
+    size = np.einsum("cm,cm->m", given, seen[:, pairs.number]) / np.einsum("cm,cm->m", given, given)
+    shapes[:, pairs.number] = given * size
+    frequency[pairs.number] = problem.data.frequency
+    damping = np.full(len(frequency), 1e-3)
+    damping[pairs.number] = np.maximum(pairs.damping_ratio, 0.0)
+    kept = frequency > 0
+    span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), _LINES)
+    lines = np.unique(np.concatenate([span, problem.data.frequency]))
+    drive = np.sort(np.argsort(-np.abs(given * size).max(axis=1))[:_LOADS])
+    decay = _DECAY * 2 * np.pi * lines
+    s = decay + 2j * np.pi * lines
+    values = _synthesized(shapes[:, kept], shapes[drive][:, kept], 2 * np.pi * frequency[kept], damping[kept], s)
+    channels = problem.record.channels
+    size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
+    record = FrfRecord(
+        lines, values, channels, tuple(channels[i] for i in drive), "receptance",
+        variance=_ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2),
+        decay=decay, noise_source="declared",
+    )  # fmt: skip
+    return FrfProblem(problem.structure, problem.parameters, record)
+
+
+def _synthesized(
+    outputs: FloatArray, inputs: FloatArray, omega: FloatArray, damping: FloatArray, s: ComplexArray
+) -> ComplexArray:
+    """Sum over modes of unit modal mass, (n_lines, n_outputs, n_inputs)."""
+    of_mode = 1 / (s[:, None] ** 2 + 2 * s[:, None] * damping * omega + omega**2)
+    found: ComplexArray = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
+    return found
