@@ -17,7 +17,7 @@ from structid.identification.modal_setup import ModalSetup
 from structid.identification.search import chosen_method
 from structid.identification.setups import AnySetup, Prepared, prefixes
 from structid.identification.time_setup import TimeSetup
-from structid.identification.together import alike, shared_parts, together
+from structid.identification.together import alike, together
 from structid.observation import RecordProblem
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
@@ -34,7 +34,6 @@ __all__ = [
     "run_started",
     "run_study",
     "started",
-    "study_parts",
     "study_problems",
 ]
 
@@ -90,11 +89,6 @@ def started(study: Study) -> Start:
         same = alike(problems)
         together(same)
     return Start(study, setups, same, tuple(warnings), tuple(units))
-
-
-def study_parts(study: Study) -> tuple[object, ...]:
-    """Structure and record of each problem of the study, as `identify_together` names them to its `work`."""
-    return shared_parts(study_problems(study))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
