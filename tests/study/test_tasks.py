@@ -123,7 +123,8 @@ def threads_now(shared: object, item: int, tools: Tools) -> list[object]:
     return [os.environ["STRUCTID_THREADS"], *{pool["num_threads"] for pool in threadpool_info()}]
 
 
-def test_every_task_runs_on_one_thread_and_leaves_this_process_as_it_was(processes):
+def test_every_task_runs_on_one_thread_and_leaves_this_process_as_it_was(processes, monkeypatch):
+    monkeypatch.delenv("STRUCTID_THREADS", raising=False)
     with threadpool_limits(2):
         before = [pool["num_threads"] for pool in threadpool_info()]
         assert 2 in before

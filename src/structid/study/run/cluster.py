@@ -15,10 +15,11 @@ from uuid import uuid4
 
 from distributed import Client, KilledWorker, Worker, WorkerPlugin, get_worker
 from distributed.core import rpc
+from threadpoolctl import ThreadpoolController
 
 from structid.errors import InputError
 from structid.estimation.search.work import Task
-from structid.study.run.workers import Answer, Batch, RemoteWorkers, WorkersLostError, answered
+from structid.study.run.workers import Answer, Batch, RemoteWorkers, WorkersLostError, one_thread, results
 
 #: How long a scheduler may take to answer, and workers to be there, s.
 ANSWER_SECONDS = 10.0
@@ -60,7 +61,9 @@ class Cluster(RemoteWorkers):
     def answer(name: str, task: Task, batch: Batch) -> Answer:
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
-        return answered(plugin.shared(), task, batch)
+        shared, pools = plugin.content_here()
+        with one_thread(pools):
+            return results(shared, task, batch)
 
     def executor(self) -> Executor:
         return self._client.get_executor(pure=False, retries=0)
@@ -129,10 +132,12 @@ class _Shared(WorkerPlugin):
     def setup(self, worker: Worker) -> None:
         self.here = threading.local()
 
-    def shared(self) -> Any:
-        if not hasattr(self.here, "shared"):
-            self.here.shared = pickle.loads(self.content)
-        return self.here.shared
+    def content_here(self) -> tuple[Any, ThreadpoolController]:
+        """What tasks share in this thread, and the libraries that it loaded."""
+        if not hasattr(self.here, "made"):
+            self.here.made = pickle.loads(self.content), ThreadpoolController()
+        made: tuple[Any, ThreadpoolController] = self.here.made
+        return made
 
 
 def _connected(address: str, seconds: float) -> Client:

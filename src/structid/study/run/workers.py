@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.errors import InputError, StructidError
@@ -216,7 +216,7 @@ class Processes(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task, batch: Batch) -> Answer:
-        return answered(_read(name), task, batch)
+        return results(_read(name), task, batch)
 
     def executor(self) -> Executor:
         if self._pool is None:
@@ -252,10 +252,11 @@ class Processes(RemoteWorkers):
 
 
 def _begin() -> None:
-    """A process for tasks: Ctrl-C is for the one that sends them, and libraries that come later take one thread too."""
+    """A process for tasks: on one thread, and Ctrl-C is for the process that sends them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
+        os.environ[name] = "1"  # of libraries that come later
+    threadpool_limits(1)
 
 
 @lru_cache(maxsize=KEPT)
@@ -264,12 +265,11 @@ def _read(path: str) -> Any:
     return pickle.loads(Path(path).read_bytes())
 
 
-def answered(shared: Any, task: Task, batch: Batch) -> Answer:
-    """The results of a batch on a worker, and the seconds that they took."""
+def results(shared: Any, task: Task, batch: Batch) -> Answer:
+    """Of a batch on a worker, and the seconds that they took."""
     begun = time.perf_counter()
-    with one_thread(ThreadpoolController()):
-        results = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
-    return results, time.perf_counter() - begun
+    found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
+    return found, time.perf_counter() - begun
 
 
 @contextmanager
@@ -312,9 +312,9 @@ def in_batches(
             if not done:
                 require_alive()
             for future in done:
-                results, taken = future.result()
-                seconds, count = seconds + taken, count + len(results)
-                yield from results
+                found, taken = future.result()
+                seconds, count = seconds + taken, count + len(found)
+                yield from found
             if count:
                 fair = -(-n_waiting // (AHEAD * n_workers))
                 size = max(1, min(int(BATCH_SECONDS * count / max(seconds, 1e-9)), fair))
