@@ -25,6 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("STRUCTID_THREADS", "1")
 
 import numpy as np
+import psutil
 from threadpoolctl import ThreadpoolController
 
 import structid as sid
@@ -158,13 +159,13 @@ def processes_of(executor: Workers) -> list[int]:
 
 
 def processor_seconds(numbers: Sequence[int]) -> np.ndarray:
-    """Processor time of processes so far; zeros where the system does not tell."""
+    """Processor time of processes so far; 0 of one that ended."""
     found = []
     for number in numbers:
         try:
-            fields = Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()
-            found.append((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"))
-        except OSError:
+            times = psutil.Process(number).cpu_times()
+            found.append(times.user + times.system)
+        except psutil.NoSuchProcess:
             found.append(0.0)
     return np.array(found)
 
