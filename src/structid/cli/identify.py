@@ -30,9 +30,9 @@ from structid.estimation import Status
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.long_run import LongRun, executor_for
+from structid.study.run.long_run import LongRun
 from structid.study.run.run import load_study, run_started, started
-from structid.study.work.tasks import WorkersLostError
+from structid.study.run.workers import WorkersLostError, workers_for
 
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
@@ -65,7 +65,7 @@ def identify(
     folder = out if out is not None else Path(f"{study.stem}_results")
     owner = fingerprint(read)
     with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
-        run = LongRun(executor_for(read, workers, scheduler), kept)
+        run = LongRun(workers_for(workers, scheduler), kept)
         try:
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks

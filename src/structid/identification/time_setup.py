@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from structid.identification.record_fit import Own, RecordFit, record_fit
 from structid.identification.setups import Prepared, RecordSetup
 from structid.observation import (
     FrfProblem,
+    Models,
     RecordProblem,
     SpectraProblem,
     TimeOptions,
@@ -87,6 +88,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     shown : FrfRecord, optional
         FRFs of the same test, beside which the fitted model is drawn and judged; by default those of estimator Hv from
         four segments of the record. They have no part in the fit.
+    models : Models
+        What its problems have in common, and those of other records of the same structure.
     """
 
     structure: Structure
@@ -95,6 +98,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     settings: TimeFit = TimeFit()
     name: str = ""
     shown: FrfRecord | None = None
+    models: Models = field(default_factory=Models, repr=False)
 
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
         """Finite spectra of the lines that `options` choose, or all samples for output error.
@@ -118,7 +122,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
             record = replace(record, variance=np.maximum(record.variance, least**2))
         spectra = finite_spectra(record, band=options.band)
         spectra = spectra.lines(inside(spectra.frequency, options))
-        return SpectraProblem(self.structure, self.parameters, spectra, self.settings.transient, record=record)
+        transient = self.settings.transient
+        return SpectraProblem(self.structure, self.parameters, spectra, transient, record=record, models=self.models)
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
@@ -173,7 +178,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """The problem of averaged FRFs, which only shows the fit."""
         used = used_lines(self._averaged(), options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
-        return FrfProblem(self.structure, self.parameters, used, options.residual, error)
+        return FrfProblem(self.structure, self.parameters, used, options.residual, error, models=self.models)
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:
