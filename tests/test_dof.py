@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from structid.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
+from structid.dof import DIRECTIONS, Dof, parse_dof, parse_dofs, renamed
 from structid.errors import InputError
 
 dofs = st.builds(Dof, st.integers(0, 10**9), st.sampled_from(DIRECTIONS), st.sampled_from((1, -1)))
@@ -53,3 +53,32 @@ def test_dof_refuses(arguments):
 
 def test_parse_dofs_keeps_order():
     assert [str(dof) for dof in parse_dofs(["3Z-", Dof(1, "X"), "2.2"])] == ["3Z-", "1X+", "2Y+"]
+
+
+def names(*groups):
+    return tuple([str(dof) for dof in group] for group in groups)
+
+
+def test_swapped_sensors_get_each_others_names_and_keep_their_senses():
+    sensors, loads = parse_dofs(["3Z-", "5Z+", "7Z+"]), parse_dofs(["3Z+", "9Z-"])
+    swapped = renamed(sensors, loads, {"3Z": "5Z", "5Z": "3Z"})
+    assert names(*swapped) == (["5Z-", "3Z+", "7Z+"], ["3Z+", "9Z-"])
+    assert renamed(*swapped, {"3Z": "5Z", "5Z": "3Z"}) == (sensors, loads)
+    assert names(*renamed(sensors, loads, {"9_z": "8X", "7Z": "7Z-"})) == (["3Z-", "5Z+", "7Z-"], ["3Z+", "8X-"])
+    assert names(*renamed(sensors, loads, {"3Z-": "4X", "9Z-": "8X-"})) == (["4X+", "5Z+", "7Z+"], ["3Z+", "8X-"])
+    assert renamed(sensors, loads, {}) == (sensors, loads)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"4Z": "8Z"}, r"no channel 4Z; the record has 3Z-, 5Z\+, 3Z\+"),
+        ({"3Z": "5Z"}, "3Z and 5Z would both be called 5Z"),
+        ({"3Z": "8Z", "5Z": "8Z-"}, "3Z and 5Z would both be called 8Z"),
+        ({"3Z": "8Z", "3Z-": "7Z"}, "3Z- is renamed twice"),
+        ({"3Z": "up"}, "cannot read 'up'"),
+    ],
+)
+def test_names_that_cannot_be_given_are_refused(given, words):
+    with pytest.raises(InputError, match=words):
+        renamed(parse_dofs(["3Z-", "5Z+"]), parse_dofs(["3Z+"]), given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from structid.errors import InputError
@@ -97,3 +97,55 @@ def parse_dof(text: str | Dof) -> Dof:
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
     """Every text of `texts` as a `Dof`, in order."""
     return tuple(parse_dof(text) for text in texts)
+
+
+def renamed(
+    sensors: Sequence[Dof], loads: Sequence[Dof], names: Mapping[str, str]
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """`sensors` and `loads` under other names.
+
+    Parameters
+    ----------
+    sensors, loads : sequence of Dof
+        As a record calls them.
+    names : mapping of str to str
+        What each of them is in truth, by its name in the record: the sensors of that name whatever their sense, or the
+        loads where no sensor has it. A name such as ``3Z-`` turns the sense round.
+
+    Raises
+    ------
+    InputError
+        If there is no channel of a name, or two would have the same one.
+
+    Examples
+    --------
+    >>> sensors, loads = renamed(parse_dofs(["3Z-", "5Z"]), parse_dofs(["3Z"]), {"3Z": "5Z", "5Z": "3Z"})
+    >>> [str(dof) for dof in (*sensors, *loads)]
+    ['5Z-', '3Z+', '3Z+']
+    """
+    wanted: dict[Dof, Dof] = {}
+    for text, other in names.items():
+        old, new = parse_dof(text), parse_dof(other)
+        if old.unsigned in wanted:
+            raise InputError(f"{text} is renamed twice; give it one name")
+        wanted[old.unsigned] = Dof(new.node, new.direction, new.sign * old.sign)
+    here = [{dof.unsigned for dof in group} for group in (sensors, loads)]
+    for dof in wanted:
+        if dof not in here[0] | here[1]:
+            known = ", ".join(dict.fromkeys(str(own) for own in (*sensors, *loads)))
+            raise InputError(f"there is no channel {str(dof)[:-1]}; the record has {known}")
+    own = {dof: new for dof, new in wanted.items() if dof in here[0]}
+    return _renamed(sensors, own), _renamed(loads, {dof: new for dof, new in wanted.items() if dof not in own})
+
+
+def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
+    before: dict[Dof, Dof] = {}
+    for dof in dict.fromkeys(dof.unsigned for dof in dofs):
+        new = names.get(dof, dof).unsigned
+        other = before.setdefault(new, dof)
+        if other != dof:
+            raise InputError(
+                f"{str(other)[:-1]} and {str(dof)[:-1]} would both be called {str(new)[:-1]}; give one of them another name"
+            )
+    now = [names.get(dof.unsigned, dof.unsigned) for dof in dofs]
+    return tuple(Dof(new.node, new.direction, new.sign * dof.sign) for new, dof in zip(now, dofs, strict=True))

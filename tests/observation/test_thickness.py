@@ -6,7 +6,7 @@ import pytest
 from structid import FrfRecord, InputError, Plate, Structure, Unknown, parameters
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.observation.frf.response import response
-from structid.observation.sensitive import require_nominal_thickness
+from structid.observation.sensitive import require_linear_weights
 
 
 def strip(n):
@@ -55,7 +55,7 @@ def test_derivatives_to_thickness_are_differences_in_every_way(n):
 def test_methods_that_are_linear_in_the_parameters_refuse_an_unknown_thickness():
     structure = strip(2)
     with pytest.raises(InputError, match=r"thickness\[a\] must be known in the time domain"):
-        require_nominal_thickness(structure, parameters(structure, [Unknown("thickness", "a")]))
+        require_linear_weights(structure, parameters(structure, [Unknown("thickness", "a")]))
     with pytest.raises(InputError, match=r"thickness\[a\] must be known in the time domain"):
-        require_nominal_thickness(structure, parameters(structure, [Unknown("thickness", "a", start=0.1, fixed=True)]))
-    require_nominal_thickness(structure, parameters(structure, [Unknown("youngs_modulus", "a")]))
+        require_linear_weights(structure, parameters(structure, [Unknown("thickness", "a", start=0.1, fixed=True)]))
+    require_linear_weights(structure, parameters(structure, [Unknown("youngs_modulus", "a")]))

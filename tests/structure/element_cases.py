@@ -17,6 +17,7 @@ from structid import (
     Dashpot,
     Friction,
     InputError,
+    Joint,
     Membrane,
     Plane,
     Plate,
@@ -28,6 +29,7 @@ from structid import (
     Spring,
     Structure,
 )
+from structid.dof import Dof
 from structid.structure import ELEMENT_TYPES
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
@@ -44,17 +46,25 @@ PAIRS = [[1, 2], [2, 3]]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Nodes and one element set on them; `mass` is what moves in any translation, and `turns` whether it turns freely."""
+    """Nodes and one element set on them; `mass` is what moves in any translation, and `turns` whether it turns freely.
+
+    `beside` are sets that it cannot be without.
+    """
 
     name: str
     nodes: dict
     element: ElementSet
     mass: float = 0.0
     turns: bool = True
+    beside: tuple = ()
 
     @property
     def structure(self) -> Structure:
-        return Structure(self.nodes, [self.element])
+        return self.made(self.element)
+
+    def made(self, element: ElementSet) -> Structure:
+        order = list(ELEMENT_TYPES.values())  # as a study file has them
+        return Structure(self.nodes, sorted([*self.beside, element], key=lambda one: order.index(type(one))))
 
 
 def lengths(nodes: dict) -> np.ndarray:
@@ -81,9 +91,37 @@ CASES: dict[str, tuple[Case, ...]] = {
     "beam": (
         Case("on a line", LINE, Beam("e", PAIRS, [2.0, 3.0], [5.0, 7.0], **DAMPED), lengths(LINE) @ [2.0, 3.0]),
         Case("in a plane", PLANE, Beam("e", PAIRS, 2.0, 5.0, 11.0, **DAMPED), 2.0 * lengths(PLANE).sum()),
+        Case(
+            "with shear on a line",
+            LINE,
+            Beam("e", PAIRS, 2.0, [5.0, 7.0], shear_stiffness=[9.0, 20.0], **DAMPED),
+            2.0 * lengths(LINE).sum(),
+        ),
+        Case(
+            "with shear in a plane",
+            PLANE,
+            Beam("e", PAIRS, 2.0, 5.0, 11.0, shear_stiffness=9.0, **DAMPED),
+            2.0 * lengths(PLANE).sum(),
+        ),
     ),
     "dashpot": (Case("between masses", LINE, Dashpot("e", "1X", "2X-", viscous_damping=3.0)),),
     "friction": (Case("between masses", LINE, Friction("e", "1X", "2X", friction_force=3.0, measured_by="3X")),),
+    "joint": (
+        Case(
+            "in a plane",
+            PLANE,
+            Joint("e", "frame:2", "2RZ", 3.0, 0.1),
+            lengths(PLANE).sum(),
+            beside=(Beam("frame", PAIRS, 1.0, 2.0, 5.0),),
+        ),
+        Case(
+            "in space",
+            SPACE,
+            Joint("e", "frame:1", "2X", 3.0),
+            lengths(SPACE).sum(),
+            beside=(SpaceBeam("frame", PAIRS, 1.0, 2.0, 3.0, 5.0, 4.0),),
+        ),
+    ),
     "membrane": (
         on_cells("consistent", "triangle", lambda t: Membrane("e", t, 2.0, 3.0, 0.01, 0.1), 1.2),
         on_cells("lumped", "triangle", lambda t: Membrane("e", t, 2.0, 3.0, lumped=True), 1.2),
@@ -120,6 +158,12 @@ CASES: dict[str, tuple[Case, ...]] = {
             SpaceBeam("e", PAIRS, 2.0, 5.0, 6.0, 11.0, 3.0, 0.1, 0.01, 0.2, orientation=[0.1, 0.2, 0.9]),
             2.0 * lengths(SPACE).sum(),
         ),
+        Case(
+            "with shear",
+            SPACE,
+            SpaceBeam("e", PAIRS, 2.0, [5.0, 3.0], 6.0, 11.0, 3.0, shear_stiffness_y=9.0, shear_stiffness_z=[8.0, 7.0]),
+            2.0 * lengths(SPACE).sum(),
+        ),
     ),
     "spring": (
         Case("between masses", LINE, Spring("e", ["1X", "2X"], ["2X", "3X"], stiffness=[3.0, 4.0], loss_factor=0.1)),
@@ -140,7 +184,8 @@ def rigid_motions(structure: Structure) -> np.ndarray:
     motions = np.zeros((structure.n_dofs, 6))
     for i, dof in enumerate(structure.dofs):
         x = np.zeros(3)
-        x[: structure.dimension] = structure.nodes[dof.node]
+        loosened = [element.loosened[1].node for element in structure.elements if element.loosened]
+        x[: structure.dimension] = structure.nodes[dof.node if dof.node in structure.nodes else loosened[0]]
         motions[i, dof.axis] = 1.0
         if not dof.is_rotation:
             motions[i, 3:] = np.cross(np.eye(3), x)[:, dof.axis]
@@ -150,7 +195,9 @@ def rigid_motions(structure: Structure) -> np.ndarray:
 def properties(case: Case) -> dict:
     """Declared properties of the element that have a value."""
     said = declarations(case.element)
-    return {name: getattr(case.element, name) for name, what in said.items() if what.kind is not None}
+    own = {name: getattr(case.element, name) for name, what in said.items() if what.kind is not None}
+    assert all(said[name].unlimited for name, value in own.items() if value is None)
+    return {name: value for name, value in own.items() if value is not None}
 
 
 def keeps_symmetry(case: Case, folder: Path) -> None:
@@ -184,10 +231,10 @@ def carries_its_mass(case: Case, folder: Path) -> None:
 def follows_its_values(case: Case, folder: Path) -> None:
     """Matrices at other values are those of an element set made with them, powers of the thickness included."""
     base = case.structure
-    own = {item.term.property: item for item in base.properties}
+    own = {item.term.property: item for item in base.properties if item.element == case.element.name}
     for name, nominal in properties(case).items():
         changed = 1.3 * nominal + 0.1
-        made = Structure(case.nodes, [replace(case.element, **{name: changed})])
+        made = case.made(replace(case.element, **{name: changed}))
         values = base.values.copy()
         if name in own:
             values[own[name].values] = changed
@@ -205,7 +252,7 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
     for name in {"mass_damping", "stiffness_damping"} & set(own):
         others = {other: 0.0 for other in own if other.endswith("damping")}
         weights = own.get("mass", own.get("density"))
-        made = Structure(case.nodes, [replace(case.element, **{**others, name: weights})])
+        made = case.made(replace(case.element, **{**others, name: weights}))
         damping, mass = made.matrix("viscous"), made.matrix("inertia")
         assert damping.nnz
         for axis in range(3):
@@ -215,11 +262,14 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
 
 
 def refuses_bad_values(case: Case, folder: Path) -> None:
-    """Every property is a finite number of at least 0, one for all or one an element."""
+    """Every property is a finite number of at least 0, one for all or one an element; infinite is none of what may be none."""
     for name, what in declarations(case.element).items():
         if what.kind is None:
             continue
-        for bad in (-1.0, np.nan, np.inf, np.ones(99), *([0.0] if what.positive else [])):
+        if what.unlimited:
+            assert getattr(replace(case.element, **{name: np.inf}), name) is None
+        infinite = np.full(len(case.element.nodes), np.inf) if what.unlimited else np.inf
+        for bad in (-1.0, np.nan, infinite, np.ones(99), *([0.0] if what.positive else [])):
             with pytest.raises(InputError, match=f"`{name}` of 'e' must be"):
                 replace(case.element, **{name: bad})
 
@@ -240,7 +290,7 @@ def says_what_it_takes(case: Case, folder: Path) -> None:
 def travels(case: Case, folder: Path) -> None:
     """It reaches another process as it is."""
     again = pickle.loads(pickle.dumps(case.element))
-    assert same(case.structure, Structure(case.nodes, [again]))
+    assert same(case.structure, case.made(again))
 
 
 def same(first: Structure, second: Structure) -> bool:
@@ -252,12 +302,11 @@ def same(first: Structure, second: Structure) -> bool:
 
 def is_written_in_a_study(case: Case, folder: Path) -> None:
     """The same element set comes from a study file whose keys are its arguments."""
-    [name] = [name for name, kind in ELEMENT_TYPES.items() if kind is type(case.element)]
-    entry = {key: plain(getattr(case.element, key)) for key in element_table(type(case.element)).keys if key != "group"}
-    table = {
-        "nodes": {str(label): plain(np.atleast_1d(x)) for label, x in case.nodes.items()},
-        name: [{key: value for key, value in entry.items() if value is not None}],
-    }
+    table = {"nodes": {str(label): plain(np.atleast_1d(x)) for label, x in case.nodes.items()}}
+    for element in (*case.beside, case.element):
+        [name] = [name for name, kind in ELEMENT_TYPES.items() if kind is type(element)]
+        entry = {key: plain(getattr(element, key)) for key in element_table(type(element)).keys if key != "group"}
+        table[name] = [{key: value for key, value in entry.items() if value is not None}]
     section = Section(StudyText(folder / "study.toml", ""), ("structure",), table)
     assert same(case.structure, read_structure(section, InputFiles(folder)))
 
@@ -266,6 +315,8 @@ def plain(value: object) -> object:
     """A field of an element set as TOML has it."""
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, Dof):
+        return str(value)
     if isinstance(value, tuple):
         texts = [str(entry) for entry in value]
         return texts[0] if len(texts) == 1 else texts or None

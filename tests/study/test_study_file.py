@@ -209,6 +209,12 @@ first = "2X"
 friction_force = 0.1
 measured_by = ["2X"]
 smoothing = 3
+[[structure.joint]]
+name = "joint"
+element = "beams:2"
+at = "2RZ"
+stiffness = 800.0
+loss_factor = 0.01
 [[structure.membrane]]
 name = "skin"
 nodes = [2, 3, 4]
@@ -299,6 +305,10 @@ def test_every_element_type_and_tie_can_be_written(tmp_path):
         ("orientation = [0, 1, 0]", "orientation = [1, 0, 0]", ['"beams"', "must not run along the beam"]),
         ("orientation = [0, 1, 0]", "orientation = [0, 1]", ["three numbers"]),
         ('dependent = "2Z"', 'dependent = "1Z"', ["is fixed and also depends on others"]),
+        ('element = "beams:2"', 'element = "beam:2"', ['[[structure.joint]] "joint": joint', "the nearest is beams"]),
+        ('at = "2RZ"', 'at = "8RZ"', ['[[structure.joint]] "joint" at: node 8 does not exist']),
+        ('at = "2RZ"', 'at = "2X"', ['[[structure.joint]] "joint": joint', "no stiffness in 2X", "Y Z RY RZ"]),
+        ('at = "2RZ"', 'at = "4RZ"', ['"joint": joint', "node 4 is none of beams:2, which runs from 2 to 3"]),
     ],
 )
 def test_ties_and_orientations_that_cannot_be_are_placed(tmp_path, old, new, words):

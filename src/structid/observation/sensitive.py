@@ -24,15 +24,19 @@ def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) ->
     return sparse.csr_array(sum(slopes[1:], slopes[0]))
 
 
-def require_nominal_thickness(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` where a thickness is a parameter or not its nominal value: its powers are not linear."""
-    changing = np.diff(unknown.design.tocsr().indptr) > 0
+def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
+
+    A thickness, and bending and shear stiffness of a beam that shears.
+    """
+    changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
+    places = {place.start for part in structure.contributions if part.scale for place in part.scale.places}
     for item in structure.properties:
-        moved = unknown.offset[item.values] != item.term.values
-        if item.term.kind == "thickness" and (changing[item.values] | moved).any():
+        if item.values.start in places and changing[item.values].any():
+            remedy = "take Young's modulus as the unknown" if item.term.kind == "thickness" else "leave the shear out"
             raise InputError(
-                f"{item.label} must be known in the time domain, where matrices are linear in the parameters; take"
-                " Young's modulus as the unknown, or identify the thickness from FRFs with `identify`"
+                f"{item.label} must be known in the time domain, where matrices are linear in the parameters; {remedy}, or"
+                f" identify the {item.term.property.replace('_', ' ')} from FRFs with `identify`"
             )
 
 
@@ -96,9 +100,7 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
     design, marks = unknown.design.tocsr(), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
-        factors = [] if item.factor is None else [item.factor]
-        factors += [] if item.thickness is None else [item.thickness.value]
-        for place in factors:
+        for place in item.places[1:]:
             marks[place] = True
             if design[place].nnz:
                 marks[item.value] = True
@@ -122,9 +124,9 @@ def weighted_elements(
             item = structure.contributions[member]
             factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
             other = 0 if item.factor is None else design[item.factor][group.rows].nnz
-            if item.thickness is not None:
-                factor = factor * item.thickness.of(weights)[group.rows]
-                other += design[item.thickness.value][group.rows].nnz
+            if item.scale is not None:
+                factor = factor * item.scale.of(weights)[group.rows]
+                other += sum(design[place][group.rows].nnz for place in item.scale.places)
             simple = np.ptp(factor) == 0 and not other
             key = (number, item.value.start, -1 if simple else member)
             if key not in found:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS
 from structid.structure.blocks import ElementMatrices
-from structid.structure.elements.element import TRANSLATIONS, Layer, Term
+from structid.structure.elements.element import TRANSLATIONS, Layer, Term, shear_share
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
 
@@ -26,6 +27,23 @@ class Property:
     @property
     def label(self) -> str:
         return f"{self.term.property}[{self.element}]"
+
+
+class Factor(Protocol):
+    """What multiplies the weights of element matrices and is not linear in the values; 1 at the nominal ones."""
+
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """Where the values stand that it depends on, among the values of the structure."""
+        ...
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """The factors, (n_elements,)."""
+        ...
+
+    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """Their derivatives with respect to the values at each of `places`, (n_elements,) each."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +64,55 @@ class ThicknessFactor:
     nominal: FloatArray
     power: int
 
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """See `Factor.places`."""
+        return (self.value,)
+
     def of(self, values: FloatArray) -> FloatArray:
-        """The factors, (n_elements,); 1 at the nominal values."""
+        """See `Factor.of`."""
         powers: FloatArray = (values[self.value] / self.nominal) ** self.power
         return powers
 
-    def slope(self, values: FloatArray) -> FloatArray:
-        """Their derivatives with respect to the thicknesses, (n_elements,), 1/m."""
+    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """See `Factor.slopes`, 1/m."""
         ratio = values[self.value] / self.nominal
-        slopes: FloatArray = self.power * ratio ** (self.power - 1) / self.nominal
-        return slopes
+        return (self.power * ratio ** (self.power - 1) / self.nominal,)
+
+
+@dataclass(frozen=True, eq=False)
+class ShearFactor:
+    """The share G / (G + ratio E) of `ShearShare` over the nominal one, which the element matrices hold.
+
+    Attributes
+    ----------
+    bending, shear : slice
+        Where E and G stand among the values of the structure.
+    ratio : (n_elements,) float array
+        1/m^2.
+    nominal : (n_elements,) float array
+        Share at the nominal values.
+    """
+
+    bending: slice
+    shear: slice
+    ratio: FloatArray
+    nominal: FloatArray
+
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """See `Factor.places`."""
+        return (self.bending, self.shear)
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """See `Factor.of`."""
+        return shear_share(values[self.bending], values[self.shear], self.ratio) / self.nominal
+
+    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """See `Factor.slopes`."""
+        bending, shear = values[self.bending], values[self.shear]
+        common = self.ratio / (shear + self.ratio * bending) ** 2 / self.nominal
+        return (-common * shear, common * bending)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +120,8 @@ class Contribution:
     """Element matrices on free degrees of freedom, with the values that weigh them.
 
     The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
-    (stiffness times loss factor), times a power of the thickness where the element has one. `law` says how it enters
-    the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic`` by 1, ``structural`` by i,
+    (stiffness times loss factor), times what `scale` gives where the element has a thickness or shears. `law` says how
+    it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic`` by 1, ``structural`` by i,
     ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
     """
 
@@ -72,43 +129,41 @@ class Contribution:
     blocks: ElementMatrices
     value: slice
     factor: slice | None = None
-    thickness: ThicknessFactor | None = None
+    scale: Factor | None = None
 
     @property
     def is_product(self) -> bool:
         """Whether the weight is a product of several values."""
-        return self.factor is not None or self.thickness is not None
+        return self.factor is not None or self.scale is not None
 
     @property
     def places(self) -> tuple[slice, ...]:
         """Where the values stand that make up the weights."""
-        more = (self.factor, None if self.thickness is None else self.thickness.value)
-        return (self.value, *(place for place in more if place is not None))
+        factor = () if self.factor is None else (self.factor,)
+        return (self.value, *factor, *(() if self.scale is None else self.scale.places))
 
     def weights(self, values: FloatArray) -> FloatArray:
         """Weight of each element, (n_elements,)."""
         own = values[self.value]
         if self.factor is not None:
             own = own * values[self.factor]
-        return own if self.thickness is None else own * self.thickness.of(values)
+        return own if self.scale is None else own * self.scale.of(values)
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
-        mask: np.ndarray = changing[self.value]
-        if self.factor is not None:
-            mask = mask | changing[self.factor]
-        return mask if self.thickness is None else mask | changing[self.thickness.value]
+        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
+        return mask
 
     def partial_slopes(self, values: FloatArray) -> list[tuple[slice, FloatArray]]:
         """Derivative of the weights with respect to each of the values that make them up: where they stand, and it."""
         factor = 1.0 if self.factor is None else values[self.factor]
-        power = 1.0 if self.thickness is None else self.thickness.of(values)
+        scale = 1.0 if self.scale is None else self.scale.of(values)
         own = values[self.value]
-        slopes = [np.broadcast_to(factor * power, own.shape)]
+        slopes = [np.broadcast_to(factor * scale, own.shape)]
         if self.factor is not None:
-            slopes.append(own * power)
-        if self.thickness is not None:
-            slopes.append(own * factor * self.thickness.slope(values))
+            slopes.append(own * scale)
+        if self.scale is not None:
+            slopes += [own * factor * slope for slope in self.scale.slopes(values)]
         return list(zip(self.places, slopes, strict=True))
 
 
@@ -124,8 +179,8 @@ def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], Element
             law = f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
             if id(layer) not in blocks:
                 blocks[id(layer)] = blocks_of(layer)
-            thickness = _thickness(properties, item.element, layer.power)
-            found.append(Contribution(law, blocks[id(layer)], item.values, thickness=thickness))
+            scale = _scale(properties, item.element, layer)
+            found.append(Contribution(law, blocks[id(layer)], item.values, scale=scale))
             if law == "elastic":
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
@@ -140,23 +195,29 @@ def rigid_mass(
     for candidate in (direction,) if direction else TRANSLATIONS:
         for item, layer in masses:
             unit = _rigid(layer, DIRECTIONS.index(candidate))
-            thickness = _thickness(properties, item.element, layer.power)
-            factor = 1.0 if thickness is None else thickness.of(values)
+            scale = _scale(properties, item.element, layer)
+            factor = 1.0 if scale is None else scale.of(values)
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
-            if thickness is not None:
-                gradient[thickness.value] += unit * values[item.values] * thickness.slope(values)
+            if scale is not None:
+                for place, slope in zip(scale.places, scale.slopes(values), strict=True):
+                    gradient[place] += unit * values[item.values] * slope
         if gradient.any():
             break
     return total, gradient
 
 
-def _thickness(properties: Sequence[Property], element: str, power: int) -> ThicknessFactor | None:
-    """How the thickness of `element` enters matrices that go with its `power`."""
-    if power == 0:
+def _scale(properties: Sequence[Property], element: str, layer: Layer) -> Factor | None:
+    """What multiplies the weights of a layer of `element` that goes with a thickness, or that shears."""
+    if layer.shear is not None:
+        own = {p.term.property: p for p in properties if p.element == element}
+        bending, shear = own[layer.shear.bending], own[layer.shear.shear]
+        share = shear_share(bending.term.values, shear.term.values, layer.shear.ratio)
+        return ShearFactor(bending.values, shear.values, layer.shear.ratio, share)
+    if layer.power == 0:
         return None
     found = next(p for p in properties if p.element == element and p.term.kind == "thickness")
-    return ThicknessFactor(found.values, found.term.values, power)
+    return ThicknessFactor(found.values, found.term.values, layer.power)
 
 
 def _rigid(layer: Layer, axis: int) -> FloatArray:

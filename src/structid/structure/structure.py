@@ -17,9 +17,12 @@ from structid.errors import InputError
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
+from structid.structure.inside import NumberedTerms, numbered_terms
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
 from structid.structure.supports import Equations, Tie, tie_equations, tied_codes
 
+#: Into which one element may be cut; its matrices are dense.
+MOST_PIECES = 100
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
 
 
@@ -40,6 +43,9 @@ class Structure:
     active : sequence of directions, optional
         Directions that the structure can move in; the others are held. All of the dimension by default: X Y RZ
         for nodes with one or two coordinates, and what its elements move in besides, such as Z of a `Membrane`.
+    subdivide : int
+        Equal pieces of which each bar, beam and space beam is made. They are still one element: its number, its
+        properties and its parameters are those of all pieces.
 
     Raises
     ------
@@ -52,6 +58,7 @@ class Structure:
     fixed: tuple[Dof, ...] = ()
     ties: tuple[Tie, ...] = ()
     active: tuple[str, ...] | None = None
+    subdivide: int = 1
 
     def __init__(
         self,
@@ -60,6 +67,7 @@ class Structure:
         fixed: Iterable[str | Dof] = (),
         ties: Iterable[Tie] = (),
         active: Sequence[str] | None = None,
+        subdivide: int = 1,
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -73,7 +81,9 @@ class Structure:
         if not directions or not set(directions) <= set(DIRECTIONS):
             raise InputError(f"`active` must list some of {' '.join(DIRECTIONS)}, got {active}")
         object.__setattr__(self, "active", directions)
+        object.__setattr__(self, "subdivide", subdivide)
         _require_names(self)
+        _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
 
     @property
@@ -84,14 +94,18 @@ class Structure:
     @cached_property
     def properties(self) -> tuple[Property, ...]:
         """Every property of every element set, in order."""
-        used = [element.codes(self.nodes) for element in self.elements if not element.follows]
-        present = joined_codes([*used, tied_codes(self._equations)])
         found, start = [], 0
-        for element in self.elements:
-            for term in element.terms(self.nodes, present):
-                found.append(Property(element.name, term, slice(start, start + len(term.values))))
+        for name, terms in self._numbered.terms.items():
+            for term in terms:
+                found.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
         return tuple(found)
+
+    @cached_property
+    def _numbered(self) -> NumberedTerms:
+        used = [element.codes(self.nodes) for element in self.elements if not element.follows]
+        present = joined_codes([*used, tied_codes(self._equations)])
+        return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -114,8 +128,13 @@ class Structure:
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
-        """Free degrees of freedom in the order of the matrices."""
+        """Free degrees of freedom in the order of the matrices; those inside elements have labels above the nodes'."""
         return tuple(dof_of_code(code) for code in self.numbering.free)
+
+    def words(self, dof: Dof) -> str:
+        """What messages call one of `dofs`, such as ``3X+``, or ``RZ inside joint 1``."""
+        inside = self._numbered.owners.get(dof.node)
+        return str(dof.unsigned) if inside is None else f"{dof.direction} inside {inside}"
 
     @property
     def n_dofs(self) -> int:
@@ -194,6 +213,17 @@ def _require_names(structure: Structure) -> None:
     for dof in structure.fixed:
         if dof.node not in structure.nodes:
             raise InputError(f"`fixed` names {dof} at node {dof.node}, which the structure does not have")
+
+
+def _require_pieces(structure: Structure) -> None:
+    pieces = structure.subdivide
+    if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
+        raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")
+    if pieces > 1 and not any(element.is_line for element in structure.elements):
+        raise InputError(
+            "`subdivide` cuts bars, beams and space beams only, and the structure has none; take 1, and refine the mesh or"
+            " the matrices in the program that made them"
+        )
 
 
 def from_matrices(

@@ -18,7 +18,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.errors import InputError
 from structid.observation.motion.motion import MOTION_QUANTITIES, Motion
-from structid.observation.sensitive import require_nominal_thickness
+from structid.observation.sensitive import require_linear_weights
 from structid.structure import Contribution, Structure
 from structid.unknowns import Parameters
 
@@ -171,7 +171,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
-    require_nominal_thickness(structure, unknown)
+    require_linear_weights(structure, unknown)
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.dof import Dof
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.errors import InputError, SingularModelError
-from structid.observation.sensitive import require_nominal_thickness
+from structid.observation.sensitive import require_linear_weights
 from structid.observation.time.options import Hold, Oscillation
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -337,7 +337,7 @@ class LinearSystem:
 
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where friction or loss factors take part: they have no linear equation of motion in time."""
-    require_nominal_thickness(structure, unknown)
+    require_linear_weights(structure, unknown)
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():
@@ -350,8 +350,3 @@ def require_viscous(structure: Structure, unknown: Parameters) -> None:
                 "loss factors must be 0 in the time domain, since structural damping is defined for harmonic motion only;"
                 " use viscous damping, or identify them from FRFs with `identify`"
             )
-
-
-def names_of(dofs: Sequence[Dof]) -> str:
-    """Degrees of freedom in one line, for messages."""
-    return ", ".join(str(dof.unsigned) for dof in dofs)

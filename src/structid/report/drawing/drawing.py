@@ -17,11 +17,23 @@ from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.drawing.projection import is_spatial, paper_axes
 from structid.report.rendering import plot
 from structid.report.text import counted
-from structid.structure import Bar, Beam, Dashpot, Friction, PointMass, RotaryInertia, SpaceBeam, Spring, Structure
+from structid.structure import (
+    Bar,
+    Beam,
+    Dashpot,
+    Friction,
+    Joint,
+    PointMass,
+    RotaryInertia,
+    SpaceBeam,
+    Spring,
+    Structure,
+)
 from structid.structure.elements import ElementSet
 from structid.structure.supports import Constraint, RigidLink
 
 _Connector, _Line = Spring | Dashpot | Friction, Bar | Beam | SpaceBeam
+_Ring = RotaryInertia | Joint
 _SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
@@ -161,7 +173,7 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     for element, k in lines:
         path = np.array([frame.points[int(n)] for n in element.nodes[k]])
         marks.append(_mark(element, k, path, False, path.mean(axis=0)))
-    marks += [_mark(e, k, path, not isinstance(e, RotaryInertia), centre) for e, k, path, centre in areas]
+    marks += [_mark(e, k, path, not isinstance(e, _Ring), centre) for e, k, path, centre in areas]
     walls = symbols.joined(wall for *_, wall, _ in shapes if len(wall))
     return (*cell_faces(frame.structure, frame.points), *marks), walls
 
@@ -250,14 +262,14 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 def _area(
     frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Outline and middle: a disc for a mass, rings for rotary inertias, a square for what is left."""
+    """Outline and middle: a disc for a mass, rings for rotary inertias and joints, a square for what is left."""
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
         return symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35)), centre
     key = ("area", round(float(centre[0]) / frame.size, 6), round(float(centre[1]) / frame.size, 6))
     taken[key] += 1
-    if isinstance(element, RotaryInertia):
+    if isinstance(element, _Ring):
         return symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key])), centre
     centre = centre + np.array([2.6 * frame.radius * (taken[key] - 1), 0.0])
     return symbols.square(centre, frame.radius), centre

@@ -9,6 +9,7 @@ from structid.structure.elements.connector import Dashpot, Spring
 from structid.structure.elements.element import ElementSet, Kind, Term
 from structid.structure.elements.friction import Friction
 from structid.structure.elements.inertia import PointMass, RotaryInertia
+from structid.structure.elements.joint import Joint
 from structid.structure.elements.matrix_group import MatrixGroup
 from structid.structure.elements.membrane import Membrane
 from structid.structure.elements.plane import Plane
@@ -23,6 +24,7 @@ ELEMENT_TYPES: dict[str, type[ElementSet]] = {
     "beam": Beam,
     "dashpot": Dashpot,
     "friction": Friction,
+    "joint": Joint,
     "membrane": Membrane,
     "plane": Plane,
     "plate": Plate,
@@ -41,6 +43,7 @@ __all__ = [
     "Dashpot",
     "ElementSet",
     "Friction",
+    "Joint",
     "Kind",
     "MatrixGroup",
     "Membrane",

@@ -30,6 +30,8 @@ from structid.structure.elements.element import (
 class Bar(ElementSet):
     """Bars between nodes on a line (X), in a plane (X, Y) or in space (X, Y, Z)."""
 
+    is_line = True
+
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
     axial_stiffness: Values = declared("EA", "stiffness", "N")

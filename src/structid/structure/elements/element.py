@@ -39,6 +39,10 @@ class Given(Generic[Taken, Stored]):
 
 #: One number an element, or one for all.
 Values: TypeAlias = Annotated[Given[ArrayLike, FloatArray], "float or (n_elements,) array"]
+#: The same, or none.
+OptionalValues: TypeAlias = Annotated[
+    Given[ArrayLike | None, FloatArray | None], "float or (n_elements,) array, optional"
+]
 #: Node labels.
 Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) int array"]
 #: A direction in space.
@@ -66,6 +70,8 @@ class Declared:
         The property whose matrix it weighs too; by default it has one of its own.
     positive : bool
         Whether 0 is refused.
+    unlimited : bool
+        Whether it may be left out, which is the same as one infinite number: nothing gives way there.
     about_axes : str
         Unit between rotations.
     stored : Store, optional
@@ -78,6 +84,7 @@ class Declared:
     positive: bool = False
     about_axes: str = ""
     stored: Store | None = None
+    unlimited: bool = False
 
 
 #: What many types say of their damping.
@@ -94,10 +101,11 @@ def declared(
     about_axes: str = "",
     positive: bool = False,
     stored: Store | None = None,
+    unlimited: bool = False,
     **options: Any,
 ) -> Any:
     """A field of an element type, see `Declared`; `options` are those of `dataclasses.field`, such as `default`."""
-    what = Declared(words, kind, unit, of, positive, about_axes, stored)
+    what = Declared(words, kind, unit, of, positive, about_axes, stored, unlimited)
     return field(metadata={"declared": what}, **options)
 
 
@@ -125,8 +133,30 @@ def element(cls: type[E]) -> type[E]:
 
 
 @dataclass(frozen=True, eq=False)
+class ShearShare:
+    """What is left of bending matrices where the elements shear too: the share G / (G + ratio E).
+
+    Parameters
+    ----------
+    bending, shear : str
+        The properties E and G, such as ``bending_stiffness`` and ``shear_stiffness``.
+    ratio : (n_elements,) float array
+        12 / length^2, 1/m^2.
+    """
+
+    bending: str
+    shear: str
+    ratio: FloatArray
+
+
+def shear_share(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
+    """The share of `ShearShare`, (n_elements,)."""
+    return shear / (shear + ratio * bending)
+
+
+@dataclass(frozen=True, eq=False)
 class Layer:
-    """Matrices of all elements of a set, at unit value and unit thickness.
+    """Matrices of all elements of a set, at unit value, unit thickness and the nominal share of `shear`.
 
     Parameters
     ----------
@@ -137,12 +167,15 @@ class Layer:
         Power of the thickness that they go with.
     whole : sparse array, optional
         In place of `local`: the matrix of a set that is one element.
+    shear : ShearShare, optional
+        The share that weighs them besides.
     """
 
     codes: IntArray
     local: FloatArray
     power: int = 0
     whole: sparse.csc_array | None = None
+    shear: ShearShare | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +219,8 @@ class ElementSet:
     moves: ClassVar[tuple[str, ...]] = ()
     #: Whether its nodes move as those of other elements do: masses.
     follows: ClassVar[bool] = False
+    #: Whether each element is straight between its two nodes, so that a joint may loosen its ends.
+    is_line: ClassVar[bool] = False
 
     name: str = declared("Name of the set")
     nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")
@@ -194,7 +229,9 @@ class ElementSet:
         types = declared_types(type(self))
         for name, what in declarations(self).items():
             value = getattr(self, name)
-            if what.kind is not None:
+            if what.unlimited and isinstance(value, float) and value == np.inf:
+                value = None
+            if what.kind is not None and not (what.unlimited and value is None):
                 value = property_values(self.name, name, value, len(self.nodes), what.positive)
             problem = problem_of(types[name], value)
             if problem:
@@ -202,6 +239,11 @@ class ElementSet:
             if what.stored is not None and value is not None:
                 value = what.stored(self.name, value)
             object.__setattr__(self, name, value)
+
+    @property
+    def loosened(self) -> tuple[str, Dof] | None:
+        """The element whose end it lets go, and in what; its matrices then have -1 for that end. None for most."""
+        return None
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """The matrices that properties weigh, by the name of the property; see `terms`."""

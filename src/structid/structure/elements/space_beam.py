@@ -1,4 +1,4 @@
-"""Euler-Bernoulli beams in space: two bending planes, extension and torsion."""
+"""Beams in space: two bending planes with or without shear, extension and torsion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.dof import DIRECTIONS
 from structid.errors import InputError
-from structid.structure.elements.beam import hermite_mass, hermite_stiffness, rod_mass, rod_stiffness
+from structid.structure.elements.beam import SHEAR, bending_layers, hermite_mass, rod_mass, rod_stiffness
 from structid.structure.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -16,6 +16,7 @@ from structid.structure.elements.element import (
     Layer,
     Matrices,
     Nodes,
+    OptionalValues,
     Positions,
     Values,
     Vector,
@@ -44,6 +45,7 @@ class SpaceBeam(ElementSet):
     """
 
     moves = DIRECTIONS
+    is_line = True
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
@@ -57,6 +59,12 @@ class SpaceBeam(ElementSet):
     orientation: Vector = declared(
         "In the local x-y plane; by default global Y, or global X for beams along Y", stored=_direction, default=None
     )
+    shear_stiffness_y: OptionalValues = declared(
+        f"{SHEAR} along local y, with EI about z", "stiffness", "N", positive=True, unlimited=True, default=None
+    )
+    shear_stiffness_z: OptionalValues = declared(
+        f"{SHEAR} along local z, with EI about y", "stiffness", "N", positive=True, unlimited=True, default=None
+    )
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
@@ -65,17 +73,21 @@ class SpaceBeam(ElementSet):
             raise InputError(f"beams of {self.name!r} need 3-D nodes; use the element type `beam`")
         codes = node_codes(self.nodes, DIRECTIONS)
         maps = _space_maps(_axes(self.name, direction, self.orientation))
-        rod, bend = rod_stiffness(length), hermite_stiffness(length)
+        rod = rod_stiffness(length)
         mass = rotated(hermite_mass(length), maps["about_y"]) + rotated(hermite_mass(length), maps["about_z"])
         made = {
             "mass": mass + rotated(rod_mass(length), maps["along"]),
             "polar_inertia": rotated(rod_mass(length), maps["twist"]),
-            "bending_stiffness_y": rotated(bend, maps["about_y"]),
-            "bending_stiffness_z": rotated(bend, maps["about_z"]),
             "axial_stiffness": rotated(rod, maps["along"]),
             "torsional_stiffness": rotated(rod, maps["twist"]),
         }
-        return {name: (Layer(codes, local),) for name, local in made.items()}
+        about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
+        about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
+        layers: dict[str, tuple[Layer, ...]] = {name: (Layer(codes, local),) for name, local in made.items()}
+        for plane, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
+            layers[bending[0]] = bending_layers(codes, maps[plane], length, bending, shear)
+            layers |= {} if shear[1] is None else {shear[0]: ()}
+        return layers
 
 
 def _axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:

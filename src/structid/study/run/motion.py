@@ -101,7 +101,7 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
     source = study.record
     if len(study.setups) > 1:
         raise source.section.error("identification from motion takes one [record]; name several files by `repeats`")
-    for key in ("modes", "noise", "frf", "channel_error", "window_decay", "channels_used"):
+    for key in ("modes", "noise", "frf", "channel_error", "window_decay", "relabel", "channels_used"):
         if key in source.section.table:
             raise source.section.error("identification from motion does not use it; leave it out", key)
     with source.section.located("repeats" if len(source.paths) > 1 else "path"):

@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from structid.declared import Limits, alternatives
 from structid.dof import Dof
 from structid.structure.elements.connector import Ends, OtherEnds
-from structid.structure.elements.element import Nodes, Values, Vector
+from structid.structure.elements.element import Nodes, OptionalValues, Values, Vector
 from structid.structure.elements.friction import End, OtherEnd
 from structid.structure.elements.inertia import Translations
+from structid.structure.elements.joint import At
 
 _LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero
 _TYPES: Mapping[str, Any] = {
@@ -184,6 +185,12 @@ WEIGHTED = Kind(
     lambda value: all(TEXT.accepts(dof) and NUMBER.accepts(factor) for dof, factor in value),
 )
 
+CHANNEL_NAMES = Kind(
+    'a table of names of channels, as in { "3Z" = "5Z", "5Z" = "3Z" }',
+    {"type": "object", "minProperties": 1, "additionalProperties": _TEXT},
+    lambda table: bool(table) and all(map(TEXT.accepts, table.values())),
+)
+
 _PLAIN: dict[Any, Kind] = {
     float: NUMBER,
     int: INTEGER,
@@ -191,8 +198,10 @@ _PLAIN: dict[Any, Kind] = {
     str: TEXT,
     Dof: DOF,
     Values: PROPERTY,
+    OptionalValues: PROPERTY,
     Nodes: NODES,
     Vector: VECTOR,
+    At: DOF,
     End: DOF,
     OtherEnd: DOF,
     Ends: DOFS,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from structid.dof import Dof, parse_dofs
+from structid.dof import Dof, parse_dofs, renamed
 from structid.identification.modal_setup import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
@@ -32,6 +33,8 @@ class ModesSource:
         Numbers of the modes that are fitted, from 1; all if empty.
     channels_used : tuple of Dof
         Sensors used; all if empty.
+    relabel : mapping of str to str
+        See `renamed`.
     settings : ModalSettings
     """
 
@@ -39,6 +42,7 @@ class ModesSource:
     path: Path
     use: tuple[int, ...]
     channels_used: tuple[Dof, ...]
+    relabel: Mapping[str, str]
     settings: ModalSettings
 
     @property
@@ -56,6 +60,8 @@ class ModesSource:
         """
         with self.section.located("path"):
             record = read_modes(self.path)
+        with self.section.located("relabel"):
+            record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
         with self.modes_section.located("use"):
             record = chosen_modes(record, self.use)
         if not self.channels_used:
@@ -80,4 +86,4 @@ def read_modes_source(section: Section, table: Table, files: InputFiles) -> Mode
         used = parse_dofs(as_list(given.get("channels_used", [])))
     inner = section.section("modes")
     own = {} if inner is None else inner.values(MODES)
-    return ModesSource(section, path, own.pop("use", ()), used, ModalSettings(**own))
+    return ModesSource(section, path, own.pop("use", ()), used, given.get("relabel", {}), ModalSettings(**own))

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from structid.declared import Count, NotNegative, Positive
-from structid.dof import Dof, parse_dofs
+from structid.dof import Dof, parse_dofs, renamed
 from structid.identification.time_setup import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import ReadOptions, read_record
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
-from structid.study.schema.kinds import TEXT, TEXTS, as_list
+from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
@@ -57,6 +58,8 @@ class RecordSource:
     options : ReadOptions
     channels_used : tuple of Dof
         Sensors used; all if empty.
+    relabel : mapping of str to str
+        See `renamed`.
     noise : NoiseSource
     frf : FrfSettings, optional
         How time histories become frequency response functions.
@@ -72,6 +75,7 @@ class RecordSource:
     paths: tuple[Path, ...]
     options: ReadOptions
     channels_used: tuple[Dof, ...]
+    relabel: Mapping[str, str]
     noise: NoiseSource
     frf: FrfSettings | None
     window_decay: float | None = None
@@ -82,6 +86,9 @@ class RecordSource:
 _ALWAYS = {
     "name": Key(TEXT, "What reports call the record"),
     "path": Key(TEXT, "The file: NPZ, NPY, HDF5, CSV, MAT or UFF by its suffix; of modes JSON, UFF or CSV"),
+    "relabel": Key(
+        CHANNEL_NAMES, "What sensors, or loads where no sensor is called so, are in truth, by their name in the file"
+    ),
     "channels_used": Key(TEXTS, "Sensors used, whatever their sense; all by default"),
 }
 
@@ -108,7 +115,7 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
         table = table.only(*_ALWAYS, "structure", "modes") | {"path": replace(_ALWAYS["path"], required=True)}
         modes = read_modes_source(section, table, files)
         return RecordSource(
-            section, (modes.path,), ReadOptions(), modes.channels_used, NoiseSource(), None, modes=modes
+            section, (modes.path,), ReadOptions(), modes.channels_used, modes.relabel, NoiseSource(), None, modes=modes
         )
     given = section.values(table)
     if ("path" in given) == ("repeats" in given):
@@ -131,7 +138,8 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
         options = ReadOptions(**{name: value for name, value in given.items() if name in own})
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
-    return RecordSource(section, paths, options, used, _noise(section, averaged), frf, given.get("window_decay"), time)
+    names, noise = given.get("relabel", {}), _noise(section, averaged)
+    return RecordSource(section, paths, options, used, names, noise, frf, given.get("window_decay"), time)
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
@@ -198,7 +206,21 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
 
 def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     records = [read_record(path, source.options) for path in source.paths]
+    with source.section.located("relabel"):
+        records = [_relabelled(record, source.relabel) for record in records] if source.relabel else records
     return [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
+
+
+def _relabelled(record: FrfRecord | TimeRecord, names: Mapping[str, str]) -> FrfRecord | TimeRecord:
+    """`record` with what its channels are in truth."""
+    if isinstance(record, FrfRecord):
+        outputs, inputs = renamed(record.outputs, record.inputs, names)
+        return replace(record, outputs=outputs, inputs=inputs)
+    is_load = [quantity == "force" for quantity in record.quantities]
+    pairs = list(zip(record.channels, is_load, strict=True))
+    sensors, loads = renamed([dof for dof, load in pairs if not load], [dof for dof, load in pairs if load], names)
+    left, right = iter(sensors), iter(loads)
+    return replace(record, channels=tuple(next(right if load else left) for load in is_load))
 
 
 def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:

@@ -9,15 +9,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from structid.declared import Positive
+from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
+from structid.structure.structure import MOST_PIECES
 from structid.structure.supports import Tie
-from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, as_list
+from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, WHOLE, as_list, limited
 from structid.study.schema.matrices import MATRIX_TABLES, read_groups
 from structid.study.schema.mesh import (
     MESH_TABLES,
@@ -43,6 +44,7 @@ _TIES = {
     "constraint": Key(_CONSTRAINT, "One degree of freedom as a sum of others", listed=True),
 }
 _FIXED = Key(TEXTS, "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`")
+_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
 
@@ -53,6 +55,9 @@ def structure_table() -> Table:
         "active": Key(TEXTS, "Directions in which the structure can move; by default all of its dimension"),
         "fixed": _FIXED,
         "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
+        "subdivide": Key(
+            _PIECES, "Equal pieces of which each bar, beam and space beam is made, one element still", default=1
+        ),
         "nodes": _NODES,
     }
     return Table(own) | MESH_TABLES | MATRIX_TABLES | _element_tables() | _TIES
@@ -113,24 +118,25 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
         nodes[point.label] = list(nodes[point.node])
         ties.append((entry, point))
     fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
-    active = as_list(given["active"]) if "active" in given else None
     if "total_mass" in given:
-        whole = _built(section, nodes, elements, ties, [*fixed, *held], active)
+        whole = _built(section, nodes, elements, ties, [*fixed, *held], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
         elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
-    structure = _built(section, nodes, elements, ties, [*fixed, *held], active)
+    structure = _built(section, nodes, elements, ties, [*fixed, *held], given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
 
 
 def _built(
-    section: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof], active: list[str] | None
+    section: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof], given: Mapping[str, Any]
 ) -> Structure:
+    active = as_list(given["active"]) if "active" in given else None
+    sets, links = [element for _, element in elements], [tie for _, tie in ties]
     try:
-        return Structure(nodes, [element for _, element in elements], fixed, [tie for _, tie in ties], active)
+        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1))
     except InputError as error:
         raise _placed(section, str(error), elements, ties) from error
 
@@ -170,7 +176,7 @@ def _placed(section: Section, message: str, elements: Elements, ties: Ties) -> I
     for entry, name in named:
         if repr(name) in message:
             return entry.error(message)
-    for key in ("fixed", "active", "nodes"):
+    for key in ("fixed", "active", "subdivide", "nodes"):
         if f"`{key}`" in message and key in section.table:
             return section.error(message, key)
     return section.error(message)
