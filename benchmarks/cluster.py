@@ -25,26 +25,25 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("STRUCTID_THREADS", "1")
 
 import numpy as np
+import psutil
+from threadpoolctl import ThreadpoolController
 
 import structid as sid
 from structid.estimation import Bootstrap
 from structid.estimation.intervals.bootstrap import bootstrap
-from structid.estimation.search.work import PLAIN_TOOLS, Tools
-from structid.identification.together import shared_parts
+from structid.estimation.search.work import Tools
 from structid.observation.frf.response import response
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
 from structid.observation.motion.stream import motion_solution
 from structid.records.on_disk import open_record
 from structid.regression.local_reduction import Kernels
+from structid.study.run import workers as workers_module
+from structid.study.run.cluster import Cluster
 from structid.study.run.long_run import LongRun
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
 from structid.study.run.run import load_study, started
-from structid.study.work import tasks
-from structid.study.work.cluster import Cluster
-from structid.study.work.parts import StudyPlace
-from structid.study.work.processes import Processes
-from structid.study.work.spread import SpreadLines
-from structid.study.work.tasks import Executor, InProcess, one_thread
+from structid.study.run.spread_lines import SpreadLines
+from structid.study.run.workers import InProcess, Processes, Workers, one_thread
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -96,8 +95,7 @@ def rows(quick: bool = False, sizes: Sizes | None = None) -> list[Row]:
         folder = Path(name)
         path = write_chain(folder / "chain")
         study = load_study(path)
-        place = StudyPlace(str(path.resolve()), tuple(sorted(study.digests.items())))
-        executors = {"Dask": Cluster(made.scheduler_address, place), "pool": Processes(2, place)}
+        executors = {"Dask": Cluster(made.scheduler_address), "pool": Processes(2)}
         try:
             found = overheads(executors, chosen.tasks)
             found += lines(chosen, executors)
@@ -120,9 +118,9 @@ def row(what: str, bar: str, figure: str, met: bool, detail: str = "") -> Row:
     return {"what": what, "bar": bar, "figure": figure, "met": met, "detail": f"{detail}load {os.getloadavg()[0]:.1f}"}
 
 
-def overheads(executors: Mapping[str, Executor], count: int) -> list[Row]:
+def overheads(executors: Mapping[str, Workers], count: int) -> list[Row]:
     """Wall time of the smallest task, one a message, and what a task that waits takes more than its wait."""
-    before, tasks.BATCH_SECONDS = tasks.BATCH_SECONDS, 0.0
+    before, workers_module.BATCH_SECONDS = workers_module.BATCH_SECONDS, 0.0
     found = []
     for name, executor in executors.items():
         small, long = [], []
@@ -134,14 +132,14 @@ def overheads(executors: Mapping[str, Executor], count: int) -> list[Row]:
             figure = median(values[1:])
             bar = f"<= {OVERHEAD:g} ms"
             found.append(row(f"{name}: overhead of a task, {what}", bar, f"{figure:.2f} ms", figure <= OVERHEAD))
-    tasks.BATCH_SECONDS = before
+    workers_module.BATCH_SECONDS = before
     return found
 
 
-def run_tasks(executor: Executor, task: Any, shared: Any, count: int) -> float:
+def run_tasks(executor: Workers, task: Any, shared: Any, count: int) -> float:
     """Wall time of so many tasks."""
     begun = time.perf_counter()
-    found = dict(executor.completed(task, shared, dict(enumerate(range(count))), lambda _: PLAIN_TOOLS))
+    found = dict(executor.completed(task, shared, dict(enumerate(range(count)))))
     assert len(found) == count
     return time.perf_counter() - begun
 
@@ -151,22 +149,23 @@ def process_number(_: None) -> int:
     return os.getpid()
 
 
-def processes_of(executor: Executor) -> list[int]:
+def processes_of(executor: Workers) -> list[int]:
     """Process numbers of the workers."""
-    if isinstance(executor, Cluster):
-        return [int(number) for number in executor.asked(process_number, None).values()]  # type: ignore[arg-type]
+    remote = executor.asked(process_number, None).values()  # type: ignore[arg-type]
+    if remote:
+        return [int(number) for number in remote]
     run_tasks(executor, nothing, None, 4)
     return list(executor._pool._processes)  # type: ignore[attr-defined]
 
 
 def processor_seconds(numbers: Sequence[int]) -> np.ndarray:
-    """Processor time of processes so far; zeros where the system does not tell."""
+    """Processor time of processes so far; 0 of one that ended."""
     found = []
     for number in numbers:
         try:
-            fields = Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()
-            found.append((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"))
-        except OSError:
+            times = psutil.Process(number).cpu_times()
+            found.append(times.user + times.system)
+        except psutil.NoSuchProcess:
             found.append(0.0)
     return np.array(found)
 
@@ -177,7 +176,7 @@ def gains(
     others: Mapping[str, Callable[[], Any]],
     same: Callable[[Any, Any], str],
     sizes: Sizes,
-    executors: Mapping[str, Executor],
+    executors: Mapping[str, Workers],
 ) -> list[Row]:
     """Wall time of one thread by that of two workers, in turn after one to warm up, the median of the ratios.
 
@@ -207,7 +206,7 @@ def gains(
     return found
 
 
-def lines(sizes: Sizes, executors: Mapping[str, Executor]) -> list[Row]:
+def lines(sizes: Sizes, executors: Mapping[str, Workers]) -> list[Row]:
     """Residual and Jacobian of a solid at some lines."""
     size = sizes.size
     structure = solid((3 * size, size, size), (3.0, 1.0, 1.0), groups=8)
@@ -218,35 +217,27 @@ def lines(sizes: Sizes, executors: Mapping[str, Executor]) -> list[Row]:
     theta = problem.theta_start + 0.01
 
     def alone() -> np.ndarray:
-        with one_thread():
+        with one_thread(ThreadpoolController()):
             return problem.linearize(theta).jacobian
 
-    known = {name: (executor.place, executor.parts) for name, executor in executors.items()}  # type: ignore[attr-defined]
     others = {}
     for name, executor in executors.items():
-        executor.place = None  # type: ignore[attr-defined]
-        executor.known(())
         spread = SpreadLines(problem, executor)
         others[name] = lambda own=spread: own.linearize(theta).jacobian
     what = f"{sizes.lines} lines of a solid of {structure.n_dofs} degrees of freedom"
-    found = gains(what, alone, others, same_digits, sizes, executors)
-    for name, executor in executors.items():
-        executor.place = known[name][0]  # type: ignore[attr-defined]
-        executor.known(known[name][1])
-    return found
+    return gains(what, alone, others, same_digits, sizes, executors)
 
 
 def refits(problem: sid.FrfProblem, count: int) -> Callable[[LongRun], Bootstrap]:
     found = sid.estimate(problem)
 
     def run(work: LongRun) -> Bootstrap:
-        work.known(shared_parts([problem]))
         return bootstrap(problem, found, "noise", count, np.random.default_rng(1), work)
 
     return run
 
 
-def repeats(problem: sid.FrfProblem, sizes: Sizes, executors: Mapping[str, Executor]) -> list[Row]:
+def repeats(problem: sid.FrfProblem, sizes: Sizes, executors: Mapping[str, Workers]) -> list[Row]:
     """Monte-Carlo repeats of a chain of three masses."""
     run = refits(problem, sizes.repeats)
     others = {name: (lambda own=executor: run(LongRun(own))) for name, executor in executors.items()}
@@ -255,7 +246,7 @@ def repeats(problem: sid.FrfProblem, sizes: Sizes, executors: Mapping[str, Execu
     return gains(what, lambda: run(LongRun()), others, same, sizes, executors)
 
 
-def stretches(folder: Path, sizes: Sizes, executors: Mapping[str, Executor]) -> list[Row]:
+def stretches(folder: Path, sizes: Sizes, executors: Mapping[str, Workers]) -> list[Row]:
     """A record on disk reduced in one pass, and by stretches on workers."""
     folder.mkdir()
     write_motion_study(folder, 400, sizes.gigabytes, 0.01, 0)
@@ -264,7 +255,7 @@ def stretches(folder: Path, sizes: Sizes, executors: Mapping[str, Executor]) -> 
     whole = Whole(study.structure, study.parameters, (open_record(folder / "motion.h5"),), work, None)
     start = motion_fit(study.structure, study.parameters)
 
-    def on(executor: Executor) -> RecursiveMotionFit:
+    def on(executor: Workers) -> RecursiveMotionFit:
         return reduced_on(executor, start, whole)
 
     reference = on(InProcess())
@@ -279,7 +270,7 @@ def stretches(folder: Path, sizes: Sizes, executors: Mapping[str, Executor]) -> 
     return gains(what, lambda: reduced_alone(start, whole), others, same, sizes, executors)
 
 
-def lost_worker(problem: sid.FrfProblem, count: int, executor: Executor, workers: Callable[[], list[int]]) -> list[Row]:
+def lost_worker(problem: sid.FrfProblem, count: int, executor: Workers, workers: Callable[[], list[int]]) -> list[Row]:
     """Repeats on two workers of which one is killed half-way."""
     run, killed = refits(problem, count), []
 

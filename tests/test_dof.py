@@ -65,6 +65,7 @@ def test_swapped_sensors_get_each_others_names_and_keep_their_senses():
     assert names(*swapped) == (["5Z-", "3Z+", "7Z+"], ["3Z+", "9Z-"])
     assert renamed(*swapped, {"3Z": "5Z", "5Z": "3Z"}) == (sensors, loads)
     assert names(*renamed(sensors, loads, {"9_z": "8X", "7Z": "7Z-"})) == (["3Z-", "5Z+", "7Z-"], ["3Z+", "8X-"])
+    assert names(*renamed(sensors, loads, {"3Z-": "4X", "9Z-": "8X-"})) == (["4X+", "5Z+", "7Z+"], ["3Z+", "8X-"])
     assert renamed(sensors, loads, {}) == (sensors, loads)
 
 

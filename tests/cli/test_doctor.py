@@ -7,7 +7,6 @@ import resource
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -121,7 +120,7 @@ def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypa
     assert "one Jacobian" in done.stdout
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit of the process is read from /proc")
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep this limit")
 def test_the_limit_of_the_process_counts():
     code = "from structid.study.run.needs import available_bytes; print(available_bytes())"
     limit = 3_000_000_000
@@ -133,8 +132,24 @@ def test_the_limit_of_the_process_counts():
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
     )
     assert 0 < int(done.stdout) < limit
-    free = available_bytes()
-    assert free is None or free > 0
+    assert available_bytes() > 0
+
+
+def test_the_limit_of_a_control_group_counts(tmp_path, monkeypatch):
+    """Of both layouts; what its files hold in memory is free."""
+    monkeypatch.setattr(needs_module, "_GROUP", tmp_path)
+    (tmp_path / "memory.max").write_text("1000000\n")
+    (tmp_path / "memory.current").write_text("400000\n")
+    (tmp_path / "memory.stat").write_text("anon 1\ninactive_file 50000\n")
+    assert available_bytes() == 650_000
+    (tmp_path / "memory.max").write_text("max\n")
+    assert available_bytes() > 650_000
+    (tmp_path / "memory.max").unlink()
+    (tmp_path / "memory").mkdir()
+    (tmp_path / "memory" / "memory.limit_in_bytes").write_text("900000\n")
+    (tmp_path / "memory" / "memory.usage_in_bytes").write_text("100000\n")
+    (tmp_path / "memory" / "memory.stat").write_text("total_inactive_file 70000\n")
+    assert available_bytes() == 870_000
 
 
 def test_progress_tells_the_time_left(monkeypatch):

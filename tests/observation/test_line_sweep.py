@@ -15,7 +15,7 @@ from structid.dynamics.factorization import installed_factorizers
 from structid.identification.options import IdentifyOptions
 from structid.observation.contraction import element_products
 from structid.observation.frf.large_lines import sweep_error
-from structid.observation.frf.response import response
+from structid.observation.frf.response import Models, response
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import empty_record, solid
@@ -189,18 +189,37 @@ def test_error_of_a_sweep_weighs_readings_and_derivatives():
     assert 0.5 < error <= 1.0
 
 
-def test_models_in_use_are_shared_where_all_is_the_same():
-    structure, made, record, at = model()
-    assert response(structure, made, replace(record, values=2 * record.values)) is at
-    assert response(structure, made, record, reduced=1e-6) is not at
-    assert response(structure, made, record, factorizer="superlu") is not at
-    assert response(structure, replace(made), record) is not at
-    assert response(structure, made, record.channels(record.outputs[:2])) is not at
-    assert response(structure, made, replace(record, kind="mobility")) is not at
+def test_lines_in_use_are_shared_where_all_is_the_same():
+    structure, made, record, _ = model()
+    models = Models()
+
+    def lines(unknown=made, record=record, **options):
+        return response(structure, unknown, record, models=models, **options).lines
+
+    at = lines()
+    assert lines(record=replace(record, values=2 * record.values)) is at
+    assert lines(record=replace(record, kind="mobility")) is at
+    assert lines(unknown=made.kept_near_start(0.1)) is at
+    for other in (lines(reduced=1e-6), lines(record=record.lines(np.arange(2)))):
+        assert other is not at
+        assert other.pattern is at.pattern
+    for other in (lines(factorizer="superlu"), lines(record=record.channels(record.outputs[:2]))):
+        assert other.pattern is not at.pattern
+    assert response(structure, made, record).lines is not at
     kept = weakref.ref(at)
     del at
     gc.collect()
     assert kept() is None
+
+
+def test_problems_made_from_one_another_share_their_lines():
+    problem = noisy("output")
+    eased = replace(problem.with_parts([problem.parameters.kept_near_start(0.3)]), form="pole_free")
+    few = problem.with_lines(np.arange(2))
+    assert eased.model.lines is problem.model.lines
+    assert few.model.lines.pattern is problem.model.lines.pattern
+    one, two = pickle.loads(pickle.dumps((problem, few)))
+    assert one.models is two.models is not problem.models
 
 
 def test_reduction_asked_for_in_a_study_reaches_the_model():

@@ -15,11 +15,13 @@ from structid import (
     SpaceBeam,
     Spring,
     Structure,
+    TimeRecord,
     Unknown,
     parameters,
     parse_dof,
 )
 from structid.dynamics.modes import modes
+from structid.observation.motion.motion import recorded_motion
 from structid.planning.options import resolved
 
 N, EI = 20, 7.0
@@ -105,7 +107,7 @@ def test_a_stiff_joint_is_none_and_its_stiffness_is_a_parameter():
 def test_the_loosened_end_is_no_place_of_a_sensor_and_is_named_in_words():
     nodes, bars = {1: 0.0, 2: 1.0}, Bar("bar", [1, 2], 1.0, 5.0)
     structure = Structure(nodes, [bars, PointMass("m", 2, 1.0), Joint("j", "bar", "2X", 3.0)], active=["X"])
-    assert [structure.words(dof) for dof in structure.dofs] == ["1X", "2X", "X inside j"]
+    assert [structure.words(dof) for dof in structure.dofs] == ["1X+", "2X+", "X inside j"]
     inside = structure.dofs[-1]
     with pytest.raises(InputError, match="which the structure does not have"):
         structure.selection([inside])
@@ -140,3 +142,11 @@ def test_joints_that_cannot_be_are_refused(joint, active, words):
         del sets[2]
     with pytest.raises(InputError, match=words):
         Structure(PLANE, sets, active=active)
+
+
+def test_what_nothing_measures_inside_a_joint_is_named_by_it():
+    sets = [Bar("bar", [1, 2], 1.0, 5.0), Joint("j", "bar", "2X", 3.0)]
+    structure = Structure({1: 0.0, 2: 1.0}, sets, ["1X"], active=["X"])
+    record = TimeRecord(10.0, np.ones((5, 2)), ("2X", "2X"), ("acceleration", "force"))
+    with pytest.raises(InputError, match="acceleration is not measured at X inside j;"):
+        recorded_motion(structure, record)

@@ -6,7 +6,7 @@ import pytest
 from structid import Beam, FrfRecord, InputError, SpaceBeam, Structure, Unknown, parameters
 from structid.dynamics.modes import modes
 from structid.observation.frf.response import response
-from structid.observation.sensitive import require_linear_weights
+from structid.observation.sensitive import require_linear_weights, sensitive_elements, steering_values
 
 EI, GA, L = 5.0, 30.0, 0.7
 
@@ -105,6 +105,16 @@ def test_derivatives_to_shear_and_bending_are_differences_in_every_way(n):
         near, far = (model.values_at(start + m * move) - model.values_at(start - m * move) for m in (1, 2))
         difference = (8 * near - far) / (12 * step)
         assert np.abs(slopes[..., k] - difference).max() <= 2e-6 * np.abs(difference).max()
+
+
+def test_slopes_follow_every_value_that_a_share_depends_on():
+    structure = portal(3)
+    unknown = parameters(structure, [Unknown("bending_stiffness", "along")])
+    places = {p.term.property: p.values for p in structure.properties if p.element == "along"}
+    steering = set(steering_values(structure, unknown, sensitive_elements(structure, unknown)).tolist())
+    for name in ("bending_stiffness", "shear_stiffness", "loss_factor"):
+        assert steering.issuperset(range(places[name].start, places[name].stop))
+    assert steering.isdisjoint(range(places["mass"].start, places["mass"].stop))
 
 
 def test_methods_that_are_linear_in_the_parameters_refuse_bending_beside_shear():

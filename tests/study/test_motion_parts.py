@@ -21,9 +21,7 @@ from structid.regression.local_reduction import Kernels
 from structid.study.run import motion_parts
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
 from structid.study.run.run import load_study
-from structid.study.work.cluster import Cluster
-from structid.study.work.processes import Processes
-from structid.study.work.tasks import InProcess
+from structid.study.run.workers import InProcess, Processes, workers_for
 
 ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand side a degree of freedom
 
@@ -73,8 +71,8 @@ def test_stretches_are_few_where_the_answer_is_large(whole):
 class Backwards(InProcess):
     """Tasks from the last to the first."""
 
-    def completed(self, task, shared, items, tools):
-        return super().completed(task, shared, dict(reversed(items.items())), tools)
+    def completed(self, task, shared, items):
+        return super().completed(task, shared, dict(reversed(items.items())))
 
 
 def test_any_number_of_workers_gives_the_bits_of_one_in_any_order(whole):
@@ -180,7 +178,7 @@ def test_a_cluster_reduces_stretches_to_the_same_bits(whole, monkeypatch):
     """And is refused by the name of a worker that cannot."""
     distributed = pytest.importorskip("distributed", reason="needs the extra `cluster` (dask[distributed])")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0") as made:
-        executor = Cluster(made.scheduler_address)
+        executor = workers_for(None, made.scheduler_address)
         try:
             found = reduced_on(executor, start(whole), whole)
             assert bits(found) == bits(reduced_on(InProcess(), start(whole), whole))

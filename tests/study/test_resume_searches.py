@@ -26,8 +26,7 @@ from structid.observation.time.output_error_search import _furthest, _tried
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import load_study, run_study
-from structid.study.work.parts import StudyPlace
-from structid.study.work.processes import Processes
+from structid.study.run.workers import Processes
 
 OWNER = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
 OUTPUT_ERROR = TIME_CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = [0.0, 0.01, 0.01]')
@@ -75,7 +74,7 @@ def test_output_error_stopped_anywhere_resumes_to_the_same_bits(histories, tmp_p
 
 def test_output_error_on_processes_has_the_bits_of_one(histories):
     study, whole = histories
-    pool = Processes(2, StudyPlace(str(study.path.resolve()), tuple(sorted(study.digests.items()))))
+    pool = Processes(2)
     found = run_study(study, None, LongRun(pool)).identification.estimate
     pool.close()
     assert found.n_starts == whole.n_starts

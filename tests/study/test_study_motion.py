@@ -101,6 +101,7 @@ def test_parameters_that_the_motion_does_not_show_end_with_code_1(tmp_path):
 
 BAD = {
     "noise": (STUDY + "[record.noise]\nrelative = 0.01\n", "identification from motion does not use it; leave it out"),
+    "relabel": (STUDY + "relabel = {'2X' = '1X'}\n", "identification from motion does not use it; leave it out"),
     "start": (STUDY + "start = 1.0\n", "does not use start"),
     "engine": (STUDY, "`engine` must be 'auto', 'numba' or 'numpy'"),
 }

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
+import pickle
 import signal
 import socket
 import sys
@@ -16,25 +16,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import structid as sid
 from structid import estimate
 from structid.errors import InputError
 from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.intervals.profile import profiles
-from structid.estimation.search.work import PLAIN_TOOLS, Tools
-from structid.identification.together import shared_parts
+from structid.estimation.search.work import Tools
+from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
-from structid.study.run.long_run import LongRun, executor_for
-from structid.study.run.run import load_study, run_study, started, study_parts
-from structid.study.work import cluster as tasks_cluster
-from structid.study.work import parts as task_parts
-from structid.study.work import tasks as tasks_module
-from structid.study.work.cluster import Cluster
-from structid.study.work.parts import StudyPlace, packed, unpacked
-from structid.study.work.processes import Processes
-from structid.study.work.spread import SpreadLines, spread
-from structid.study.work.tasks import InProcess, WorkersLostError, in_batches, one_thread
+from structid.study.run.long_run import LongRun
+from structid.study.run.run import load_study, run_study, started
+from structid.study.run.spread_lines import SpreadLines, spread
+from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches, workers_for
 from study_cases import CHAIN, chain_record, write_chain
 
 
@@ -58,53 +53,30 @@ def study(tmp_path_factory):
     return load_study(write_chain(tmp_path_factory.mktemp("tasks"), text, chain_record(values=bent)))
 
 
-def place(study) -> StudyPlace:
-    return StudyPlace(str(study.path.resolve()), tuple(sorted(study.digests.items())))
-
-
 @pytest.fixture(scope="module")
 def problem(study):
     return started(study).problems[0]
 
 
 @pytest.fixture(scope="module")
-def processes(study):
-    pool = Processes(2, place(study))
+def processes():
+    pool = Processes(2)
     yield pool
     pool.close()
 
 
-def test_a_package_names_what_workers_have_and_leaves_out_what_is_cached(study, problem):
+def test_problems_travel_without_what_is_cached(problem):
     problem.linearize(problem.theta_start)
-    whole = packed(problem)
-    light = packed(problem, place(study), shared_parts([problem]))
-    assert len(light.content) < 4000 < len(whole.content)
-    for package in (whole, light):
-        again = unpacked(package)
-        assert "model" not in vars(again)
-        assert np.array_equal(again.residual(again.theta_start), problem.residual(problem.theta_start))
-        assert unpacked(package) is again
-
-
-def test_a_worker_makes_the_same_parts(study, problem):
-    structure, record = study_parts(study)
-    assert np.array_equal(record.values, problem.record.values)
-    assert structure.n_dofs == problem.structure.n_dofs
-
-
-def test_packages_of_another_version_or_study_are_refused(study, problem):
-    package = packed(problem)
-    with pytest.raises(InputError, match=r"worker has structid .*, the tasks come from 0\.0"):
-        unpacked(replace(package, version="0.0", digest="a"))
-    other = StudyPlace(place(study).path, (("chain.toml", "0"),))
-    with pytest.raises(InputError, match=r"chain\.toml is not the file that the tasks were made from"):
-        unpacked(replace(packed(problem, other), digest="b"))
+    again = pickle.loads(pickle.dumps(problem))
+    assert "model" in vars(problem)
+    assert "model" not in vars(again)
+    assert np.array_equal(again.residual(again.theta_start), problem.residual(problem.theta_start))
 
 
 def test_results_come_in_the_order_of_the_items(processes):
     items = {number: float(number) for number in range(57)}
     for executor in (InProcess(), processes):
-        found = dict(executor.completed(squared, 2.0, items, lambda _: Tools(None, None)))
+        found = dict(executor.completed(squared, 2.0, items))
         assert [found[number] for number in items] == [2.0 * number**2 for number in items]
 
 
@@ -116,71 +88,69 @@ def test_batches_grow_with_short_tasks_and_stay_single_with_long_ones():
             def ran(batch, seconds=seconds):
                 return [(number, number) for number, _ in batch], seconds * len(batch)
 
-            def submit(task, batch, seconds=seconds, ran=ran):
+            def send(batch, seconds=seconds, ran=ran):
                 sizes.setdefault(seconds, []).append(len(batch))
                 return pool.submit(ran, batch)
 
-            assert len(dict(in_batches(submit, 2, squared, dict.fromkeys(range(200))))) == 200
+            assert len(dict(in_batches(send, 2, dict.fromkeys(range(200))))) == 200
     assert max(sizes[0.0001]) > 20
     assert set(sizes[1.0]) == {1}
 
 
-@pytest.mark.parametrize(("seconds", "most"), [(0.0001, 16), (0.01, 10), (1.0, 4)])
-def test_so_many_messages_are_under_way_that_no_worker_waits(monkeypatch, seconds, most):
-    """Short ones eight a worker, long ones two, where each is one task."""
-    monkeypatch.setattr("structid.study.work.tasks.BATCH_SECONDS", 0.0)
-    waiting: list[tuple[Future, tuple]] = []
+def test_as_many_batches_are_under_way_as_keep_all_workers_busy(monkeypatch):
+    """Four a worker, each of one long task."""
+    waiting: list[tuple[Future, list]] = []
     largest = 0
 
-    def submit(task, batch):
+    def send(batch):
         nonlocal largest
-        future = Future()
-        waiting.append((future, batch))
+        waiting.append((Future(), batch))
         largest = max(largest, len(waiting))
-        return future
+        return waiting[-1][0]
 
     def wait(pending, timeout, return_when):
         future, batch = waiting.pop(0)
-        future.set_result(([(number, number) for number, _ in batch], seconds))
+        future.set_result(([(number, number) for number, _ in batch], 1.0))
         return {future}, pending - {future}
 
-    monkeypatch.setattr("structid.study.work.tasks.wait", wait)
-    assert len(dict(in_batches(submit, 2, squared, dict.fromkeys(range(100))))) == 100
-    assert largest == most
+    monkeypatch.setattr(workers_module, "wait", wait)
+    assert len(dict(in_batches(send, 2, dict.fromkeys(range(100))))) == 100
+    assert largest == 8
 
 
-def test_threads_are_limited_in_libraries_that_come_later_too(monkeypatch):
-    """The controller is kept for a second or until a module is loaded, and each use restores what was."""
-    made = []
+def threads_now(shared: object, item: int, tools: Tools) -> list[object]:
+    """Threads of every library that has some, and what factorizers are told."""
+    return [os.environ["STRUCTID_THREADS"], *{pool["num_threads"] for pool in threadpool_info()}]
 
-    class Controller:
-        def __init__(self):
-            made.append(self)
 
-        def limit(self, limits):
-            assert limits == 1
-            return contextlib.nullcontext()
+def test_every_task_runs_on_one_thread_and_leaves_this_process_as_it_was(processes, monkeypatch):
+    monkeypatch.delenv("STRUCTID_THREADS", raising=False)
+    with threadpool_limits(2):
+        before = [pool["num_threads"] for pool in threadpool_info()]
+        assert 2 in before
+        for workers in (InProcess(), processes):
+            assert list(dict(workers.completed(threads_now, None, dict.fromkeys(range(3)))).values()) == [["1", 1]] * 3
+        assert [pool["num_threads"] for pool in threadpool_info()] == before
+    assert "STRUCTID_THREADS" not in os.environ
 
-    monkeypatch.setattr("threadpoolctl.ThreadpoolController", Controller)
-    tasks_module._pools.cache_clear()
-    monkeypatch.setattr(tasks_module.time, "monotonic", lambda: 100.0)
-    for _ in range(3):
-        with one_thread():
-            assert os.environ["STRUCTID_THREADS"] == "1"
-    assert len(made) == 1
-    monkeypatch.setitem(sys.modules, "a_new_one", sys)
-    with one_thread():
-        pass
-    monkeypatch.setattr(tasks_module.time, "monotonic", lambda: 101.5)
-    with one_thread():
-        pass
-    assert len(made) == 3
-    tasks_module._pools.cache_clear()
+
+def test_workers_are_given_the_same_object_once(processes, monkeypatch):
+    """And forget the oldest of five."""
+    given, forgotten = [], []
+    give, forget = Processes.give, Processes.forget
+    monkeypatch.setattr(Processes, "give", lambda self, content: given.append(give(self, content)) or given[-1])
+    monkeypatch.setattr(Processes, "forget", lambda self, name: forgotten.append(name) or forget(self, name))
+    shared = [np.full(3, float(k)) for k in range(5)]
+    for k in (0, 1, 0, 1, 2, 3, 4, 1):
+        assert dict(processes.completed(entry, shared[k], {0: 2})) == {0: float(k)}
+    assert len(given) == 5
+    assert given[0] in forgotten
+    assert not set(given[1:]) & set(forgotten)
 
 
 def test_a_lost_process_is_replaced_and_its_tasks_are_redone(tmp_path, processes):
     items = {number: number for number in range(12)}
-    found = dict(processes.completed(ending_once, str(tmp_path / "ended"), items, lambda _: Tools(None, None)))
+    found = dict(processes.completed(ending_once, str(tmp_path / "ended"), items))
     assert (tmp_path / "ended").exists()
     assert [found[number] for number in items] == [number**2 for number in items]
 
@@ -195,10 +165,10 @@ def test_processes_that_always_end_are_an_error_with_a_remedy(monkeypatch):
             future.set_exception(BrokenProcessPool())
             return future
 
-    monkeypatch.setattr(Processes, "_started", lambda self: made.append(Broken()) or made[-1])
+    monkeypatch.setattr(Processes, "executor", lambda self: made.append(Broken()) or made[-1])
     pool = Processes(3)
     with pytest.raises(WorkersLostError, match=r"ended 6 times without an answer, .* want of memory; use fewer than 3"):
-        list(pool.completed(squared, None, {0: 0}, lambda _: Tools(None, None)))
+        list(pool.completed(squared, None, {0: 0}))
     assert len(made) == 6
     pool.close()
 
@@ -216,7 +186,6 @@ def test_a_study_on_processes_has_the_bits_of_one_alone(study, processes):
 def test_profiles_on_processes_have_the_bits_of_those_alone(problem, processes):
     found = estimate(problem)
     work = LongRun(processes)
-    work.known(shared_parts([problem]))
     for one, two in zip(profiles(problem, found, [0, 3]), profiles(problem, found, [0, 3], work=work), strict=True):
         assert np.array_equal(one.path, two.path)
         assert (one.lower, one.upper, one.words) == (two.lower, two.upper, two.words)
@@ -252,7 +221,7 @@ def test_lines_in_stretches_have_the_bits_of_all_at_once(beam, form, n_workers):
 
 def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     """Alone, and where a sweep is short, the problem stays as it is; the search on two processes has the same bits."""
-    monkeypatch.setattr("structid.study.work.spread.WORTH_SENDING", 1000)
+    monkeypatch.setattr("structid.study.run.spread_lines.WORTH_SENDING", 1000)
     assert spread(beam, InProcess()) is beam
     joint = sid.JointProblem((beam, beam))
     assert all(isinstance(member, SpreadLines) for member in spread(joint, processes).problems)
@@ -261,7 +230,7 @@ def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     one, two = (LongRun(executor).minimize(near, method) for executor in (InProcess(), processes))
     assert np.array_equal(one.theta, two.theta)
     assert np.array_equal(one.linearization.jacobian, two.linearization.jacobian)
-    monkeypatch.setattr("structid.study.work.spread.WORTH_SENDING", 10**9)
+    monkeypatch.setattr("structid.study.run.spread_lines.WORTH_SENDING", 10**9)
     assert spread(beam, processes) is beam
     assert spread(joint, processes) is joint
 
@@ -279,11 +248,13 @@ def test_finished_tasks_are_not_run_again(tmp_path):
     assert second.map("squares", squared, 1.0, [6.0]) == [36.0]
 
 
-def test_workers_and_scheduler_exclude_each_other(study):
+def test_workers_and_scheduler_exclude_each_other():
     with pytest.raises(InputError, match="give --workers or --scheduler"):
-        executor_for(study, 2, "tcp://127.0.0.1:1")
+        workers_for(2, "tcp://127.0.0.1:1")
     with pytest.raises(InputError, match="`workers` must be at least 1, got 0"):
-        executor_for(study, 0, None)
+        workers_for(0, None)
+    assert workers_for(None, None) is None
+    assert isinstance(workers_for(1, None), InProcess)
 
 
 @pytest.fixture(scope="module")
@@ -292,18 +263,24 @@ def distributed():
 
 
 @pytest.fixture(scope="module")
+def cluster_module(distributed):
+    from structid.study.run import cluster
+
+    return cluster
+
+
+@pytest.fixture(scope="module")
 def cluster(distributed):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as made:
         yield made
 
 
-def test_a_cluster_that_loses_a_worker_has_the_bits_of_one_process(study, problem, cluster):
+def test_a_cluster_that_loses_a_worker_has_the_bits_of_one_process(problem, cluster, cluster_module):
     """40 bootstrap replicates; a worker is killed when 15 are done."""
     found = estimate(problem)
     alone = bootstrap(problem, found, "noise", 40, np.random.default_rng(7), LongRun())
-    executor = Cluster(cluster.scheduler_address, place(study))
+    executor = cluster_module.Cluster(cluster.scheduler_address)
     assert executor.n_workers == 2
-    assert executor.place is not None
     victims = [worker.pid for worker in cluster.workers.values()]
     killed = []
 
@@ -313,7 +290,6 @@ def test_a_cluster_that_loses_a_worker_has_the_bits_of_one_process(study, proble
             os.kill(victims[0], signal.SIGKILL)
 
     run = LongRun(executor, progress=progress)
-    run.known(shared_parts([problem]))
     try:
         shared = bootstrap(problem, found, "noise", 40, np.random.default_rng(7), run)
     finally:
@@ -330,122 +306,105 @@ def process_of(shared: object, item: float, tools: Tools) -> int:
     return os.getpid()
 
 
-def forgotten(_: object) -> str:
-    """A worker without what was given to it, as one that has just begun."""
-    task_parts._GIVEN.clear()
-    return ""
-
-
 def entry(shared: np.ndarray, item: int, tools: Tools) -> float:
     return float(shared[item])
 
 
-def test_what_is_large_is_on_all_workers_and_given_again_to_those_that_come(cluster, monkeypatch):
-    """Tasks run on both workers for longer than Dask keeps copies of one result."""
-    monkeypatch.setattr(tasks_cluster, "_SMALL_BYTES", 100)
-    large = np.arange(100.0)
-    executor = Cluster(cluster.scheduler_address)
+def test_what_is_shared_is_on_all_workers_and_on_those_that_come(cluster, cluster_module):
+    """Tasks run on both workers for longer than Dask keeps copies of one result, then on three."""
+    shared = np.arange(100_000.0)
+    executor = cluster_module.Cluster(cluster.scheduler_address)
     try:
         begun = time.monotonic()
         while time.monotonic() - begun < 4.5:
-            found = dict(executor.completed(process_of, large, dict.fromkeys(range(4), 0.1), lambda _: PLAIN_TOOLS))
+            found = dict(executor.completed(process_of, shared, dict.fromkeys(range(4), 0.1)))
         assert len(set(found.values())) == 2
-        other = 2 * large
-        assert executor._sent(other).content == b""
-        executor.asked(forgotten, None)
-        found = dict(executor.completed(entry, other, {k: k for k in range(9)}, lambda _: PLAIN_TOOLS))
-        assert [found[k] for k in range(9)] == [2 * k for k in range(9)]
+        cluster.scale(3)
+        executor._client.wait_for_workers(3, timeout=30)
+        found = dict(executor.completed(process_of, shared, dict.fromkeys(range(30), 0.1)))
+        assert len(set(found.values())) == 3
+        assert dict(executor.completed(entry, shared, {k: k for k in range(9)})) == {k: float(k) for k in range(9)}
     finally:
         executor.close()
 
 
-def test_workers_that_never_keep_what_they_are_given_are_an_error(cluster, monkeypatch):
-    monkeypatch.setattr(tasks_cluster, "_SMALL_BYTES", 100)
-    monkeypatch.setattr(tasks_cluster, "given", forgotten)
-    executor = Cluster(cluster.scheduler_address)
-    try:
-        with pytest.raises(WorkersLostError, match="come and go faster than they get the study"):
-            list(executor.completed(entry, np.arange(50.0) + 0.5, {0: 0}, lambda _: PLAIN_TOOLS))
-    finally:
+def plugins(dask_worker) -> list[str]:
+    return [name for name in dask_worker.plugins if name.startswith("structid")]
+
+
+def test_a_cluster_that_was_left_keeps_nothing(cluster, distributed, cluster_module):
+    executor = cluster_module.Cluster(cluster.scheduler_address)
+    assert dict(executor.completed(entry, np.arange(3.0), {0: 2})) == {0: 2.0}
+    with distributed.Client(cluster.scheduler_address, set_as_default=False) as other:
+        assert {len(names) for names in other.run(plugins).values()} == {1}
         executor.close()
+        assert {len(names) for names in other.run(plugins).values()} == {0}
 
 
-def test_a_package_that_was_not_given_is_missed():
-    package = packed(np.arange(7.0))
-    light = replace(package, content=b"")
-    with pytest.raises(task_parts.PackageMissingError):
-        unpacked(light)
-    task_parts.given(package)
-    assert unpacked(light)[3] == 3.0
-    for number in range(9):
-        task_parts.given(packed(np.array([float(number)])))
-    assert len(task_parts._GIVEN) == 4
+@pytest.mark.parametrize(
+    ("name", "version", "said"),
+    [("structid", "99.0", "has structid 99.0, here it is"), ("scipy", None, "has no scipy; install scipy")],
+)
+def test_workers_of_another_version_are_named(cluster, distributed, cluster_module, monkeypatch, name, version, said):
+    ask = distributed.Client.get_versions
+
+    def told(client, **options):
+        found = ask(client, **options)
+        for worker in found["workers"].values():
+            worker["packages"][name] = version
+        return found
+
+    monkeypatch.setattr(distributed.Client, "get_versions", told)
+    with pytest.raises(InputError, match=rf"scheduler tcp://\S+: worker tcp://\S+ {said}"):
+        cluster_module.Cluster(cluster.scheduler_address)
 
 
-def test_workers_that_do_not_see_the_study_get_it_sent(study, problem, cluster):
-    executor = Cluster(cluster.scheduler_address, StudyPlace("/nowhere/chain.toml", place(study).inputs))
-    try:
-        assert executor.place is None
-        assert "which get the record sent (/nowhere/chain.toml: there is no such file" in executor.words
-        run = LongRun(executor)
-        run.known(shared_parts([problem]))
-        found = run.map("squares", squared, 3.0, [1.0, 2.0])
-        assert found == [3.0, 12.0]
-    finally:
-        executor.close()
-
-
-def test_workers_of_another_version_are_named(cluster, monkeypatch):
-    monkeypatch.setattr(tasks_cluster, "__version__", "99.0")
-    with pytest.raises(InputError, match=r"worker tcp://\S+ has structid \S+, here it is 99\.0; install the same"):
-        Cluster(cluster.scheduler_address)
-
-
-def test_a_scheduler_that_does_not_answer_is_named_with_the_time(distributed):
+def test_a_scheduler_that_does_not_answer_is_named_with_the_time(cluster_module):
     begun = time.monotonic()
     with pytest.raises(
         InputError, match=r"scheduler tcp://127\.0\.0\.1:9: does not answer within 0\.5 s .*dask scheduler"
     ):
-        Cluster("tcp://127.0.0.1:9", answer_seconds=0.5)
+        cluster_module.Cluster("tcp://127.0.0.1:9", answer_seconds=0.5)
     assert time.monotonic() - begun < 10
 
 
-def test_what_listens_and_is_no_scheduler_is_named_and_not_waited_for(distributed, cluster):
+def test_what_listens_and_is_no_scheduler_is_named_and_not_waited_for(cluster_module, cluster):
     """A socket that says nothing, and a worker's address."""
     with socket.create_server(("127.0.0.1", 0)) as mute:
         begun, port = time.monotonic(), mute.getsockname()[1]
         with pytest.raises(
             InputError, match=r"does not answer within 0\.7 s \(it is there, but does not speak as one\)"
         ):
-            Cluster(f"tcp://127.0.0.1:{port}", answer_seconds=0.7)
+            cluster_module.Cluster(f"tcp://127.0.0.1:{port}", answer_seconds=0.7)
         assert time.monotonic() - begun < 10
     worker = next(iter(cluster.scheduler_info["workers"]))
     with pytest.raises(InputError, match="is a worker, not a scheduler; give the scheduler's address"):
-        Cluster(worker, answer_seconds=5.0)
+        cluster_module.Cluster(worker, answer_seconds=5.0)
     with pytest.raises(InputError, match="missing port number"):
-        Cluster("head")
+        cluster_module.Cluster("head")
 
 
-def test_a_scheduler_that_lost_all_workers_is_left_with_the_way_to_go_on(monkeypatch):
-    monkeypatch.setattr(tasks_cluster, "_GONE_SECONDS", 0.1)
-    lost = object.__new__(Cluster)
+def test_a_scheduler_that_lost_all_workers_is_left_with_the_way_to_go_on(cluster_module, monkeypatch):
+    monkeypatch.setattr(cluster_module, "_GONE_SECONDS", 0.1)
+    lost = object.__new__(cluster_module.Cluster)
     lost.address, lost._client = "tcp://head:8786", SimpleNamespace(status="running", nthreads=dict)
     with pytest.raises(WorkersLostError, match=r"has had no worker for 0\.1 s; what was done is kept: .* --resume"):
-        lost._require_alive()
+        lost.require_alive()
     lost._client.status = "connecting"
     with pytest.raises(WorkersLostError, match=r"the connection was lost; .* go on with --resume"):
-        lost._require_alive()
+        lost.require_alive()
 
 
-def test_a_scheduler_without_workers_is_named(distributed):
+def test_a_scheduler_without_workers_is_named(distributed, cluster_module):
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
         pytest.raises(InputError, match=r"has no worker after 0\.3 s; start some with `dask worker"),
     ):
-        Cluster(empty.scheduler_address, answer_seconds=0.3)
+        cluster_module.Cluster(empty.scheduler_address, answer_seconds=0.3)
 
 
 def test_a_missing_dask_is_named_with_the_extra(monkeypatch):
+    monkeypatch.delitem(sys.modules, "structid.study.run.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"Dask is not installed .*pip install structid\[cluster\]"):
-        Cluster("tcp://127.0.0.1:9")
+        workers_for(None, "tcp://127.0.0.1:9")

@@ -15,7 +15,19 @@ from structid.cli.base import DONE, EXIT_CODES
 from structid.cli.flags import command
 
 #: Each is the function of that name in the module of that name beside this one; its docstring is the help.
-COMMANDS = ("identify", "check", "doctor", "plan", "compare", "modes", "motion", "schema", "convert", "reproduce")
+COMMANDS = (
+    "identify",
+    "explain",
+    "check",
+    "doctor",
+    "plan",
+    "compare",
+    "modes",
+    "motion",
+    "schema",
+    "convert",
+    "reproduce",
+)
 
 _HELP = f"""Mass, damping and stiffness of a structure from vibration measurements, with honest uncertainty.
 
@@ -25,6 +37,7 @@ Examples:
   structid check frame.toml
   structid doctor frame.toml
   structid identify frame.toml --out frame_results
+  structid explain frame.toml
   structid compare before.toml after.toml --unchanged mass
   structid modes ambient.uff
   structid motion bridge.toml --threads 2

@@ -40,7 +40,7 @@ def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
     needs = measured_needs(read, study_problems(read))
     for line in _needed(needs, free, workers):
         typer.echo(line)
-    if free is not None and needs.bytes_needed > free:
+    if needs.bytes_needed > free:
         fail(
             f"{study}: needs about {gigabytes(needs.bytes_needed)} of memory and {gigabytes(free)} are free; take"
             " fewer lines ([method] band) or sensors, group the unknowns (leave out `each`), or take a machine with"
@@ -53,7 +53,7 @@ def _installed(found: Installation) -> list[str]:
     required = ", ".join(f"{name} {version}" for name, version in found.required.items())
     has = ", ".join(f"{name} {version}" for name, version in found.optional.items() if version)
     lacks = [f"{name}: {OPTIONAL[name]}" for name, version in found.optional.items() if not version]
-    free = "not known" if found.free_bytes is None else f"{gigabytes(found.free_bytes)} free"
+    free = f"{gigabytes(found.free_bytes)} free"
     return [
         f"structid {found.structid}, Python {found.python}, {found.system}",
         f"packages: {required}",
@@ -65,12 +65,12 @@ def _installed(found: Installation) -> list[str]:
     ]
 
 
-def _needed(needs: Needs, free: int | None, workers: int) -> list[str]:
+def _needed(needs: Needs, free: int, workers: int) -> list[str]:
     size = needs.sizes
     records = f"{size.n_records} records, the largest with " if size.n_records > 1 else ""
     starts = f", {needs.starts} starts" if needs.starts > 1 else ""
     intervals = f", intervals {clock(needs.interval_seconds)}" if needs.interval_seconds else ""
-    room = "" if free is None else f" of {gigabytes(free)} free"
+    room = f" of {gigabytes(free)} free"
     on = f" on {workers} workers" if workers > 1 else ""
     return [
         "",

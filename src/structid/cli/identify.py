@@ -32,13 +32,20 @@ from structid.explanation.answer import criticized, write_suggestions
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.long_run import LongRun, executor_for
+from structid.study.run.long_run import LongRun
 from structid.study.run.run import load_study, run_started, started
-from structid.study.work.tasks import WorkersLostError
+from structid.study.run.workers import WorkersLostError, workers_for
 
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
 ]
+
+Explain = Annotated[
+    bool | None,
+    typer.Option("--explain/--no-explain", help="Look for causes of a misfit always, never [default: unless sound]."),
+]
+#: The words of each choice.
+_EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
 
 def identify(
@@ -46,9 +53,7 @@ def identify(
     out: Annotated[Path | None, results_folder("<study name>_results")] = None,
     report: Report = True,
     png: Png = False,
-    explain: Annotated[
-        bool, typer.Option("--explain/--no-explain", help="Look for causes where the answer is not sound.")
-    ] = True,
+    explain: Explain = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from where an interrupted run was.")] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -70,7 +75,7 @@ def identify(
     folder = out if out is not None else Path(f"{study.stem}_results")
     owner = fingerprint(read)
     with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
-        run = LongRun(executor_for(read, workers, scheduler), kept)
+        run = LongRun(workers_for(workers, scheduler), kept)
         try:
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
@@ -81,7 +86,7 @@ def identify(
                 name = _write(result, staged, report, png)
                 write_suggestions(result, fits, staged, folder)
         except KeyboardInterrupt:
-            flags = ["--no-report"] * (not report) + ["--png"] * png + ["--no-explain"] * (not explain)
+            flags = ["--no-report"] * (not report) + ["--png"] * png + _EXPLAIN[explain]
             fail(
                 _interrupted(run, kept, _resumed(study, flags, out=out, workers=workers, scheduler=scheduler)),
                 INTERRUPTED,

@@ -69,10 +69,13 @@ def added(directions: FloatArray, law: Callable[[Fields], ComplexArray]) -> Effe
         a at the lines, (n_lines,).
     """
 
+    rows = np.flatnonzero(directions.any(axis=1))
+    d = directions[rows]
+
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
-        d, a = directions, law(fields)
-        u, v = d.T @ fields.under_loads, d.T @ fields.under_sensors
-        g = d.T @ fields.flexibility @ d
+        a = law(fields)
+        u, v = d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows]
+        g = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
         weight = strengths[:, None] * a
         if d.shape[1] == 1:
             inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None] * u
@@ -92,10 +95,12 @@ def rubbing(direction: FloatArray) -> Effect:
     and g = d' Z^-1 d. For one load.
     """
 
+    rows = np.flatnonzero(direction)
+    d = direction[rows]
+
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
-        d = direction
-        u, v = (d @ fields.under_loads)[:, 0], d @ fields.under_sensors
-        g = d @ fields.flexibility @ d
+        u, v = (d @ fields.under_loads[:, rows])[:, 0], d @ fields.under_sensors[:, rows]
+        g = d @ fields.flexibility[:, rows[:, None], rows] @ d
         r = strengths[:, None]
         inside = np.maximum((r * g.imag) ** 2 - (r * np.abs(g)) ** 2 + np.abs(u) ** 2, 0.0)
         sliding = np.maximum(r * g.imag + np.sqrt(inside), 1e-6 * np.abs(u))
@@ -117,10 +122,11 @@ def released(coupling: Callable[[Fields], tuple[ComplexArray, ComplexArray]]) ->
     """
 
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
-        r, own = coupling(fields)
-        row = r[:, None, :]
-        u, v = (row @ fields.under_loads)[:, 0], (row @ fields.under_sensors)[:, 0]
-        zeta = own - (row @ fields.flexibility @ r[:, :, None])[:, 0, 0]
+        whole, own = coupling(fields)
+        rows = np.flatnonzero(whole.any(axis=0))
+        r = whole[:, None, rows]
+        u, v = (r @ fields.under_loads[:, rows])[:, 0], (r @ fields.under_sensors[:, rows])[:, 0]
+        zeta = own - (r @ fields.flexibility[:, rows[:, None], rows] @ np.swapaxes(r, 1, 2))[:, 0, 0]
         weight = strengths[:, None] / (1 + strengths[:, None] * zeta)
         found: ComplexArray = (weight[:, :, None, None] * v[:, :, None] * u[:, None, :]) * fields.factor
         return found

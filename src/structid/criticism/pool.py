@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from structid.dof import Dof
 from structid.structure import Spring
 from structid.structure.elements.element import dof_of_code
 
+T = TypeVar("T")
+
 _APPENDAGE_LOSS = 0.03
 _APPENDAGE_FREQUENCIES = 48
 _APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
@@ -25,6 +27,8 @@ UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead o
 _RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
 _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
+#: Of larger models a part is tried.
+_MOST_NODES, _MOST_ELEMENTS = 60, 150
 _TRANSLATIONS = ("X", "Y", "Z")
 #: Power of s with which properties enter the dynamic stiffness.
 _POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
@@ -45,6 +49,13 @@ def pool(records: Sequence[Fields]) -> list[Candidate]:
     return found
 
 
+def _spread(items: list[T], most: int) -> list[T]:
+    """All, or as many as `most` of them, evenly."""
+    if len(items) <= most:
+        return items
+    return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
+
+
 def _inertia(fields: Fields) -> ComplexArray:
     return fields.laplace**2
 
@@ -59,14 +70,18 @@ def _constant(fields: Fields) -> ComplexArray:
 
 def _scale(fields: Fields, direction: FloatArray, law: ComplexArray) -> float:
     """Strength at which an added part is as stiff as what it is added to, at most lines."""
-    size = np.abs(law * (direction @ fields.flexibility @ direction))
+    rows = np.flatnonzero(direction)
+    size = np.abs(law * (direction[rows] @ fields.flexibility[:, rows[:, None], rows] @ direction[rows]))
     return float(1 / np.median(size))
 
 
 def _additions(fields: Fields) -> Iterator[Candidate]:
     """Springs to the ground, dashpots, masses and appendages."""
     nodes: dict[int, list[FloatArray]] = {}
+    places = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
     for dof, column in fields.columns.items():
+        if dof.node not in places:
+            continue
         where = (str(dof),)
         rubs = (
             Candidate("friction", where, rubbing(column), _RUBBING) if len(fields.problem.record.inputs) == 1 else None
@@ -84,7 +99,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
         yield Candidate(
             "mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)), (-np.inf, np.inf)
         )
-    for pair, column in _pairs(fields):
+    for pair, column in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
         yield Candidate(
             "dashpot", pair, added(column[:, None], _velocity), steps(_scale(fields, column, _velocity(fields)))
         )
@@ -147,7 +162,7 @@ def _joints(fields: Fields) -> Iterator[Candidate]:
             if code >= 0 and dof_of_code(code).is_rotation:
                 part = _Column(codes, matrix[:, j], float(matrix[j, j]), kind, loss)
                 ends.setdefault((name, e, code), []).append(part)
-    for (name, e, code), columns in ends.items():
+    for (name, e, code), columns in _spread(list(ends.items()), _MOST_ELEMENTS):
         if any(part.kind == "stiffness" and part.diagonal > 0 for part in columns):
             coupling = partial(_joint, tuple(columns))
             scale = float(1 / np.median(np.abs(coupling(fields)[1])))
@@ -172,7 +187,7 @@ def _untied(fields: Fields) -> Iterator[Candidate]:
     items = list(fields.elements(("stiffness", "mass")))
     for name, _, _, _, kind, _ in items:
         counts[name, kind] = counts.get((name, kind), 0) + 1
-    for name, e, codes, matrix, kind, loss in items:
+    for name, e, codes, matrix, kind, loss in _spread(items, 2 * _MOST_ELEMENTS):
         if counts[name, kind] < 2:
             continue
         size, vectors = np.linalg.eigh(matrix)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -110,6 +111,11 @@ Way = Stages | Callable[[FloatArray], Stages]
 
 class BaseProblem:
     """What a problem answers that has nothing to tell but its residual; others inherit from it and say more."""
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without what is cached: it can be made again, and factorizations cannot go to another process."""
+        kept = (name for name in vars(self) if not isinstance(getattr(type(self), name, None), cached_property))
+        return {name: vars(self)[name] for name in kept}
 
     def sizes(self, physical: FloatArray) -> FloatArray:
         return np.abs(physical)

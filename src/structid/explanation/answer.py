@@ -19,12 +19,14 @@ from structid.study.run.run import Start
 
 _MOST, _MOST_ALIKE = 4, 4
 _MOST_MOVED = 8
+#: Of models whose changes are screened: Z^-1 is formed at some forty lines.
+MOST_DOFS = 1200
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
 
 def criticized(
-    ready: Start, result: StudyResult, explain: bool = True, told: Told | None = None
+    ready: Start, result: StudyResult, explain: bool | None = None, told: Told | None = None
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with its verdict, and the fits behind its causes.
 
@@ -33,20 +35,27 @@ def criticized(
     ready : Start
         The study with its records.
     result : StudyResult
-    explain : bool
-        Whether causes are looked for where the answer is not sound.
+    explain : bool, optional
+        Whether causes are looked for; by default where the answer is not sound.
     told : callable, optional
         Called with the name of a stage, and how many of how many steps of it are done.
     """
     found = result.identification
-    if is_sound(found):
+    if is_sound(found) and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     ratio = noise_ratio(found)
-    if ratio is not None and ratio != 1.0:
+    if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
         return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
-    if not explain or found.target is None or not found.estimate.uncertainty.has_matrix:
+    if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return replace(result, criticism=Criticism(judged(found))), ()
+    largest = max(setup.structure.n_dofs for setup in ready.setups)
+    if largest > MOST_DOFS:
+        notes = (
+            f"causes were not looked for: that takes models of at most {MOST_DOFS} degrees of freedom, got {largest}",
+        )
+        judgement = judged(found)
+        return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, *notes)))), ()
     theta = found.estimate.theta
     base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
     explanation = explained(base, told)

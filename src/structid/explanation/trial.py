@@ -21,7 +21,7 @@ from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups import AnySetup
 from structid.identification.together import alike, together
-from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.observation.frf.continuation import LEVELS, smoothed_records
 from structid.observation.frf.problem import smooth_stage
 from structid.records import FrfRecord
@@ -182,12 +182,12 @@ def read_study(
 ) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
     """The study with other tables; records that are the same are not read again."""
     edited = load_study(study.path, tables)
-    setups = []
+    setups, models = [], Models()
     for number, source in enumerate(edited.setups):
         same = number < len(measured) and _of_record(source.section.table) == _of_record(
             study.setups[number].section.table
         )
-        setups.append(loaded(source, measured[number] if same else None))
+        setups.append(loaded(source, models, measured[number] if same else None))
     problems = alike([setup.prepared(edited.options).problem for setup in setups])
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 

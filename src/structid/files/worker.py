@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import psutil
 
 _DENSEST = 1032  # bytes that deflate can make of one
 _HEADROOM = 2**30
@@ -229,10 +230,9 @@ def _limit_memory(path: str) -> None:
     """Address space for what the file can hold and some more, where the system has such limits."""
     try:
         import resource
-
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    except (ImportError, OSError):
+    except ImportError:  # Windows
         return
+    used = psutil.Process().memory_info().vms
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     wanted = used + _HEADROOM + 2 * _DENSEST * Path(path).stat().st_size
     resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))

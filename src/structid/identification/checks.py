@@ -154,11 +154,11 @@ def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | 
     diagonal = np.sqrt(np.abs(np.diag(matrix)))
     empty = diagonal == 0
     if empty.any():
-        return ", ".join(structure.words(structure.dofs[i]) for i in index[empty][:6])
+        return ", ".join(structure.words(structure.dofs[i]).rstrip("+") for i in index[empty][:6])
     values, vectors = linalg.eigh(matrix / np.outer(diagonal, diagonal))
     if values[0] > _NULL * len(matrix):
         return ""
     part = np.abs(vectors[:, 0] / diagonal)
     largest = np.argsort(-part, kind="stable")[:6]
     chosen = sorted(int(i) for i in largest if part[i] > 0.1 * part.max())
-    return ", ".join(structure.words(structure.dofs[index[i]]) for i in chosen)
+    return ", ".join(structure.words(structure.dofs[index[i]]).rstrip("+") for i in chosen)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, field
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from structid.identification.checks import record_warnings, unit_warnings
 from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
 from structid.identification.setups import Prepared, RecordSetup
-from structid.observation import ChannelUnknown, FrfProblem, measures_everything, one_step_values
+from structid.observation import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
 from structid.observation.channel_errors import channel_errors
 from structid.records import FrfRecord
 from structid.structure import Structure
@@ -39,6 +39,8 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns : sequence of ChannelUnknown
         Errors of this record's sensors and loads that are identified too.
     name : str
+    models : Models
+        What its problems have in common, and those of other records of the same structure.
     """
 
     structure: Structure
@@ -47,6 +49,7 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     time: InitVar[object] = None
+    models: Models = field(default_factory=Models, repr=False)
 
     def __post_init__(self, time: object) -> None:
         if time is not None:
@@ -71,6 +74,7 @@ class Setup(RecordSetup[FrfProblem]):
             channels=channel_errors(used, self.channel_unknowns) if self.channel_unknowns else None,
             start_error=options.start_error if options.start == "continuation" else None,
             reduced=options.reduced,
+            models=self.models,
         )
         return Prepared(problem, tuple(warnings))
 

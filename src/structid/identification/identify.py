@@ -19,7 +19,7 @@ from structid.identification.record_fit import Own
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups import AnySetup, prefixes, titles
-from structid.identification.together import alike, by_name, places, shared_parts
+from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings
 from structid.observation import ChannelUnknown, RecordProblem
 from structid.records import FrfRecord
@@ -104,7 +104,6 @@ def identify_together(
     problems = initial = alike([ready.problem for ready in prepared])
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
-    work.known(shared_parts(problems))
     answer = answered(setups, problems, chosen, progress, work)
     problems, target = answer.problems, answer.target
     found = replace(answer.estimate, initial=by_name(answer.estimate.names, initial, lambda part: part.start))

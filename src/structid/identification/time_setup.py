@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,6 +21,7 @@ from structid.identification.setups import Prepared, RecordSetup
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,
+    Models,
     RecordProblem,
     SpectraProblem,
     TimeOptions,
@@ -89,6 +90,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     shown : FrfRecord, optional
         FRFs of the same test, beside which the fitted model is drawn and judged; by default those of estimator Hv from
         four segments of the record. They have no part in the fit.
+    models : Models
+        What its problems have in common, and those of other records of the same structure.
     """
 
     structure: Structure
@@ -97,6 +100,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     settings: TimeFit = TimeFit()
     name: str = ""
     shown: FrfRecord | None = None
+    models: Models = field(default_factory=Models, repr=False)
 
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
         """Finite spectra of the lines that `options` choose, or all samples for output error.
@@ -120,7 +124,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
             record = replace(record, variance=np.maximum(record.variance, least**2))
         spectra = finite_spectra(record, band=options.band)
         spectra = spectra.lines(inside(spectra.frequency, options))
-        return SpectraProblem(self.structure, self.parameters, spectra, self.settings.transient, record=record)
+        transient = self.settings.transient
+        return SpectraProblem(self.structure, self.parameters, spectra, transient, record=record, models=self.models)
 
     @property
     def measured(self) -> object:
@@ -184,7 +189,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """The problem of averaged FRFs, which only shows the fit."""
         used = used_lines(self._averaged(), options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
-        return FrfProblem(self.structure, self.parameters, used, options.residual, error)
+        return FrfProblem(self.structure, self.parameters, used, options.residual, error, models=self.models)
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:

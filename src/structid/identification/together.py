@@ -18,11 +18,6 @@ def together(problems: Sequence[RecordProblem]) -> Problem:
     return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
 
 
-def shared_parts(problems: Sequence[RecordProblem]) -> tuple[object, ...]:
-    """Structure and record of each problem: what another process that reads the same study has as well."""
-    return tuple(part for problem in problems for part in problem.sources)
-
-
 def places(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
     """Positions among `names` of those `wanted`."""
     place = {name: i for i, name in enumerate(names)}

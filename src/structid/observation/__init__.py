@@ -4,7 +4,7 @@ from structid.observation.channel_errors import ChannelErrors, ChannelUnknown, c
 from structid.observation.frf.equations import measures_everything, one_step_values
 from structid.observation.frf.forms import Form
 from structid.observation.frf.problem import FrfProblem, frequency_continuation
-from structid.observation.frf.response import Response, response
+from structid.observation.frf.response import Models, Response, response
 from structid.observation.frf.simulation import simulated_record
 from structid.observation.modal.problem import ModalForm, ModalProblem
 from structid.observation.motion.checkpoint import load_motion_fit, save_motion_fit
@@ -31,6 +31,7 @@ __all__ = [
     "FrfProblem",
     "ModalForm",
     "ModalProblem",
+    "Models",
     "Motion",
     "MotionSolution",
     "Oscillation",

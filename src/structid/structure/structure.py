@@ -132,9 +132,9 @@ class Structure:
         return tuple(dof_of_code(code) for code in self.numbering.free)
 
     def words(self, dof: Dof) -> str:
-        """What messages call one of `dofs`, such as ``3X``, or ``RZ inside joint 1``."""
+        """What messages call one of `dofs`, such as ``3X+``, or ``RZ inside joint 1``."""
         inside = self._numbered.owners.get(dof.node)
-        return str(dof.unsigned)[:-1] if inside is None else f"{dof.direction} inside {inside}"
+        return str(dof.unsigned) if inside is None else f"{dof.direction} inside {inside}"
 
     @property
     def n_dofs(self) -> int:

@@ -142,7 +142,7 @@ def bootstrap(
     rng : numpy Generator, optional
         Seed 0 by default. The answer does not depend on where the refits run.
     work : Work
-        Where they run: in this process by default; `structid.study.work.tasks` has others.
+        Where they run: in this process by default; `structid.study.run.long_run` has others.
 
     Returns
     -------

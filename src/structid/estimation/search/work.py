@@ -42,10 +42,6 @@ Task = Callable[[Any, Any, Tools], Any]
 class Work(Protocol):
     """Where searches and repeated tasks run; the answer does not depend on it."""
 
-    def known(self, parts: Sequence[object]) -> None:
-        """Objects that every worker has as well, so that they need not be sent."""
-        ...
-
     @property
     def n_workers(self) -> int:
         """How many tasks run at once."""
@@ -94,9 +90,6 @@ class Alone:
     """Everything in this process, one after another, nothing kept."""
 
     n_workers: int = 1
-
-    def known(self, parts: Sequence[object]) -> None:
-        """Nothing is sent."""
 
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -27,34 +27,59 @@ _DERIVATIVES = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class LargeLines:
-    """The lines of a large model; see `Response`.
+class Pattern:
+    """The sparsity pattern of a large model with its channels.
 
     Attributes
     ----------
     slopes : StiffnessSlopes
     channels : Channels
-    frequency : (n_lines,) float array
     factorizer : str, optional
         See `structid.dynamics.factorization.factorizer`.
-    reduced : float, optional
-        Largest relative error of values that may be found from few factorizations; see `reduced_sweep`.
     """
 
     slopes: StiffnessSlopes
     channels: Channels
-    frequency: FloatArray
     factorizer: str | None = None
+
+    @property
+    def indices(self) -> tuple[IntArray, IntArray]:
+        return self.slopes.assembled.indices, self.slopes.assembled.indptr
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        """What the factorizer knows of it; it serves all lines and iterations."""
+        loaded = np.diff(self.channels.columns.tocsr().indptr) > 0
+        return factorizer(self.factorizer).analyse(*self.indices, loaded)
+
+
+@dataclass(frozen=True, eq=False)
+class LargeLines:
+    """The lines of a large model; see `Response`.
+
+    Attributes
+    ----------
+    pattern : Pattern
+    frequency : (n_lines,) float array
+    reduced : float, optional
+        Largest relative error of values that may be found from few factorizations; see `reduced_sweep`.
+    """
+
+    pattern: Pattern
+    frequency: FloatArray
     reduced: float | None = None
+
+    @property
+    def slopes(self) -> StiffnessSlopes:
+        return self.pattern.slopes
+
+    @property
+    def channels(self) -> Channels:
+        return self.pattern.channels
 
     @property
     def is_large(self) -> bool:
         return True
-
-    def on(self, lines: slice) -> LargeLines:
-        made = replace(self, frequency=self.frequency[lines])
-        vars(made)["analysis"] = self.analysis  # what the cached property would make again
-        return made
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
@@ -89,7 +114,7 @@ class LargeLines:
         if self.reduced is not None and self.channels.n_contacts:
             stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
             with single_blas():
-                return reduced_sweep(stiffness, self._pattern, right, self.channels.sensors, self.reduced).values
+                return reduced_sweep(stiffness, self.pattern.indices, right, self.channels.sensors, self.reduced).values
         found = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
         for part, fields in self.fields(physical, coefficients, loads):
             found[part] = self.channels.read(fields)
@@ -143,7 +168,7 @@ class LargeLines:
 
         def begun() -> FieldSweep:
             stiffness = self._stiffness(physical, coefficients)
-            return FieldSweep(stiffness, self._pattern, self.channels.columns.toarray())
+            return FieldSweep(stiffness, self.pattern.indices, self.channels.columns.toarray())
 
         forces = self.slopes.forces_at(physical, coefficients)
         error_of = sweep_error(self.reduced, self.channels.sensors, np.unique(self.channels.inputs[0]), forces)
@@ -156,17 +181,7 @@ class LargeLines:
 
     def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
         data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
-        return DynamicStiffness(self.analysis, data, coefficients, self.frequency)
-
-    @cached_property
-    def analysis(self) -> Analysis:
-        """What the factorizer knows of the sparsity pattern; it serves all lines and iterations."""
-        loaded = np.diff(self.channels.columns.tocsr().indptr) > 0
-        return factorizer(self.factorizer).analyse(*self._pattern, loaded)
-
-    @property
-    def _pattern(self) -> tuple[IntArray, IntArray]:
-        return self.slopes.assembled.indices, self.slopes.assembled.indptr
+        return DynamicStiffness(self.pattern.analysis, data, coefficients, self.frequency)
 
 
 def sweep_error(

@@ -39,10 +39,6 @@ class Lines(Protocol):
         """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
         ...
 
-    def on(self, lines: slice) -> Lines:
-        """The same for some of the lines."""
-        ...
-
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:

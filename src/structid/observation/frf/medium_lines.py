@@ -27,9 +27,6 @@ class MediumLines:
     def is_large(self) -> bool:
         return False
 
-    def on(self, lines: slice) -> MediumLines:
-        return MediumLines(self.small.on(lines), self.large.on(lines))
-
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:

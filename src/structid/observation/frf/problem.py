@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import cast
 
@@ -24,7 +24,7 @@ from structid.observation.frf.continuation import (
 from structid.observation.frf.forms import Form, WhitenedFrf
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
-from structid.observation.frf.response import Response, response
+from structid.observation.frf.response import Models, Response, response
 from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
@@ -77,6 +77,8 @@ class FrfProblem(RecordProblem):
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
         factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
+    models : Models
+        What it has in common with the problems that are made from it.
     """
 
     structure: Structure
@@ -89,6 +91,7 @@ class FrfProblem(RecordProblem):
     start_error: float | None = None
     factorizer: str | None = None
     reduced: float | None = None
+    models: Models = field(default_factory=Models, repr=False)
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -187,7 +190,9 @@ class FrfProblem(RecordProblem):
         return self._response(self.record, self.measured_sliding)
 
     def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
-        return response(self.structure, self.parameters, record, measured_sliding, self.factorizer, self.reduced)
+        return response(
+            self.structure, self.parameters, record, measured_sliding, self.factorizer, self.reduced, self.models
+        )
 
     @cached_property
     def _observed(self) -> ObservedFrf:

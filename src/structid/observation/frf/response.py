@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakValueDictionary
+from weakref import WeakSet, WeakValueDictionary
 
 import numpy as np
 from scipy import sparse
@@ -17,19 +17,17 @@ from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.observation.frf.channels import Channels, channels
 from structid.observation.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.observation.frf.large_lines import LargeLines
+from structid.observation.frf.large_lines import LargeLines, Pattern
 from structid.observation.frf.laws import law_coefficients
 from structid.observation.frf.lines import Lines
 from structid.observation.frf.medium_lines import MEDIUM_UP_TO, MediumLines
-from structid.observation.frf.slopes import StiffnessSlopes, stiffness_slopes
+from structid.observation.frf.slopes import StiffnessSlopes
 from structid.observation.frf.small_lines import SmallLines
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
-from structid.structure import Friction, Structure
+from structid.structure import Structure
+from structid.structure.assembly import assembly
 from structid.unknowns import Parameters
-
-#: Large models in use, by the identity of what they are made of, which they hold.
-_SHARED: WeakValueDictionary[tuple[object, ...], Response] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +51,6 @@ class Response:
     def is_large(self) -> bool:
         """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
         return self.lines.is_large
-
-    def on(self, lines: slice) -> Response:
-        """The same at some of the lines, with what is known of the sparsity pattern."""
-        return replace(
-            self,
-            fixed_coefficients=self.fixed_coefficients[lines],
-            frequency=self.frequency[lines],
-            kind_factor=self.kind_factor[lines],
-            lines=self.lines.on(lines),
-        )
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
@@ -127,6 +115,44 @@ class Response:
         return Sliding(self.contacts, self.channels, self.lines, self.parameters, self.fixed_coefficients)
 
 
+class Models:
+    """What responses in use have in common: patterns with their analyses, lines of large models with their last fields.
+
+    Problems that are made from one another hold the same one; nothing of it goes to another process.
+    """
+
+    def __init__(self) -> None:
+        self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
+        self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
+        self._lines: WeakValueDictionary[tuple[object, ...], LargeLines] = WeakValueDictionary()
+
+    def __reduce__(self) -> tuple[type[Models], tuple[()]]:
+        return Models, ()
+
+    def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
+        """Of a parametrized structure."""
+        found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
+        if found is None:
+            found = StiffnessSlopes(assembly(structure), parameters)
+            self._slopes.add(found)
+        return found
+
+    def large_lines(
+        self,
+        slopes: StiffnessSlopes,
+        sides: Channels,
+        record: FrfRecord,
+        factorizer: str | None = None,
+        reduced: float | None = None,
+    ) -> LargeLines:
+        """Of the channels of `record`; contacts, which may slide as that record measured, make them its own."""
+        own = record if sides.n_contacts else None
+        key: tuple[object, ...] = (slopes, record.outputs, record.inputs, own, factorizer or os.environ.get(VARIABLE))
+        pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, factorizer))
+        key = (pattern, record.frequency.tobytes(), reduced)
+        return self._lines.get(key) or self._lines.setdefault(key, LargeLines(pattern, record.frequency, reduced))
+
+
 def response(
     structure: Structure,
     unknown: Parameters,
@@ -134,6 +160,7 @@ def response(
     measured_sliding: bool = False,
     factorizer: str | None = None,
     reduced: float | None = None,
+    models: Models | None = None,
 ) -> Response:
     """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
 
@@ -150,43 +177,27 @@ def response(
         Of large models; see `structid.dynamics.factorization.factorizer`.
     reduced : float, optional
         Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
+    models : Models, optional
+        Where what others have in common with it is found.
 
     Raises
     ------
     InputError
         If a sensor or load is not part of the structure, or there is friction and the record has several loads.
-
-    Notes
-    -----
-    Large models without friction are shared while in use: assembly, factorizer's memory and last fields.
     """
-    if structure.n_dofs <= DENSE_UP_TO or any(isinstance(element, Friction) for element in structure.elements):
-        return _made(structure, unknown, record, measured_sliding, factorizer, reduced)
-    lines = record.laplace.tobytes(), record.kind, record.outputs, record.inputs
-    key = (id(structure), id(unknown), *lines, factorizer or os.environ.get(VARIABLE), reduced)
-    known = _SHARED.get(key)
-    return known or _SHARED.setdefault(key, _made(structure, unknown, record, measured_sliding, factorizer, reduced))
-
-
-def _made(
-    structure: Structure,
-    unknown: Parameters,
-    record: FrfRecord,
-    measured_sliding: bool,
-    factorizer: str | None,
-    reduced: float | None,
-) -> Response:
-    slopes = stiffness_slopes(structure, unknown)
+    models = models or Models()
+    slopes = models.slopes(structure, unknown)
     laws = slopes.assembled.laws
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
     small = SmallLines(slopes, sides, record.frequency)
-    large = LargeLines(slopes, sides, record.frequency, factorizer, reduced)
-    lines: Lines = small if structure.n_dofs <= DENSE_UP_TO else large
-    medium = reduced is None and DENSE_UP_TO < structure.n_dofs <= MEDIUM_UP_TO
-    if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
-        lines = MediumLines(small, large)
+    lines: Lines = small
+    if structure.n_dofs > DENSE_UP_TO:
+        lines = large = models.large_lines(slopes, sides, record, factorizer, reduced)
+        medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
+        if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
+            lines = MediumLines(small, large)
     return Response(
         slopes=slopes,
         parameters=unknown,

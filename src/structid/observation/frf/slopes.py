@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -19,16 +18,13 @@ from structid.observation.sensitive import (
     weighted_elements,
 )
 from structid.structure import Structure
-from structid.structure.assembly import Assembly, assembly
+from structid.structure.assembly import Assembly
 from structid.unknowns import Parameters
-
-#: In use, by the identity of what they are made of, which they hold.
-_SHARED: WeakValueDictionary[tuple[int, int, int], StiffnessSlopes] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class StiffnessSlopes:
-    """The matrices of a parametrized structure on one pattern, and how they change; made by `stiffness_slopes`.
+    """The matrices of a parametrized structure on one pattern, and how they change.
 
     Attributes
     ----------
@@ -39,6 +35,12 @@ class StiffnessSlopes:
 
     assembled: Assembly
     parameters: Parameters
+
+    def serves(self, structure: Structure, parameters: Parameters) -> bool:
+        """Whether these are the slopes of that structure and parameters, whose priors and starts do not matter."""
+        own = self.parameters
+        same = own.design is parameters.design and own.offset is parameters.offset
+        return same and self.assembled.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
         """The element matrices that the parameters weigh, and the factor of each kind at every line.
@@ -105,10 +107,3 @@ class StiffnessSlopes:
     def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
         """The last `ParameterForces`, and the weights that they were made for."""
         return {}
-
-
-def stiffness_slopes(structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-    """The `StiffnessSlopes` of a parametrized structure, shared while in use: priors and starts do not matter."""
-    key = id(structure), id(parameters.design), id(parameters.offset)
-    known = _SHARED.get(key)
-    return known or _SHARED.setdefault(key, StiffnessSlopes(assembly(structure), parameters))

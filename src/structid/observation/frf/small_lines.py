@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -35,9 +35,6 @@ class SmallLines:
     @property
     def is_large(self) -> bool:
         return False
-
-    def on(self, lines: slice) -> SmallLines:
-        return replace(self, frequency=self.frequency[lines])
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None

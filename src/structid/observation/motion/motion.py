@@ -194,7 +194,7 @@ def _everywhere(structure: Structure, record: TimeRecord, quantity: str) -> Floa
     rank = int((singular > 1e-10 * singular.max(initial=0.0)).sum())
     if rank < structure.n_dofs:
         blind = np.abs(rows[rank:]).max(axis=0) > 1e-10
-        missing = [str(dof.unsigned) for dof, out in zip(structure.dofs, blind, strict=True) if out]
+        missing = [structure.words(dof) for dof, out in zip(structure.dofs, blind, strict=True) if out]
         raise InputError(
             f"{quantity} is not measured at {', '.join(missing)}; identification from motion needs every one of the"
             f" {structure.n_dofs} free degrees of freedom. Add sensors there (a rotation from two translations close"

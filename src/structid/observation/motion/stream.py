@@ -309,7 +309,7 @@ def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -
     gram = sparse.csc_array(sensors @ sensors.T)
     seen = gram.diagonal() > 0
     if not seen.all():
-        missing = [str(structure.dofs[i].unsigned) for i in np.flatnonzero(~seen)[:6]]
+        missing = [structure.words(structure.dofs[i]) for i in np.flatnonzero(~seen)[:6]]
         more = f" and {int((~seen).sum()) - 6} more" if (~seen).sum() > 6 else ""
         raise InputError(
             f"{quantity} is not measured at {', '.join(missing)}{more}; identification from motion needs every one of"

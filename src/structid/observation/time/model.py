@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -350,8 +350,3 @@ def require_viscous(structure: Structure, unknown: Parameters) -> None:
                 "loss factors must be 0 in the time domain, since structural damping is defined for harmonic motion only;"
                 " use viscous damping, or identify them from FRFs with `identify`"
             )
-
-
-def names_of(dofs: Sequence[Dof]) -> str:
-    """Degrees of freedom in one line, for messages."""
-    return ", ".join(str(dof.unsigned) for dof in dofs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
@@ -15,7 +15,7 @@ from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
-from structid.observation.frf.response import Response, response
+from structid.observation.frf.response import Models, Response, response
 from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
@@ -60,6 +60,8 @@ class SpectraProblem(RecordProblem):
         the modes above the band, and the alias of the jump between the end and the start of the record.
     record : TimeRecord, optional
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
+    models : Models
+        What it has in common with the problems that are made from it.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class SpectraProblem(RecordProblem):
     transient: bool = True
     order: int = 4
     record: TimeRecord | None = None
+    models: Models = field(default_factory=Models, repr=False)
 
     def __post_init__(self) -> None:
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
@@ -125,7 +128,7 @@ class SpectraProblem(RecordProblem):
         place = FrfRecord(
             self.spectra.frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, "receptance", decay=decay
         )
-        return response(self.structure, self.parameters, place)
+        return response(self.structure, self.parameters, place, models=self.models)
 
     @cached_property
     def _columns(self) -> sparse.csc_array:

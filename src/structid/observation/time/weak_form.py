@@ -30,7 +30,7 @@ from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.observation.motion.equations import TimeEquations, time_equations
 from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
-from structid.observation.time.model import ORDERS, names_of, require_viscous
+from structid.observation.time.model import ORDERS, require_viscous
 from structid.observation.time.options import TimeOptions
 from structid.observation.time.problem import declared_variance
 from structid.records import TimeRecord
@@ -199,7 +199,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
     if len(missing):
         raise InputError(
             f"every degree of freedom must be measured as {' or '.join(options.quantities)} for the weak form, got none at"
-            f" {names_of([structure.dofs[i] for i in missing])}; add sensors, condense the model, or take method"
+            f" {', '.join(structure.words(structure.dofs[i]) for i in missing)}; add sensors, condense the model, or take method"
             " 'output_error', which needs only some"
         )
     return found

@@ -20,7 +20,7 @@ OPTIONAL = {
     "emcee": "sampling (extra `sampling`)",
     "ansys-mapdl-reader": "Ansys files (extra `ansys`)",
 }
-_REQUIRED = ("numpy", "scipy", "h5py", "matplotlib", "threadpoolctl")
+_REQUIRED = ("numpy", "scipy", "h5py", "matplotlib", "psutil", "threadpoolctl")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Installation:
         Libraries of linear algebra with their threads.
     processors : int
         That this process may use.
-    free_bytes : int or None
+    free_bytes : int
         Memory that it may still take.
     """
 
@@ -50,7 +50,7 @@ class Installation:
     factorizers: tuple[str, ...]
     blas: tuple[str, ...]
     processors: int
-    free_bytes: int | None
+    free_bytes: int
 
 
 def installation() -> Installation:

@@ -6,22 +6,16 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from structid.arrays import FloatArray
-from structid.errors import InputError
 from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.search.least_squares import Method
 from structid.estimation.search.minimum import Keeper, Progress, State
 from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
 from structid.study.run.checkpoint import Checkpoint
-from structid.study.schema.study import Study
-from structid.study.work.cluster import Cluster
-from structid.study.work.parts import StudyPlace
-from structid.study.work.processes import Processes
-from structid.study.work.spread import spread
-from structid.study.work.tasks import Executor, InProcess
+from structid.study.run.spread_lines import spread
+from structid.study.run.workers import InProcess, Workers
 
 #: Called with what the tasks are, how many are done, and how many there are.
 TaskProgress = Callable[[str, int, int], None]
@@ -66,7 +60,7 @@ class LongRun:
 
     Parameters
     ----------
-    executor : Executor, optional
+    workers : Workers, optional
         Where tasks run; in this process by default.
     checkpoint : Checkpoint, optional
         Keeps what is done.
@@ -76,11 +70,11 @@ class LongRun:
 
     def __init__(
         self,
-        executor: Executor | None = None,
+        workers: Workers | None = None,
         checkpoint: Checkpoint | None = None,
         progress: TaskProgress | None = None,
     ) -> None:
-        self.executor: Executor = executor or InProcess()
+        self.workers: Workers = workers or InProcess()
         self.checkpoint, self.progress = checkpoint, progress
         self.reached = Reached()
         self._searches: Counter[str] = Counter()
@@ -89,11 +83,7 @@ class LongRun:
 
     @property
     def n_workers(self) -> int:
-        return self.executor.n_workers
-
-    def known(self, parts: Sequence[object]) -> None:
-        """Name what workers that read the study have as well."""
-        self.executor.known(parts)
+        return self.workers.n_workers
 
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
@@ -120,7 +110,7 @@ class LongRun:
     ) -> Minimum:
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
-        aim = problem if scope else spread(problem, self.executor)
+        aim = problem if scope else spread(problem, self.workers)
         kept = self.checkpoint
         if kept is None:
             return minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, None))
@@ -139,7 +129,7 @@ class LongRun:
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Any]:
-        """`task` of every item on the executor, in their order; those of the checkpoint are not run again."""
+        """`task` of every item on the workers, in their order; those of the checkpoint are not run again."""
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
@@ -152,7 +142,7 @@ class LongRun:
 
         self._tell(name, len(results), len(items))
         if missing:
-            for number, result in self.executor.completed(task, shared, missing, tools):
+            for number, result in self.workers.completed(task, shared, missing, tools):
                 results[number] = result
                 if self.checkpoint is not None:
                     self.checkpoint.finished(names[number], result)
@@ -171,8 +161,8 @@ class LongRun:
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
 
     def close(self) -> None:
-        """End what the executor started."""
-        self.executor.close()
+        """End what the workers started."""
+        self.workers.close()
 
 
 @dataclass(eq=False)
@@ -199,21 +189,3 @@ class _Keeper:
         at.theta = state()["theta"]
         if self.checkpoint is not None:
             self.checkpoint.running(self.name, state)
-
-
-def executor_for(study: Study, workers: int | None, scheduler: str | None) -> Executor:
-    """Where the tasks of `study` run: on a Dask cluster, on `workers` processes, or in this one.
-
-    Raises
-    ------
-    InputError
-        If the scheduler or its workers cannot be used, or there are less than one worker.
-    """
-    place = StudyPlace(str(Path(study.path).resolve()), tuple(sorted(study.digests.items())))
-    if scheduler is not None and workers is not None:
-        raise InputError("`workers` must be left out with a scheduler, got both; give --workers or --scheduler")
-    if scheduler is not None:
-        return Cluster(scheduler, place)
-    if workers is None or workers == 1:
-        return InProcess()
-    return Processes(workers, place)

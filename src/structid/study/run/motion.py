@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.estimation import Status
 from structid.observation.motion.checkpoint import load_motion_fit
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
@@ -22,10 +21,8 @@ from structid.records.on_disk import OnDiskRecord, open_record
 from structid.regression.local_reduction import Kernels
 from structid.study.results.folder import json_text
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
+from structid.study.run.workers import Workers, workers_for
 from structid.study.schema.study import Study, load_study
-from structid.study.work.cluster import Cluster
-from structid.study.work.processes import Processes
-from structid.study.work.tasks import Executor, InProcess
 
 #: The files of `write_motion`.
 MOTION_SUMMARY, MOTION_TABLE = "motion.json", "parameters.csv"
@@ -109,47 +106,30 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
             raise source.section.error("identification from motion does not use it; leave it out", key)
     with source.section.located("repeats" if len(source.paths) > 1 else "path"):
         records = tuple(open_record(path.resolve(), source.options) for path in source.paths)
-        executor = motion_executor(options)
+        workers = workers_for(options.workers, options.scheduler)
         read = time.perf_counter()
         try:
             whole = Whole(study.structure, study.parameters, records, options.work, options.chunk)
-            fit = _reduced(whole, executor, options.checkpoint, progress)
+            fit = _reduced(whole, workers, options.checkpoint, progress)
         finally:
-            if executor is not None:
-                executor.close()
+            if workers is not None:
+                workers.close()
         passed = time.perf_counter()
         solution = motion_solution(fit, options.work)
     seconds = {"study": read - begun, "record": passed - read, "solution": time.perf_counter() - passed}
-    where = "this process" if executor is None else executor.words
+    where = "this process" if workers is None else workers.words
     return MotionResult(study, records, solution, seconds, peak_memory(), where)
 
 
-def motion_executor(options: MotionOptions) -> Executor | None:
-    """What reduces stretches of the records; None where this process takes one chunk after the other.
-
-    Raises
-    ------
-    InputError
-        If both workers and a scheduler are given, or they cannot be used.
-    """
-    if options.scheduler is not None and options.workers is not None:
-        raise InputError("`workers` must be left out with a scheduler, got both; give --workers or --scheduler")
-    if options.scheduler is not None:
-        return Cluster(options.scheduler)
-    if options.workers is None:
-        return None
-    return InProcess() if options.workers == 1 else Processes(options.workers)
-
-
 def _reduced(
-    whole: Whole, executor: Executor | None, checkpoint: Path | None, progress: Progress | None
+    whole: Whole, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
 ) -> RecursiveMotionFit:
     fit = motion_fit(whole.structure, whole.unknown)
     if checkpoint is not None and checkpoint.exists():
         fit = load_motion_fit(checkpoint, fit)
-    if executor is None:
+    if workers is None:
         return reduced_alone(fit, whole, checkpoint, progress)
-    return reduced_on(executor, fit, whole, checkpoint, progress)
+    return reduced_on(workers, fit, whole, checkpoint, progress)
 
 
 def peak_memory() -> int:

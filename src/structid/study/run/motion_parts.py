@@ -7,23 +7,22 @@ number of workers, whoever did what, and for a run that was ended and went on.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from structid.errors import InputError
-from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.estimation.search.work import Tools
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
 from structid.observation.motion.stream import FitKeeper, Progress, RecordRows, record_rows, reduced_by_chunks
 from structid.records.on_disk import OnDiskRecord
 from structid.regression.local_reduction import Kernels, has_numba
 from structid.structure import Structure
-from structid.study.work.cluster import Cluster
-from structid.study.work.tasks import Executor
+from structid.study.run.workers import Workers
 from structid.unknowns import Parameters
 
 #: A stretch holds so many bytes at least, is so many times as large as what comes back, and there are at most so many.
@@ -55,16 +54,15 @@ class Whole:
     work: Kernels
     longest: int | None
 
+    @cached_property
+    def start(self) -> RecursiveMotionFit:
+        """The fit before any sample."""
+        return motion_fit(self.structure, self.unknown)
 
-@dataclass(eq=False)
-class _Made:
-    """What a worker makes once: the fit before any sample, and the rows of each record."""
-
-    start: RecursiveMotionFit
-    rows: dict[int, RecordRows] = field(default_factory=dict)
-
-
-_MADE: WeakKeyDictionary[Whole, _Made] = WeakKeyDictionary()
+    @cached_property
+    def rows(self) -> tuple[RecordRows, ...]:
+        """Of each record."""
+        return tuple(record_rows(self.start.equations, self.structure, record) for record in self.records)
 
 
 def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
@@ -93,14 +91,9 @@ def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0)
 def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> dict[str, Any]:
     """Triangles, energies and counts of one stretch, as a task."""
     number, first, last = item
-    if whole not in _MADE:
-        _MADE[whole] = _Made(motion_fit(whole.structure, whole.unknown))
-    made, record = _MADE[whole], whole.records[number]
-    if number not in made.rows:
-        made.rows[number] = record_rows(made.start.equations, whole.structure, record)
-    fit = made.start
-    for chunk in record.chunks(first, last, whole.longest):
-        fit = made.rows[number].reduced(fit, chunk, whole.work)
+    fit = whole.start
+    for chunk in whole.records[number].chunks(first, last, whole.longest):
+        fit = whole.rows[number].reduced(fit, chunk, whole.work)
         del chunk  # before the next one is read
     return {
         "triangles": fit.state.triangles,
@@ -111,17 +104,17 @@ def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> dict[str, Any]
 
 
 def reduced_on(
-    executor: Executor,
+    workers: Workers,
     fit: RecursiveMotionFit,
     whole: Whole,
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
-    """`fit`, of the first samples of the records or of none, after all of them, reduced on the workers of `executor`.
+    """`fit`, of the first samples of the records or of none, after all of them, reduced on the workers of `workers`.
 
     Parameters
     ----------
-    executor : Executor
+    workers : Workers
     fit : RecursiveMotionFit
     whole : Whole
     checkpoint : Path, optional
@@ -139,12 +132,12 @@ def reduced_on(
     total = sum(record.n_times for record in whole.records)
     compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
     whole = replace(whole, work=Kernels("numba" if compiled else "numpy", work.threads))
-    _require_seen(executor, whole)
+    _require_seen(workers, whole)
     items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
     early: dict[int, dict[str, Any]] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
     try:
-        for number, result in executor.completed(reduced_stretch, whole, items, lambda _: PLAIN_TOOLS):
+        for number, result in workers.completed(reduced_stretch, whole, items):
             early[number] = result
             while turn in early:
                 fit, turn = _merged(fit, early.pop(turn)), turn + 1
@@ -181,14 +174,12 @@ def _merged(fit: RecursiveMotionFit, part: dict[str, Any]) -> RecursiveMotionFit
     return own if fit.n_samples == 0 else fit.merged(own)
 
 
-def _require_seen(executor: Executor, whole: Whole) -> None:
+def _require_seen(workers: Workers, whole: Whole) -> None:
     """Refuse workers that do not see the records, or would reduce them in another way."""
-    if not isinstance(executor, Cluster):
-        return
     wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
-    for worker, trouble in executor.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
+    for worker, trouble in workers.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
         if trouble:
-            raise InputError(f"scheduler {executor.address}: worker {worker}: {trouble}")
+            raise InputError(f"{workers.words}: {worker}: {trouble}")
 
 
 def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from structid.errors import InputError
 from structid.estimation import Method
@@ -29,6 +29,7 @@ _PROFILE_EVALUATIONS = 60
 _DRAWS = 10_000
 #: The Jacobian and its orthogonal factor at the present point, and the Jacobian at the next one.
 _COPIES = 3
+_GROUP = Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     if not method.is_matrix_free:
         require_room(study, problems)
     analysis = seconds = peak = 0.0
-    before = resident_bytes() or 0
+    before = resident_bytes()
     for problem in problems:
         try:
             once, each, scratch = _measured(problem, method)
@@ -165,7 +166,7 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
         "profile": size.n_parameters * _PROFILE_EVALUATIONS,
         "sampling": _DRAWS,
     }[options.intervals]
-    grown = max((resident_bytes() or 0) - before, 0)
+    grown = max(resident_bytes() - before, 0)
     dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
     own = grown + size.record_bytes + (size.matrix_free_bytes if method.is_matrix_free else dense)
     total = sum(len(p.frequency) for p in problems)
@@ -220,7 +221,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
         With the numbers, and what makes them smaller.
     """
     size, room = sizes(problems), available_bytes() if free is None else free
-    if room is not None and size.least_bytes > room:
+    if size.least_bytes > room:
         raise InputError(
             f"{study.path}: needs at least {gigabytes(size.least_bytes)} of memory and {gigabytes(room)} are free:"
             f" {_COPIES} arrays of {size.n_rows} rows x {size.n_parameters} parameters ({gigabytes(size.jacobian_bytes)}"
@@ -238,68 +239,37 @@ def gigabytes(count: float) -> str:
     return f"{count / 1e3:.3g} kB"
 
 
-def available_bytes() -> int | None:
-    """Memory that this process may still take: free in the system, its control group and its own limit; None if unknown."""
-    found = [value for value in (_system_free(), _group_free(), _limit_free()) if value is not None]
-    return min(found) if found else None
+def available_bytes() -> int:
+    """Memory that this process may still take: free in the system, its control group and its own limit."""
+    free = psutil.virtual_memory().available
+    return min(value for value in (free, _group_free(), _limit_free()) if value is not None)
 
 
-def resident_bytes() -> int | None:
-    """Memory of this process now; None where the system does not say."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, AttributeError):
-        return None
-
-
-def _system_free() -> int | None:
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, ValueError, StopIteration):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, AttributeError):
-        return None
+def resident_bytes() -> int:
+    """Memory of this process now."""
+    return int(psutil.Process().memory_info().rss)
 
 
 def _group_free() -> int | None:
-    """Of the control group (a container, a batch job)."""
-    for limit, used in (
-        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+    """Of the control group (a container, a batch job), with what its files hold, which it gives back when asked."""
+    for limit, used, cache in (
+        ("memory.max", "memory.current", "inactive_file"),
+        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes", "total_inactive_file"),
     ):
         try:
-            most, now = Path(limit).read_text().strip(), int(Path(used).read_text())
-            return max(int(most) - now + _group_cache(), 0) if most != "max" else None
+            most, now = ((_GROUP / name).read_text().strip() for name in (limit, used))
+            rows = dict(line.split() for line in (_GROUP / limit).with_name("memory.stat").read_text().splitlines())
+            return None if most == "max" else max(int(most) - int(now) + int(rows.get(cache, 0)), 0)
         except (OSError, ValueError):
             continue
     return None
-
-
-def _group_cache() -> int:
-    """What the group's files hold in memory, which it gives back when asked."""
-    for path in ("/sys/fs/cgroup/memory.stat", "/sys/fs/cgroup/memory/memory.stat"):
-        try:
-            rows = dict(line.split() for line in Path(path).read_text().splitlines())
-            return int(rows.get("inactive_file", rows.get("total_inactive_file", "0")))
-        except (OSError, ValueError):
-            continue
-    return 0
 
 
 def _limit_free() -> int | None:
     """Of the limit that was set for this process (``ulimit -v``)."""
     try:
         import resource
-    except ImportError:
+    except ImportError:  # Windows
         return None
     most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most == resource.RLIM_INFINITY:
-        return None
-    try:
-        now = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError):
-        now = 0
-    return max(most - now, 0)
+    return None if most == resource.RLIM_INFINITY else max(most - int(psutil.Process().memory_info().vms), 0)

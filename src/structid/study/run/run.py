@@ -17,8 +17,8 @@ from structid.identification.modal_setup import ModalSetup
 from structid.identification.search import chosen_method
 from structid.identification.setups import AnySetup, Prepared, prefixes
 from structid.identification.time_setup import TimeSetup
-from structid.identification.together import alike, shared_parts, together
-from structid.observation import RecordProblem
+from structid.identification.together import alike, together
+from structid.observation import Models, RecordProblem
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
 from structid.study.schema.record import load_histories, load_record
@@ -34,7 +34,6 @@ __all__ = [
     "run_started",
     "run_study",
     "started",
-    "study_parts",
     "study_problems",
 ]
 
@@ -77,7 +76,8 @@ def started(study: Study) -> Start:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    setups = tuple(loaded(source) for source in study.setups)
+    models = Models()
+    setups = tuple(loaded(source, models) for source in study.setups)
     problems: list[RecordProblem] = []
     warnings: list[str] = []
     units: list[str] = []
@@ -92,11 +92,6 @@ def started(study: Study) -> Start:
     return Start(study, setups, same, tuple(warnings), tuple(units))
 
 
-def study_parts(study: Study) -> tuple[object, ...]:
-    """Structure and record of each problem of the study, as `identify_together` names them to its `work`."""
-    return shared_parts(study_problems(study))
-
-
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     """The problem of each record, nothing evaluated yet.
 
@@ -105,16 +100,19 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    setups = [loaded(source) for source in study.setups]
+    models = Models()
+    setups = [loaded(source, models) for source in study.setups]
     return alike([setup.prepared(study.options).problem for setup in setups])
 
 
-def loaded(source: SetupSource, measured: AnySetup | None = None) -> AnySetup:
+def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
     """The set-up that a source describes, its channels part of the structure.
 
     Parameters
     ----------
     source : SetupSource
+    models : Models
+        The same for all of a study.
     measured : RecordSetup, optional
         One with the same record, which is then not read again.
     """
@@ -128,14 +126,16 @@ def loaded(source: SetupSource, measured: AnySetup | None = None) -> AnySetup:
     elif source.record.time is not None:
         time = source.record.time
         shown = None if source.record.frf is None else load_record(source.record)
-        setup = TimeSetup(structure, parameters, load_histories(source.record, time), time.settings, name, shown)
+        setup = TimeSetup(
+            structure, parameters, load_histories(source.record, time), time.settings, name, shown, models
+        )
         if source.channel_unknowns:
             raise section.error(
                 "errors of channels cannot be identified from the histories themselves; use [record.frf] for this record",
                 "channel_error",
             )
     else:
-        setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name)
+        setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name, models=models)
         source.require_channels(setup.record)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):

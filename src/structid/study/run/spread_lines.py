@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation import JointProblem, Linearization, Problem
 from structid.estimation.problems.wrapped import Wrapped
-from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.estimation.search.work import Tools
 from structid.observation import FrfProblem
-from structid.study.work.tasks import Executor
+from structid.study.run.workers import Workers
 
 #: Degrees of freedom times lines from which a sweep takes so long (about half a second) that it is worth sending.
 WORTH_SENDING = 500_000
 _MOST_BYTES = 256_000_000
 _STRETCHES_A_WORKER = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """The problems of stretches of lines of `problem`, as a worker comes to them."""
+
+    problem: FrfProblem
+    made: dict[tuple[int, int], FrfProblem] = field(default_factory=dict)
+
+    def at(self, first: int, last: int) -> FrfProblem:
+        if (first, last) not in self.made:
+            self.made[first, last] = self.problem.with_lines(np.arange(first, last))
+        return self.made[first, last]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +42,15 @@ class SpreadLines(Wrapped):
     Parameters
     ----------
     problem : FrfProblem
-    executor : Executor
+    workers : Workers
     """
 
     problem: FrfProblem
-    executor: Executor
+    workers: Workers
+
+    @cached_property
+    def stretches(self) -> Stretches:
+        return Stretches(self.problem)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._joined("residual", self._parts(theta, False))
@@ -44,10 +61,10 @@ class SpreadLines(Wrapped):
 
     def _parts(self, theta: FloatArray, with_jacobian: bool) -> list[Mapping[str, FloatArray]]:
         n_lines = len(self.problem.record.frequency)
-        count = min(n_lines, _STRETCHES_A_WORKER * self.executor.n_workers)
+        count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
         items = {k: (ends[k], ends[k + 1], theta, with_jacobian) for k in range(count)}
-        found = dict(self.executor.completed(stretch, self.problem, items, lambda _: PLAIN_TOOLS))
+        found = dict(self.workers.completed(stretch, self.stretches, items))
         return [found[k] for k in range(count)]
 
     def _joined(self, name: str, parts: list[Mapping[str, FloatArray]]) -> FloatArray:
@@ -60,39 +77,26 @@ class SpreadLines(Wrapped):
         return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
 
 
-def stretch(problem: FrfProblem, item: tuple[int, int, FloatArray, bool], _: Tools) -> dict[str, Any]:
+def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> dict[str, Any]:
     """Residual, and Jacobian where it is wanted, of some lines, as a task."""
     first, last, theta, with_jacobian = item
-    part = _part(problem, first, last)
+    part = stretches.at(first, last)
     if not with_jacobian:
         return {"residual": part.residual(theta), "n_data": part.n_data}
     at = part.linearize(theta)
     return {"residual": at.residual, "jacobian": at.jacobian, "n_data": part.n_data}
 
 
-_PARTS: WeakKeyDictionary[FrfProblem, dict[tuple[int, int], FrfProblem]] = WeakKeyDictionary()
-
-
-def _part(problem: FrfProblem, first: int, last: int) -> FrfProblem:
-    """The problem of some lines, with the analysis of the whole one; kept from call to call."""
-    known = _PARTS.setdefault(problem, {})
-    if (first, last) not in known:
-        part = replace(problem, record=problem.record.lines(np.arange(first, last)))
-        vars(part)["model"] = problem.model.on(slice(first, last))  # what the cached property would make again
-        known[first, last] = part
-    return known[first, last]
-
-
-def spread(problem: Problem, executor: Executor) -> Problem:
+def spread(problem: Problem, workers: Workers) -> Problem:
     """The problem with the lines of its large FRF problems on workers, where there are several and it pays."""
-    if executor.n_workers < 2:
+    if workers.n_workers < 2:
         return problem
     if isinstance(problem, JointProblem):
-        members = tuple(spread(member, executor) for member in problem.problems)
+        members = tuple(spread(member, workers) for member in problem.problems)
         changed = any(new is not old for new, old in zip(members, problem.problems, strict=True))
         return replace(problem, problems=members) if changed else problem
     if not isinstance(problem, FrfProblem) or problem.structure.n_dofs * len(problem.record.frequency) < WORTH_SENDING:
         return problem
     if 8 * problem.n_data * len(problem.names) > _MOST_BYTES or not problem.model.is_large:
         return problem
-    return SpreadLines(problem, executor)
+    return SpreadLines(problem, workers)

@@ -1,0 +1,198 @@
+"""Tasks on an existing Dask cluster; needs the extra ``cluster``."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import pickle
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError, Executor
+from typing import Any
+from uuid import uuid4
+
+from distributed import Client, KilledWorker, Worker, WorkerPlugin, get_worker
+from distributed.core import rpc
+from threadpoolctl import ThreadpoolController
+
+from structid.errors import InputError
+from structid.estimation.search.work import Task
+from structid.study.run.workers import Answer, Batch, RemoteWorkers, WorkersLostError, one_thread, results
+
+#: How long a scheduler may take to answer, and workers to be there, s.
+ANSWER_SECONDS = 10.0
+_GONE_SECONDS = 120.0
+
+
+class Cluster(RemoteWorkers):
+    """The workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, as in ``tcp://10.0.0.5:8786``.
+    answer_seconds : float
+        How long the scheduler may take to answer.
+
+    Raises
+    ------
+    InputError
+        If no scheduler or no worker answers in time, or a worker has no structid, another version of it, or of Python,
+        NumPy or SciPy.
+    """
+
+    losses = (KilledWorker, CancelledError, OSError)
+
+    def __init__(self, address: str, answer_seconds: float = ANSWER_SECONDS) -> None:
+        super().__init__()
+        self.address = address
+        self._client = _connected(address, answer_seconds)
+        try:
+            _require_workers(self._client, address, answer_seconds)
+        except BaseException:
+            self.close()
+            raise
+        self.n_workers = sum(self._client.nthreads().values())
+        self.words = f"{self.n_workers} workers of the Dask scheduler {address}"
+
+    @staticmethod
+    def answer(name: str, task: Task, batch: Batch) -> Answer:
+        plugin = get_worker().plugins[name]
+        assert isinstance(plugin, _Shared)
+        shared, pools = plugin.content_here()
+        with one_thread(pools):
+            return results(shared, task, batch)
+
+    def executor(self) -> Executor:
+        return self._client.get_executor(pure=False, retries=0)
+
+    def give(self, content: bytes) -> str:
+        name = f"structid-{uuid4().hex}"
+        self._client.register_plugin(_Shared(content), name)
+        return name
+
+    def forget(self, name: str) -> None:
+        self._client.unregister_worker_plugin(name)
+
+    def asked(self, question: Callable[[Any], str], argument: Any) -> Mapping[str, str]:
+        found: dict[str, str] = self._client.run(question, argument)
+        return {f"worker {worker}": answer for worker, answer in found.items()}
+
+    def lost(self, error: BaseException, is_last: bool) -> None:
+        self.require_alive()
+        if is_last or isinstance(error, KilledWorker):
+            raise WorkersLostError(
+                f"scheduler {self.address}: workers were lost again and again while they ran a task, most likely"
+                f" for want of memory ({error}); give workers more memory, or fewer threads each"
+            ) from error
+
+    def require_alive(self) -> None:
+        if self._client.status != "running":
+            raise WorkersLostError(
+                f"scheduler {self.address}: the connection was lost; what was done is kept: start the scheduler again"
+                " and go on with --resume"
+            )
+        begun = time.monotonic()
+        while not self._client.nthreads():
+            if time.monotonic() - begun > _GONE_SECONDS:
+                raise WorkersLostError(
+                    f"scheduler {self.address}: has had no worker for {_GONE_SECONDS:g} s; what was done is kept: start"
+                    " workers and go on with --resume"
+                )
+            time.sleep(0.5)
+
+    def close(self) -> None:
+        """Leave the cluster; it goes on without this process."""
+        told = logging.getLogger("distributed")
+        before = told.level
+        told.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well
+        try:
+            if self._client.status == "running":
+                for name in self._given:
+                    self.forget(name)
+            self._given.clear()
+            self._client.close(timeout=2)
+        finally:
+            told.setLevel(before)
+
+
+class _Shared(WorkerPlugin):
+    """What tasks share, on every worker; each thread has its own, since factorizations are not shared.
+
+    Parameters
+    ----------
+    content : bytes
+    """
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+
+    def setup(self, worker: Worker) -> None:
+        self.here = threading.local()
+
+    def content_here(self) -> tuple[Any, ThreadpoolController]:
+        """What tasks share in this thread, and the libraries that it loaded."""
+        if not hasattr(self.here, "made"):
+            self.here.made = pickle.loads(self.content), ThreadpoolController()
+        made: tuple[Any, ThreadpoolController] = self.here.made
+        return made
+
+
+def _connected(address: str, seconds: float) -> Client:
+    """The client of a scheduler; it would wait for ever for what answers and is none."""
+    remedy = "check the address, the port and the firewall, and that `dask scheduler` runs there"
+    try:
+        kind = asyncio.run(asyncio.wait_for(_kind(address), seconds))
+        if kind == "Scheduler":
+            return Client(address, timeout=seconds, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        why = str(error).splitlines()[0] if str(error) else _silence(address)
+        raise InputError(f"scheduler {address}: does not answer within {seconds:g} s ({why}); {remedy}") from error
+    raise InputError(f"scheduler {address}: is a {kind.lower()}, not a scheduler; give the scheduler's address")
+
+
+async def _kind(address: str) -> str:
+    """What answers at the address: Scheduler, Worker, Nanny."""
+    async with rpc(address) as there:
+        return str((await there.identity())["type"])
+
+
+def _silence(address: str) -> str:
+    """Why an address did not answer in time: nobody is there, or somebody who does not speak as a scheduler."""
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=2.0):
+            return "it is there, but does not speak as one"
+    except (OSError, ValueError) as error:
+        return f"nobody is there: {error}"
+
+
+def _require_workers(client: Client, address: str, seconds: float) -> None:
+    """Refuse a scheduler without workers, and workers whose digits may differ."""
+    try:
+        client.wait_for_workers(1, timeout=seconds)
+    except TimeoutError as error:
+        raise InputError(
+            f"scheduler {address}: has no worker after {seconds:g} s; start some with `dask worker {address}`"
+        ) from error
+    found: Any = client.get_versions(packages=["structid", "scipy"])
+    own = _versions(found["client"])
+    for worker, told in found["workers"].items():
+        for name, version in _versions(told).items():
+            if version is None:
+                raise InputError(
+                    f"scheduler {address}: worker {worker} has no {name}; install {name} {own[name]} there"
+                )
+            if version != own[name]:
+                raise InputError(
+                    f"scheduler {address}: worker {worker} has {name} {version}, here it is {own[name]}; install the"
+                    " same versions, so that the digits are the same"
+                )
+
+
+def _versions(told: Mapping[str, Any]) -> dict[str, str | None]:
+    """What decides about digits, by name."""
+    python = ".".join(told["host"]["python"].split(".")[:2])
+    return {"Python": python, **{name: told["packages"].get(name) for name in ("structid", "numpy", "scipy")}}

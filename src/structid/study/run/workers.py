@@ -1,0 +1,346 @@
+"""Repeated tasks on this process, on processes of this machine, or on a Dask cluster: the same digits from each.
+
+A task is a function of a module, what all tasks share, and a small item. What is shared goes to each worker once; tasks
+follow in batches that take about a quarter of a second; a task whose worker is lost runs again. Every task runs on one
+thread, wherever it runs, so that sums are taken in the same order.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import lru_cache, partial
+from itertools import islice
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from threadpoolctl import ThreadpoolController, threadpool_limits
+
+from structid.dynamics.factorization import THREADS_VARIABLE
+from structid.errors import InputError, StructidError
+from structid.estimation.search.work import PLAIN_TOOLS, Task, Tools
+
+#: Wall time of a batch, s: an answer costs some milliseconds on its way.
+BATCH_SECONDS = 0.25
+#: Batches under way for each worker, so that none waits for the next.
+AHEAD = 4
+#: How many shared objects workers keep, and how often workers may be lost.
+KEPT, MOST_LOSSES = 4, 5
+_PATIENCE = 5.0
+
+Batch = list[tuple[int, Any]]
+#: Numbered results and the seconds that they took.
+Answer = tuple[Batch, float]
+ToolsOf = Callable[[int], Tools]
+
+
+class WorkersLostError(StructidError):
+    """Workers ended again and again without an answer, or cannot be reached any more; what was done is kept."""
+
+
+def no_tools(number: int) -> Tools:
+    """Of tasks that make no search."""
+    return PLAIN_TOOLS
+
+
+class Workers(ABC):
+    """Where tasks run.
+
+    Attributes
+    ----------
+    n_workers : int
+        How many tasks run at once.
+    words : str
+        What it is, as reports say it.
+    """
+
+    n_workers: int
+    words: str
+
+    @abstractmethod
+    def completed(
+        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Any]]:
+        """Number and result of each item, as they come.
+
+        Parameters
+        ----------
+        task : Task
+        shared : object
+        items : mapping of int to object
+        tools : callable
+            Of a task that runs in this process, by its number.
+
+        Raises
+        ------
+        WorkersLostError
+        """
+
+    def asked(self, question: Callable[[Any], str], argument: Any) -> Mapping[str, str]:
+        """The answer of a function of a module on every other machine's worker, by its name."""
+        return {}
+
+    @abstractmethod
+    def close(self) -> None:
+        """End what was started."""
+
+
+class InProcess(Workers):
+    """Tasks one after another in this process."""
+
+    n_workers = 1
+    words = "this process"
+
+    def completed(
+        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Any]]:
+        pools = ThreadpoolController()
+        for place, (number, item) in enumerate(items.items()):
+            if place == 1:
+                pools = ThreadpoolController()  # with the libraries that the first task loaded
+            with one_thread(pools):
+                result = task(shared, item, tools(number))
+            yield number, result
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+
+class RemoteWorkers(Workers):
+    """Tasks on a `concurrent.futures.Executor`, whose workers are given what tasks share under a name.
+
+    Attributes
+    ----------
+    losses : tuple of exception types
+        What a lost worker shows as.
+    """
+
+    losses: tuple[type[BaseException], ...]
+
+    def __init__(self) -> None:
+        self._given: dict[str, Any] = {}
+
+    @staticmethod
+    @abstractmethod
+    def answer(name: str, task: Task, batch: Batch) -> Answer:
+        """Of a worker, which looks up what the tasks of a batch share by its name."""
+
+    @abstractmethod
+    def executor(self) -> Executor: ...
+
+    @abstractmethod
+    def give(self, content: bytes) -> str:
+        """Let all workers have `content`, also those that come later; its name."""
+
+    @abstractmethod
+    def forget(self, name: str) -> None:
+        """What has this name is not asked for any more."""
+
+    @abstractmethod
+    def lost(self, error: BaseException, is_last: bool) -> None:
+        """Make good a loss.
+
+        Raises
+        ------
+        WorkersLostError
+            If `is_last`, or it cannot be made good.
+        """
+
+    def require_alive(self) -> None:
+        """Refuse to wait for workers that are gone; asked where nothing comes for some seconds."""
+
+    def completed(
+        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Any]]:
+        missing, name, losses = dict(items), self._name(shared), 0
+        while missing:
+            try:
+                send = partial(self._sent, name, task)
+                for number, result in in_batches(send, self.n_workers, missing, self.require_alive):
+                    yield number, result
+                    del missing[number]
+            except self.losses as error:
+                losses += 1
+                self.lost(error, losses > MOST_LOSSES)
+
+    def _sent(self, name: str, task: Task, batch: Batch) -> Future[Answer]:
+        return self.executor().submit(self.answer, name, task, batch)
+
+    def _name(self, shared: Any) -> str:
+        """Under which workers have `shared`; it is kept here too, so that the same object is given once."""
+        for name, known in self._given.items():
+            if known is shared:
+                return name
+        while len(self._given) >= KEPT:
+            oldest = next(iter(self._given))
+            del self._given[oldest]
+            self.forget(oldest)
+        name = self.give(pickle.dumps(shared, protocol=5))
+        self._given[name] = shared
+        return name
+
+
+class Processes(RemoteWorkers):
+    """Processes of this machine.
+
+    Parameters
+    ----------
+    n_workers : int
+
+    Raises
+    ------
+    InputError
+        If `n_workers` is less than 1.
+    """
+
+    losses = (BrokenProcessPool,)
+
+    def __init__(self, n_workers: int) -> None:
+        super().__init__()
+        if n_workers < 1:
+            raise InputError(f"`workers` must be at least 1, got {n_workers}; one for each core is usual")
+        self.n_workers, self.words = n_workers, f"{n_workers} processes of this machine"
+        self._pool: ProcessPoolExecutor | None = None
+        self._folder = tempfile.TemporaryDirectory(prefix="structid-")
+
+    @staticmethod
+    def answer(name: str, task: Task, batch: Batch) -> Answer:
+        return results(_read(name), task, batch)
+
+    def executor(self) -> Executor:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(self.n_workers, get_context("spawn"), _begin)
+        return self._pool
+
+    def give(self, content: bytes) -> str:
+        path = Path(self._folder.name) / uuid4().hex
+        path.write_bytes(content)
+        return str(path)
+
+    def forget(self, name: str) -> None:
+        Path(name).unlink()
+
+    def lost(self, error: BaseException, is_last: bool) -> None:
+        self._end()
+        if is_last:
+            raise WorkersLostError(
+                f"worker processes ended {MOST_LOSSES + 1} times without an answer, most likely for want of memory;"
+                f" use fewer than {self.n_workers} workers"
+            ) from error
+
+    def close(self) -> None:
+        """End the processes; tasks that have not begun are dropped."""
+        self._end()
+        self._given.clear()
+        self._folder.cleanup()
+
+    def _end(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
+
+
+def _begin() -> None:
+    """A process for tasks: on one thread, and Ctrl-C is for the process that sends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
+        os.environ[name] = "1"  # of libraries that come later
+    threadpool_limits(1)
+
+
+@lru_cache(maxsize=KEPT)
+def _read(path: str) -> Any:
+    """What a file of this name holds: once a process, which so keeps analyses from task to task."""
+    return pickle.loads(Path(path).read_bytes())
+
+
+def results(shared: Any, task: Task, batch: Batch) -> Answer:
+    """Of a batch on a worker, and the seconds that they took."""
+    begun = time.perf_counter()
+    found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
+    return found, time.perf_counter() - begun
+
+
+@contextmanager
+def one_thread(pools: ThreadpoolController) -> Iterator[None]:
+    """BLAS, MKL, OpenMP, numba and the factorizers with one thread."""
+    numba = sys.modules.get("numba")
+    before, variable = numba.get_num_threads() if numba else 1, os.environ.get(THREADS_VARIABLE)
+    os.environ[THREADS_VARIABLE] = "1"
+    try:
+        if numba:
+            numba.set_num_threads(1)
+        with pools.limit(limits=1):
+            yield
+    finally:
+        if numba:
+            numba.set_num_threads(before)
+        if variable is None:
+            os.environ.pop(THREADS_VARIABLE, None)
+        else:
+            os.environ[THREADS_VARIABLE] = variable
+
+
+def in_batches(
+    send: Callable[[Batch], Future[Answer]],
+    n_workers: int,
+    items: Mapping[int, Any],
+    require_alive: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[int, Any]]:
+    """Number and result of each item as batches come back; the first are single tasks, which show how long one takes."""
+    waiting, n_waiting = iter(tuple(items.items())), len(items)
+    pending: set[Future[Answer]] = set()
+    seconds, count, size = 0.0, 0, 1
+    try:
+        while n_waiting or pending:
+            while n_waiting and len(pending) < AHEAD * n_workers:
+                batch = list(islice(waiting, size))
+                n_waiting -= len(batch)
+                pending.add(send(batch))
+            done, pending = wait(pending, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+            if not done:
+                require_alive()
+            for future in done:
+                found, taken = future.result()
+                seconds, count = seconds + taken, count + len(found)
+                yield from found
+            if count:
+                fair = -(-n_waiting // (AHEAD * n_workers))
+                size = max(1, min(int(BATCH_SECONDS * count / max(seconds, 1e-9)), fair))
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def workers_for(workers: int | None, scheduler: str | None) -> Workers | None:
+    """The workers that are asked for: a Dask cluster, processes, this process for one; None where nothing is.
+
+    Raises
+    ------
+    InputError
+        If both are given, the scheduler or its workers cannot be used, or there are less than one worker.
+    """
+    if scheduler is not None and workers is not None:
+        raise InputError("`workers` must be left out with a scheduler, got both; give --workers or --scheduler")
+    if scheduler is not None:
+        try:
+            from structid.study.run.cluster import Cluster
+        except ImportError as error:
+            raise InputError(
+                f"scheduler {scheduler}: Dask is not installed ({error}); install it with `pip install structid[cluster]`"
+            ) from error
+        return Cluster(scheduler)
+    if workers is None:
+        return None
+    return InProcess() if workers == 1 else Processes(workers)

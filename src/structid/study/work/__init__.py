@@ -1,1 +1,0 @@
-"""Where searches and repeated tasks run."""
