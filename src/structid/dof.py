@@ -14,6 +14,7 @@ _WORD = re.compile(
     r"^\s*(?P<node>\d{1,15})\s*[:_ ]?\s*(?P<before>[+-]?)\s*(?P<direction>R?[XYZ])\s*(?P<after>[+-]?)\s*$",
     re.IGNORECASE,
 )
+_LOAD = "load "
 _NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?P<after>[+-]?)\s*$")
 
 
@@ -110,7 +111,7 @@ def renamed(
         As a record calls them.
     names : mapping of str to str
         What each of them is in truth, by its name in the record: the sensors of that name whatever their sense, or the
-        loads where no sensor has it. A name such as ``3Z-`` turns the sense round.
+        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` turns the sense round.
 
     Raises
     ------
@@ -123,19 +124,19 @@ def renamed(
     >>> [str(dof) for dof in (*sensors, *loads)]
     ['5Z-', '3Z+', '3Z+']
     """
-    wanted: dict[Dof, Dof] = {}
+    of_sensors, of_loads = {dof.unsigned for dof in sensors}, {dof.unsigned for dof in loads}
+    wanted: tuple[dict[Dof, Dof], dict[Dof, Dof]] = ({}, {})
     for text, other in names.items():
-        old, new = parse_dof(text), parse_dof(other)
-        if old.unsigned in wanted:
-            raise InputError(f"{text} is renamed twice; give it one name")
-        wanted[old.unsigned] = Dof(new.node, new.direction, new.sign * old.sign)
-    here = [{dof.unsigned for dof in group} for group in (sensors, loads)]
-    for dof in wanted:
-        if dof not in here[0] | here[1]:
+        is_load = text.startswith(_LOAD)
+        old, new = parse_dof(text.removeprefix(_LOAD)), parse_dof(other)
+        if old.unsigned not in of_loads and (is_load or old.unsigned not in of_sensors):
             known = ", ".join(dict.fromkeys(str(own) for own in (*sensors, *loads)))
-            raise InputError(f"there is no channel {str(dof)[:-1]}; the record has {known}")
-    own = {dof: new for dof, new in wanted.items() if dof in here[0]}
-    return _renamed(sensors, own), _renamed(loads, {dof: new for dof, new in wanted.items() if dof not in own})
+            raise InputError(f"there is no {'load' if is_load else 'channel'} {str(old)[:-1]}; the record has {known}")
+        chosen = wanted[is_load or old.unsigned not in of_sensors]
+        if old.unsigned in chosen:
+            raise InputError(f"{text} is renamed twice; give it one name")
+        chosen[old.unsigned] = Dof(new.node, new.direction, new.sign * old.sign)
+    return _renamed(sensors, wanted[0]), _renamed(loads, wanted[1])
 
 
 def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:

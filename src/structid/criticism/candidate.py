@@ -13,7 +13,7 @@ from structid.criticism.fields import Fields
 #: Change of the FRF for some strengths, (n_strengths, n_lines, n_outputs, n_inputs).
 Effect = Callable[[Fields, FloatArray], ComplexArray]
 
-_STEPS = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0, 1.8, 3.0, 6.0, 10.0, 30.0, 100.0])
+_STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ def scaled_misfit(squares: float, n_rows: int) -> float:
 
     Rows as stated have `squares` instead; one parameter is the price of the factor.
     """
-    return n_rows * (1 + np.log(squares / n_rows)) if squares > n_rows else squares
+    return float(n_rows * (1 + np.log(squares / n_rows))) if squares > n_rows > 0 else squares
 
 
 def data_candidates(

@@ -17,7 +17,7 @@ from structid.structure.elements.element import dof_code, dof_of_code
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
-_FEWEST_LINES, _MOST_LINES = 40, 120
+_FEWEST_LINES, _MOST_LINES = 40, 90
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from structid.structure.elements.element import dof_of_code
 T = TypeVar("T")
 
 _APPENDAGE_LOSS = 0.03
-_APPENDAGE_FREQUENCIES = 48
+_APPENDAGE_FREQUENCIES, _APPENDAGE_NODES = 10, 24
 _APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
 #: Other units than those stated, as factors on a reading.
 UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead of m": 1 / 0.0254}
@@ -79,6 +79,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
     """Springs to the ground, dashpots, masses and appendages."""
     nodes: dict[int, list[FloatArray]] = {}
     places = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
+    few, frequencies = set(_spread(sorted(places), _APPENDAGE_NODES)), _swinging(fields)
     for dof, column in fields.columns.items():
         if dof.node not in places:
             continue
@@ -93,7 +94,8 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             yield rubs
         if dof.direction in _TRANSLATIONS:
             nodes.setdefault(dof.node, []).append(column)
-            yield from _appendages(fields, dof, column)
+            if dof.node in few:
+                yield from _appendages(fields, dof, column, frequencies)
     for node, columns in nodes.items():
         scale = min(_scale(fields, column, _inertia(fields)) for column in columns)
         yield Candidate(
@@ -115,12 +117,23 @@ def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
                     yield (str(first.unsigned), str(second.unsigned)), second.sign * other - first.sign * one
 
 
-def _appendages(fields: Fields, dof: Dof, column: FloatArray) -> Iterator[Candidate]:
-    frequency = fields.problem.frequency
-    for f in np.geomspace(frequency[0], frequency[-1], _APPENDAGE_FREQUENCIES).tolist():
-        law = partial(_appendage, f)
-        strengths = _scale(fields, column, _inertia(fields)) * _APPENDAGE_MASSES
-        yield Candidate("appendage", (str(dof),), added(column[:, None], law), strengths, detail={"frequency": f})
+def _swinging(fields: Fields) -> list[float]:
+    """Frequencies at which something may swing of its own: where the misfit of lines peaks, and some over the band."""
+    problem = fields.problem
+    frequency = problem.frequency
+    misfit = np.bincount(problem.lines, problem.data_rows(fields.frf) ** 2, len(frequency))
+    inner = misfit[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= misfit[:-2]) & (inner >= misfit[2:]))
+    best = peaks[np.argsort(-misfit[peaks])][:_APPENDAGE_FREQUENCIES]
+    spread = np.geomspace(frequency[frequency > 0][0], frequency[-1], _APPENDAGE_FREQUENCIES)
+    return np.unique(np.concatenate([frequency[best], spread])).tolist()
+
+
+def _appendages(fields: Fields, dof: Dof, column: FloatArray, frequencies: Sequence[float]) -> Iterator[Candidate]:
+    scale = _scale(fields, column, _inertia(fields))
+    effects = {f: added(column[:, None], partial(_appendage, f)) for f in frequencies if f > 0}
+    for f, effect in effects.items():
+        yield Candidate("appendage", (str(dof),), effect, scale * _APPENDAGE_MASSES, detail={"frequency": f})
 
 
 def _appendage(frequency: float, fields: Fields) -> ComplexArray:

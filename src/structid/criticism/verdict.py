@@ -18,7 +18,7 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 #: Half-bandwidths by which a resonance of the model may be off, and the least damping ratio that this is measured by.
 _OFF, _LEAST_DAMPING = 1.0, 0.001
 #: Standard deviations by which an accepted cause may move a value of an approximate answer.
-_MOVES = 2.0
+_MOVES = 3.0
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -106,6 +106,16 @@ class Cause:
         """How far it moves the value that it moves most, in standard deviations of the answer."""
         return self.moved[0].distance if self.moved else 0.0
 
+    @property
+    def moves_stiffness(self) -> float:
+        """The same of values that are no damping, which small changes of a model carry off first."""
+        return max((one.distance for one in self.moved if not _is_damping(one.name)), default=0.0)
+
+
+def _is_damping(name: str) -> bool:
+    prop = name.partition("[")[0]
+    return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
+
 
 @dataclass(frozen=True)
 class Criticism:
@@ -180,7 +190,7 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
         )
         return Judgement("approximate", words, (causes[0].words,))
-    if causes and (causes[0].share >= _MOST or causes[0].moves > _MOVES):
+    if causes and (causes[0].share >= _MOST or causes[0].moves_stiffness > _MOVES):
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
@@ -210,11 +220,11 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
     if apart:
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
         return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
-    words = f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit." + (
-        f" {causes[0].words[0].upper()}{causes[0].words[1:]} would remove {100 * causes[0].share:.0f} % of it."
-        if causes
-        else ""
-    )
+    words = f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit."
+    if causes:
+        far = causes[0].moves > _MOVES
+        words += f" It would be {100 * causes[0].share:.0f} % smaller if {causes[0].words}"
+        words += f"; do not rely on {causes[0].moved[0].name}, which would then be far outside its interval." if far else "."
     return Judgement("approximate", words, (misfit, *(cause.words for cause in causes)))
 
 

@@ -260,12 +260,13 @@ def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float],
 def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
     """Channels by other names: turned round, exchanged, or of another direction."""
     record, names = _record(study, candidate), [_plain(text) for text in candidate.where]
+    of = "load " if candidate.kind.startswith("load") else ""
     if candidate.kind.endswith("polarity"):
-        changes = {names[0]: f"{names[0]}-"}
+        changes = {of + names[0]: f"{names[0]}-"}
     elif candidate.kind == "direction":
         changes = {names[0]: names[1]}
     else:
-        changes = {names[0]: names[1], names[1]: names[0]}
+        changes = {of + names[0]: names[1], of + names[1]: names[0]}
     if record.get("relabel"):
         raise NoEditError("the channels are called otherwise already")
     record["relabel"] = changes

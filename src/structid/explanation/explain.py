@@ -19,11 +19,13 @@ from structid.explanation.by_study import study_candidates
 from structid.explanation.trial import _QUICK, Trial
 from structid.observation import FrfProblem
 
-_FIRST, _OF_EACH_KIND, _REFITTED, _FINALISTS = 6, 2, 40, 10
+_FIRST, _OF_EACH_KIND, _REFITTED, _FINALISTS = 6, 2, 30, 8
 _LEAST_DROP = 0.02
 _MOST_PASSES = 4
 #: Probability of a misfit below which a second cause is looked for.
 _MISFIT = 1e-3
+#: Part of the misfit that a first cause leaves at most where one more is looked for.
+_CLEAR = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
@@ -84,7 +86,7 @@ class Explanation:
 def explained(base: Fitted, told: Told | None = None) -> Explanation:
     """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it."""
     found = _once(base, told, "causes")
-    if found.causes and _is_misfit(found.causes[0]):
+    if found.causes and found.causes[0].cost < _CLEAR * base.cost and _is_misfit(found.causes[0]):
         return replace(found, further=_once(found.causes[0], told, "second causes"))
     return found
 
