@@ -32,12 +32,15 @@ class Disagreement:
     values : (float, float)
     distance : float
         Its difference in standard deviations of the difference.
+    share : float
+        Part of the parameters, those of damping aside, that differ beyond chance.
     """
 
     parts: tuple[str, str]
     name: str
     values: tuple[float, float]
     distance: float
+    share: float
 
 
 def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple[Disagreement, ...]:
@@ -66,11 +69,20 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple
         difference = fits[0].values[one] - fits[1].values[other]
         std = np.hypot(fits[0].std[one], fits[1].std[other])
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
-        worst = int(np.argmax(distance))
-        if 2 * special.ndtr(-distance[worst]) * len(shared) < _RISK:
+        beyond = 2 * special.ndtr(-distance) * len(shared) < _RISK
+        if beyond.any():
+            stiff = np.array([not is_damping(name) for name in shared])
+            share = float(beyond[stiff].mean()) if stiff.any() else 1.0
+            worst = int(np.argmax(np.where(stiff & beyond, distance + distance.max(), distance)))
             values = float(fits[0].values[one][worst]), float(fits[1].values[other][worst])
-            found.append(Disagreement((first[0], second[0]), shared[worst], values, float(distance[worst])))
+            found.append(Disagreement((first[0], second[0]), shared[worst], values, float(distance[worst]), share))
     return tuple(found)
+
+
+def is_damping(name: str) -> bool:
+    """Whether a parameter is one of damping, which small errors of a model carry off first."""
+    prop = name.partition("[")[0]
+    return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
 
 
 Part = tuple[str, Problem]

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.criticism.halves import Disagreement, disagreements
+from structid.criticism.halves import Disagreement, disagreements, is_damping
 from structid.estimation import Status
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
@@ -19,6 +19,8 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 _OFF, _LEAST_DAMPING = 1.0, 0.001
 #: Standard deviations by which an accepted cause may move a value of an approximate answer.
 _MOVES = 3.0
+#: Part of the parameters that may differ between parts of the data.
+_CONTRADICTS = 0.2
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -109,12 +111,7 @@ class Cause:
     @property
     def moves_stiffness(self) -> float:
         """The same of values that are no damping, which small changes of a model carry off first."""
-        return max((one.distance for one in self.moved if not _is_damping(one.name)), default=0.0)
-
-
-def _is_damping(name: str) -> bool:
-    prop = name.partition("[")[0]
-    return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
+        return max((one.distance for one in self.moved if not is_damping(one.name)), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -217,15 +214,20 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
             "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
         )
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
-    if apart:
+    if any(one.share > _CONTRADICTS for one in apart):
+        apart = tuple(sorted(apart, key=lambda one: -one.share))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
         return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
     words = f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit."
+    if apart:
+        words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
     if causes:
         far = causes[0].moves > _MOVES
         words += f" It would be {100 * causes[0].share:.0f} % smaller if {causes[0].words}"
-        words += f"; do not rely on {causes[0].moved[0].name}, which would then be far outside its interval." if far else "."
-    return Judgement("approximate", words, (misfit, *(cause.words for cause in causes)))
+        words += (
+            f"; do not rely on {causes[0].moved[0].name}, which would then be far outside its interval." if far else "."
+        )
+    return Judgement("approximate", words, (misfit, *map(_apart, apart), *(cause.words for cause in causes)))
 
 
 def _times(ratio: float) -> str:
