@@ -25,6 +25,8 @@ _APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
 UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead of m": 1 / 0.0254}
 #: Friction forces per unit of drive.
 _RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
+#: By which a sensor may be turned, rad.
+_ANGLES = np.radians([3.0, 8.0, 15.0, 25.0, 40.0, 60.0, 90.0, -3.0, -8.0, -15.0, -25.0, -40.0, -60.0, -90.0])
 _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
@@ -244,9 +246,8 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
                 seen = partial(_seen, i, column)
-                yield Candidate(
-                    "direction", (str(dof.unsigned), str(other)), seen, np.ones(1), (-np.inf, np.inf), number
-                )
+                where = (str(dof.unsigned), str(other))
+                yield Candidate("direction", where, seen, _ANGLES, (-np.pi, np.pi), number)
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:
@@ -274,8 +275,9 @@ def _swapped(axis: int, i: int, k: int, h: ComplexArray, q: float) -> ComplexArr
 
 
 def _seen(i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
-    """A sensor that reads another direction of its node."""
+    """A sensor that is turned by angles, rad, towards another direction of its node."""
     read = (column @ fields.under_loads) * np.broadcast_to(fields.factor, fields.frf.shape)[:, i]
+    angles = strengths[:, None, None]
     found = np.zeros((len(strengths), *fields.frf.shape), complex)
-    found[:, :, i] = strengths[:, None, None] * (read - fields.frf[:, i])
+    found[:, :, i] = (np.cos(angles) - 1) * fields.frf[:, i] + np.sin(angles) * read
     return found

@@ -187,7 +187,7 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
         )
         return Judgement("approximate", words, (causes[0].words,))
-    if causes and (causes[0].share >= _MOST or causes[0].moves_stiffness > _MOVES):
+    if causes and (causes[0].share >= _MOST or causes[0].moves_stiffness > _MOVES or _is_whole(causes[0])):
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
@@ -218,7 +218,7 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
         apart = tuple(sorted(apart, key=lambda one: -one.share))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
         return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
-    words = f"Approximate: {misfit}, but resonances and parts of the data agree; the intervals carry the misfit."
+    words = f"Approximate: {misfit}, but resonances agree, and most values from parts of the data; the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
     if causes:
@@ -228,6 +228,11 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
             f"; do not rely on {causes[0].moved[0].name}, which would then be far outside its interval." if far else "."
         )
     return Judgement("approximate", words, (misfit, *map(_apart, apart), *(cause.words for cause in causes)))
+
+
+def _is_whole(cause: Cause) -> bool:
+    """Whether a cause leaves no misfit, and moves values."""
+    return cause.chi_square_per_dof < _TOLERANCE and cause.moves > _MOVES - 1
 
 
 def _times(ratio: float) -> str:

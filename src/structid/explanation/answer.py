@@ -65,8 +65,17 @@ def criticized(
         return replace(result, criticism=Criticism(judged(found, causes), causes, explanation.tried)), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
+    made = tuple(part for cause in made for part in (cause, *_like_damper(cause)))
     judgement = judged(found, made, explanation.tried)
     return replace(result, criticism=Criticism(judgement, made, explanation.tried)), tuple(one for one, _ in ranked)
+
+
+def _like_damper(cause: Cause) -> tuple[Cause, ...]:
+    """Friction beside a damper to the ground: at one level of a broad-band drive nothing tells them apart."""
+    if cause.kind != "dashpot" or len(cause.where) > 1:
+        return ()
+    words = f"something rubs at {cause.where[0]}: one level of the drive does not tell it from a damper"
+    return (replace(cause, kind="friction", words=words, is_alike=True, study="", lines=()),)
 
 
 def _noise_level(chi_square: float, ratio: float) -> Cause:
@@ -135,5 +144,5 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
     if not fits:
         return
     (folder / FOLDER).mkdir()
-    for cause, fitted in zip(causes, fits, strict=True):
+    for cause, fitted in zip([cause for cause in causes if cause.study], fits, strict=True):
         write_suggestion(result.study, fitted.trial.changes, folder / cause.study, place / FOLDER)

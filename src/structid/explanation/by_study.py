@@ -19,6 +19,8 @@ _BOTH = (-np.inf, np.inf)
 _PIECES = 3.0
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.
 _SHEAR = 0.02
+#: Sets that are tried one by one.
+_MOST_SLENDER = 6
 
 
 def study_candidates(trial: Trial) -> Iterator[Candidate]:
@@ -28,8 +30,12 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
     if any(element.nodes.ndim == 2 and element.nodes.shape[1] == 2 for element in structure.elements):
         yield _candidate("mesh", ("all lines",), _PIECES)
+    slender = [one for one in structure.elements if isinstance(one, Beam) and not any(np.isfinite(_shear_of(one)))]
+    if len(slender) > 1:
+        name = tuple(one.name for one in slender)
+        yield _candidate("shear", name, float(np.median([_stiff(structure, one) for one in slender])))
     for element in structure.elements:
-        if isinstance(element, Beam) and not any(np.isfinite(_shear_of(element))):
+        if len(slender) <= _MOST_SLENDER and isinstance(element, Beam) and not any(np.isfinite(_shear_of(element))):
             yield _candidate("shear", (element.name,), _stiff(structure, element))
         yield from _damping(element, middle)
     for item in structure.properties:

@@ -18,6 +18,8 @@ Tables = MutableMapping[str, Any]
 
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ])+)\s*$", re.IGNORECASE)
 _DIGITS = 4
+#: Angle, rad, within which a sensor that is turned stands at right angles.
+_SQUARE = 0.03
 
 
 class NoEditError(InputError):
@@ -264,7 +266,7 @@ def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
     if candidate.kind.endswith("polarity"):
         changes = {of + names[0]: f"{names[0]}-"}
     elif candidate.kind == "direction":
-        changes = {names[0]: names[1]}
+        changes = {names[0]: _oblique(study, names, strength)}
     else:
         changes = {of + names[0]: names[1], of + names[1]: names[0]}
     if record.get("relabel"):
@@ -304,9 +306,11 @@ def _entry(study: Tables, name: str) -> tuple[str, Tables]:
 
 
 def _shear(study: Tables, candidate: Candidate, strength: float) -> None:
-    _, entry = _entry(study, candidate.where[0])
-    entry["shear_stiffness"] = _round(strength)
-    _unknown(study, "shear_stiffness", candidate.where[0])
+    for name in candidate.where:
+        _, entry = _entry(study, name)
+        entry["shear_stiffness"] = _round(strength)
+    names = list(candidate.where)
+    _unknown(study, "shear_stiffness", names if len(names) > 1 else names[0])
 
 
 def _damping_law(study: Tables, candidate: Candidate, strength: float) -> None:
@@ -341,11 +345,28 @@ def _window(study: Tables, candidate: Candidate, strength: float) -> None:
     for record in _records(study):
         if "time" in record or "modes" in record:
             raise NoEditError("a window's decay is a parameter of frequency responses only")
-        _append(record, "channel_error", {"property": "window_decay", "outputs": "all", "start": _round(strength)})
+        _append(record, "channel_error", {"property": "window_decay", "start": _round(strength)})
 
 
 def _other_modes(study: Tables, candidate: Candidate, strength: float) -> None:
     _record(study, candidate).setdefault("modes", {})["use"] = [int(text) for text in candidate.others]
+
+
+def _oblique(study: Tables, names: Sequence[str], angle: float) -> str:
+    """The direction of a sensor that is turned by `angle`, rad, from the first of `names` towards the second."""
+    if abs(abs(angle) - np.pi / 2) < _SQUARE:
+        return names[1] if angle > 0 else f"{names[1]}-"
+    structure, dof = study["structure"], parse_dof(names[0])
+    nodes = structure.get("nodes")
+    if nodes is None or str(dof.node) not in nodes:
+        raise NoEditError("an oblique sensor needs a node of [structure.nodes]")
+    label = max(int(key) for key in nodes) + 1
+    nodes[str(label)] = list(as_list(nodes[str(dof.node)]))
+    parts = [[names[0], _round(float(np.cos(angle)))], [names[1], _round(float(np.sin(angle)))]]
+    seen = f"{label}{dof.direction}"
+    name = _named(study, f"sensor {names[0]}")
+    _append(structure, "constraint", {"name": name, "dependent": seen, "depends_on": parts})
+    return seen
 
 
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {

@@ -15,6 +15,7 @@ from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
 from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.minimum import Minimum
 from structid.explanation.by_study import study_candidates
 from structid.explanation.trial import _QUICK, Trial
 from structid.observation import FrfProblem
@@ -24,6 +25,10 @@ _LEAST_DROP = 0.02
 _MOST_PASSES = 4
 #: Probability of a misfit below which a second cause is looked for.
 _MISFIT = 1e-3
+#: Kinds that are always refitted to the end: smoothed data do not show them.
+_ALWAYS = ("friction",)
+#: Factors on the strength of kinds whose strength is no parameter, or has far minima.
+_OTHER_STRENGTHS = {"direction": (1.6, 1.25, 1.1, 1.04, 1.015), "friction": (3.0, 2.0)}
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
@@ -44,11 +49,14 @@ class Fitted:
     theta : (n_params,) float array
     cost : float
         Sum of squares.
+    aside : float
+        The part of it that data make which are left out, their errors larger by the likeliest factor.
     """
 
     trial: Trial
     theta: FloatArray
     cost: float
+    aside: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -112,8 +120,8 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
         except (StructidError, np.linalg.LinAlgError) as error:
             rejected.append((f"{one.candidate.kind} {' '.join(one.candidate.where)}", str(error)))
             continue
-        approached.append((cost + left_out(base, trial, theta), trial, theta))
-    approached.sort(key=lambda one: one[0])
+        approached.append((cost + base.aside + left_out(base, trial, theta), trial, theta))
+    approached.sort(key=lambda one: (one[1].changes[-1][0].kind not in _ALWAYS, one[0]))
     fits = []
     for number, (_, trial, theta) in enumerate(approached[:_FINALISTS]):
         if told is not None:
@@ -131,13 +139,41 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
 def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
     """The fit as the study asks for; of outlying lines those that stand out from it once more."""
     found = trial.fitted([theta, trial.theta_of(base.values)])
+    trial, found = _stronger(base, trial, found)
     for _ in range(_MOST_PASSES):
         again = _other_lines(base, trial, found.theta)
         if again is None:
             break
         trial = again
         found = trial.fitted([trial.theta_of(base.values)])
-    return Fitted(trial, found.theta, float(found.costs[-1]) + left_out(base, trial, found.theta))
+    aside = base.aside + left_out(base, trial, found.theta)
+    return Fitted(trial, found.theta, float(found.costs[-1]) + aside, aside)
+
+
+def _stronger(base: Fitted, trial: Trial, found: Minimum) -> tuple[Trial, Minimum]:
+    """The best of some strengths, where the strength is no parameter of the changed study, or far starts of it matter."""
+    candidate, strength = trial.changes[-1]
+    factors = _OTHER_STRENGTHS.get(candidate.kind, ())
+    for step in factors:
+        for factor in (step, 1 / step):
+            q = strength * factor
+            if not candidate.bounds[0] < q < candidate.bounds[1]:
+                continue
+            try:
+                other = base.trial.changed(candidate, q)
+                again = other.fitted([other.theta_of({**base.values, **_values(trial, found.theta, base)})])
+            except (StructidError, np.linalg.LinAlgError):
+                continue
+            if again.costs[-1] < found.costs[-1]:
+                trial, found = other, again
+        strength = trial.changes[-1][1]
+    return trial, found
+
+
+def _values(trial: Trial, theta: FloatArray, base: Fitted) -> dict[str, float]:
+    """Of a trial's parameters those that the study has as it is."""
+    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
+    return {name: value for name, value in known.items() if name in base.trial.target.names}
 
 
 def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
@@ -171,7 +207,7 @@ def of_study(base: Fitted) -> Iterator[Screened]:
             continue
         basis = np.linalg.qr(at.jacobian)[0]
         left = float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
-        if left < (1 - _LEAST_DROP) * base.cost or candidate.kind == "mesh":
+        if left < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window"):
             yield Screened(candidate, strength, left)
 
 

@@ -55,7 +55,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "load_polarity": f"the load at {first} acts with the opposite sense",
         "swap": f"the cables of {' and '.join(where)} are exchanged",
         "load_swap": f"the loads {' and '.join(where)} are exchanged",
-        "direction": f"sensor {first} points along {where[-1]}",
+        "direction": f"sensor {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
         "extra_mode": f"the mode at {first} is none of this structure",
