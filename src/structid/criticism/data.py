@@ -30,23 +30,16 @@ def scaled_misfit(squares: float, n_rows: int) -> float:
     return float(n_rows * (1 + np.log(squares / n_rows))) if squares > n_rows > 0 else squares
 
 
-def data_candidates(
-    problems: Sequence[RecordProblem], names: Sequence[str], residual: FloatArray
-) -> Iterator[Candidate]:
-    """Channels, lines and records that may be left out.
+def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[Candidate]:
+    """Channels and records that may be left out.
 
     Parameters
     ----------
     problems : sequence of RecordProblem
     names : sequence of str
         Of the records.
-    residual : (n_rows,) float array
-        Whitened data rows of all.
     """
-    first = 0
     for number, problem in enumerate(problems):
-        own = residual[first : first + problem.n_data]
-        first += problem.n_data
         if len(problems) > 1:
             yield _candidate("record", (names[number],), number)
         if isinstance(problem, FrfProblem):
@@ -54,9 +47,25 @@ def data_candidates(
             if len(outputs) > 1:
                 for name in outputs:
                     yield _candidate("channel", (name,), number, tuple(one for one in outputs if one != name))
-            spans = outlying(problem, own)
-            if spans:
-                yield _candidate("outlying_lines", spans, number)
+
+
+def outlying_lines(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
+    """Lines of every record of FRFs that stand out, all of a record in one candidate.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+        With all their lines.
+    residual : (n_rows,) float array
+        Whitened data rows of all.
+    """
+    first = 0
+    for number, problem in enumerate(problems):
+        own = residual[first : first + problem.n_data]
+        first += problem.n_data
+        spans = outlying(problem, own) if isinstance(problem, FrfProblem) else ()
+        if spans:
+            yield _candidate("outlying_lines", spans, number)
 
 
 def _candidate(kind: str, where: tuple[str, ...], number: int, others: tuple[str, ...] = ()) -> Candidate:

@@ -246,8 +246,8 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
                 seen = partial(_seen, i, column)
-                where = (str(dof.unsigned), str(other))
-                yield Candidate("direction", where, seen, _ANGLES, (-np.pi, np.pi), number)
+                towards = (str(dof.unsigned), str(other))
+                yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:

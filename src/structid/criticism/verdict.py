@@ -138,6 +138,7 @@ def noise_ratio(found: Identification) -> float | None:
     Coherence from few averages n gives a chi-square of n / (n - 2) per degree of freedom where all is right.
     """
     tests = found.estimate.residual_tests
+    is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
     expected = 1.0
@@ -149,7 +150,7 @@ def noise_ratio(found: Identification) -> float | None:
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
     if is_of_size or (expected > 1 and 1 / _TOLERANCE < ratio / expected < _TOLERANCE):
         return 1.0
-    return float(np.sqrt(ratio)) if found.fits and found.estimate.n_data >= _MANY else None
+    return float(np.sqrt(ratio)) if found.fits and is_normal and found.estimate.n_data >= _MANY else None
 
 
 def fits_noise(found: Identification) -> bool:

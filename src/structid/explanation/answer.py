@@ -65,7 +65,7 @@ def criticized(
         return replace(result, criticism=Criticism(judged(found, causes), causes, explanation.tried)), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
-    made = tuple(part for cause in made for part in (cause, *_like_damper(cause)))
+    made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
     judgement = judged(found, made, explanation.tried)
     return replace(result, criticism=Criticism(judgement, made, explanation.tried)), tuple(one for one, _ in ranked)
 

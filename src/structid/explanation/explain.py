@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
-from structid.criticism.data import DATA_KINDS, changed_rows, data_candidates, extra_modes, outlying, scaled_misfit
+from structid.criticism.data import (
+    DATA_KINDS,
+    changed_rows,
+    data_candidates,
+    extra_modes,
+    outlying,
+    outlying_lines,
+    scaled_misfit,
+)
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
@@ -18,6 +26,7 @@ from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.by_study import study_candidates
 from structid.explanation.trial import _QUICK, Trial
+from structid.identification.setups import titles
 from structid.observation import FrfProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED, _FINALISTS = 6, 2, 30, 8
@@ -105,9 +114,12 @@ def _is_misfit(fitted: Fitted) -> bool:
 
 
 def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
-    shortlist, tried = shortlisted(screening_points(base))
+    shortlist, tried = shortlisted(screening_points(base), titles(base.trial.setups))
     rejected: list[tuple[str, str]] = []
-    few = [*of_study(base), *(Screened(one, 1.0, base.cost) for one in extra_modes(base.trial.problems))]
+    problems = base.trial.problems
+    residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
+    data = [*extra_modes(problems), *outlying_lines(problems, residual)]
+    few = [*of_study(base), *(Screened(one, 1.0, base.cost) for one in data)]
     shortlist, tried = [*few, *shortlist], tried + len(few)
     approached: list[tuple[float, Trial, FloatArray]] = []
     steps = len(shortlist) + _FINALISTS
@@ -239,16 +251,14 @@ def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
     return tuple(part for part in stage.problems if isinstance(part, FrfProblem))
 
 
-def shortlisted(points: list[Point]) -> tuple[list[Screened], int]:
+def shortlisted(points: list[Point], names: Sequence[str]) -> tuple[list[Screened], int]:
     """Of every point the best candidates, and the best of each kind; each once, the most telling first."""
     best: dict[tuple[object, ...], tuple[float, Screened]] = {}
     tried = 0
     for point in points:
         candidates = pool(point.records)
         problems = [fields.problem for fields in point.records]
-        names = [str(k) for k in range(len(problems))]
-        n_data = sum(problem.n_data for problem in problems)
-        data = list(data_candidates(problems, names, point.residual[:n_data]))
+        data = list(data_candidates(problems, names))
         tried = max(tried, len(candidates) + len(data))
         base, kinds = point.left, dict[str, int]()
         rows = [point.screened(candidate) for candidate in candidates]
