@@ -35,7 +35,7 @@ class Candidate:
     record : int, optional
         Position of the only record that it changes.
     others : tuple of str
-        Channels that stay, where some are left out.
+        Channels that stay, where some are left out; or the property that changes.
     alike : Candidate, optional
         What looks the same on smoothed data.
     detail : mapping of str to float

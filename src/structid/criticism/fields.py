@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,18 @@ from structid.structure.elements.element import dof_code, dof_of_code
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
 _FEWEST_LINES, _MOST_LINES = 40, 90
+
+
+class ElementMatrix(NamedTuple):
+    """What one property of one element adds: its set, its number from 0, the property, and the matrix with its codes."""
+
+    element: str
+    number: int
+    property: str
+    kind: str
+    codes: IntArray
+    matrix: FloatArray
+    loss: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,19 +127,20 @@ class Fields:
         ends = np.array([place[dof_code(d.node, d.direction)] for d in held])
         return tuple(held), whole[:, own[:, None], ends], whole[:, ends, ends]
 
-    def elements(self, kinds: tuple[str, ...]) -> Iterator[tuple[str, int, IntArray, FloatArray, str, float]]:
-        """Every element matrix of properties of these kinds: set, element (from 0), codes, matrix, kind, loss factor."""
+    def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
+        """Every element matrix of properties of these kinds, with its weight."""
         losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
         for item in self.structure.properties:
             if item.term.kind not in kinds:
                 continue
-            weights = self.values[item.values]
+            weights, loss = self.values[item.values], losses.get(item.element)
             for layer in item.term.layers:
                 if layer.whole is not None:
                     continue
                 for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
-                    loss = float(losses[item.element][e]) if item.element in losses else 0.0
-                    yield item.element, e, codes, float(weights[e]) * local, item.term.kind, loss
+                    lost = 0.0 if loss is None else float(loss[e])
+                    matrix = float(weights[e]) * local
+                    yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost)
 
     def reached(self, codes: IntArray) -> FloatArray:
         """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
@@ -170,13 +171,11 @@ class _Column(NamedTuple):
 def _joints(fields: Fields) -> Iterator[Candidate]:
     """Ends of elements that turn against their nodes."""
     ends: dict[tuple[str, int, int], list[_Column]] = {}
-    for name, e, codes, matrix, kind, loss in fields.elements(
-        ("mass", "rotary_inertia", "viscous_damping", "stiffness")
-    ):
-        for j, code in enumerate(codes.tolist()):
+    for one in fields.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness")):
+        for j, code in enumerate(one.codes.tolist()):
             if code >= 0 and dof_of_code(code).is_rotation:
-                part = _Column(codes, matrix[:, j], float(matrix[j, j]), kind, loss)
-                ends.setdefault((name, e, code), []).append(part)
+                part = _Column(one.codes, one.matrix[:, j], float(one.matrix[j, j]), one.kind, one.loss)
+                ends.setdefault((one.element, one.number, code), []).append(part)
     for (name, e, code), columns in _spread(list(ends.items()), _MOST_ELEMENTS):
         if any(part.kind == "stiffness" and part.diagonal > 0 for part in columns):
             coupling = partial(_joint, tuple(columns))
@@ -198,21 +197,19 @@ def _joint(columns: Sequence[_Column], fields: Fields) -> tuple[ComplexArray, Co
 
 def _untied(fields: Fields) -> Iterator[Candidate]:
     """Elements that differ from their group, in stiffness or mass; strengths are parts of what they have."""
-    counts: dict[tuple[str, str], int] = {}
     items = list(fields.elements(("stiffness", "mass")))
-    for name, _, _, _, kind, _ in items:
-        counts[name, kind] = counts.get((name, kind), 0) + 1
-    for name, e, codes, matrix, kind, loss in _spread(items, 2 * _MOST_ELEMENTS):
-        if counts[name, kind] < 2:
-            continue
-        size, vectors = np.linalg.eigh(matrix)
+    counts = Counter((one.element, one.property) for one in items)
+    for one in _spread([one for one in items if counts[one.element, one.property] > 1], 2 * _MOST_ELEMENTS):
+        size, vectors = np.linalg.eigh(one.matrix)
         keep = size > 1e-9 * max(size[-1], 0.0)
-        directions = fields.reached(codes).T @ (vectors[:, keep] * np.sqrt(size[keep]))
+        directions = fields.reached(one.codes).T @ (vectors[:, keep] * np.sqrt(size[keep]))
         if not keep.any() or not directions.any():
             continue
-        law = _inertia if kind == "mass" else partial(_lossy, loss)
-        where = (f"{name}:{e + 1}",)
-        yield Candidate(f"untied {kind}", where, added(directions, law), _PARTS, (-1.0, np.inf))
+        law = _inertia if one.kind == "mass" else partial(_lossy, one.loss)
+        where = (f"{one.element}:{one.number + 1}",)
+        yield Candidate(
+            f"untied {one.kind}", where, added(directions, law), _PARTS, (-1.0, np.inf), others=(one.property,)
+        )
 
 
 def _lossy(loss: float, fields: Fields) -> ComplexArray:

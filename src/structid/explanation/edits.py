@@ -17,7 +17,7 @@ from structid.study.schema.kinds import as_list
 Tables = MutableMapping[str, Any]
 
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ])+)\s*$", re.IGNORECASE)
-_DIGITS = 4
+_DIGITS = 6
 #: Angle, rad, within which a sensor that is turned stands at right angles.
 _SQUARE = 0.03
 
@@ -164,36 +164,22 @@ def _joint(study: Tables, candidate: Candidate, strength: float) -> None:
     _unknown(study, "stiffness", name)
 
 
-def _untied(kind: str) -> Callable[[Tables, Candidate, float], None]:
-    def make(study: Tables, candidate: Candidate, strength: float) -> None:
-        name, _, number = candidate.where[0].rpartition(":")
-        entries = [u for u in study["unknown"] if _is_of(study, u, name, kind)]
-        if any(u.get("each") or u.get("field") for u in entries):
-            raise NoEditError(f"{candidate.where[0]} has a parameter of its own already")
-        if not entries:
-            _unknown(
-                study,
-                "mass" if kind == "mass" else "stiffness",
-                candidate.where[0],
-                factor=True,
-                start=_round(1 + strength),
-            )
-            return
-        for entry in entries:
-            _without(study, entry, name, int(number))
-            more = {key: entry[key] for key in ("factor",) if key in entry}
-            _unknown(study, entry["property"], candidate.where[0], **more)
-
-    return make
+def _untied(study: Tables, candidate: Candidate, strength: float) -> None:
+    """An element with a parameter of its own, a factor on what it has."""
+    (prop,), where = candidate.others, candidate.where[0]
+    name, _, number = where.rpartition(":")
+    entries = [entry for entry in study["unknown"] if _is_of(entry, name, prop)]
+    if any(entry.get("each") or entry.get("field") for entry in entries):
+        raise NoEditError(f"{where} has a parameter of its own already")
+    for entry in entries:
+        _without(study, entry, name, int(number))
+    _unknown(study, prop, where, factor=True, start=_round(1 + strength))
 
 
-def _is_of(study: Tables, entry: Tables, name: str, kind: str) -> bool:
-    """Whether an unknown is the stiffness (or mass) of elements of a set."""
-    prop = entry["property"]
-    is_kind = prop == "mass" or prop == "density" if kind == "mass" else "stiffness" in prop or prop == "youngs_modulus"
-    if "damping" in prop:
-        is_kind = False
-    return is_kind and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
+def _is_of(entry: Tables, name: str, prop: str) -> bool:
+    """Whether an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
+    is_property = entry["property"] in (prop, "stiffness") if "stiffness" in prop else entry["property"] == prop
+    return is_property and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
 
 
 def _without(study: Tables, entry: Tables, name: str, number: int) -> None:
@@ -377,8 +363,8 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "mass": _mass,
     "appendage": _appendage,
     "joint": _joint,
-    "untied stiffness": _untied("stiffness"),
-    "untied mass": _untied("mass"),
+    "untied stiffness": _untied,
+    "untied mass": _untied,
     "sensor_gain": _channel_error("outputs", "gain"),
     "load_gain": _channel_error("inputs", "gain"),
     "delay": _channel_error("outputs", "delay"),

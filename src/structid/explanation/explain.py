@@ -270,7 +270,7 @@ def shortlisted(points: list[Point], names: Sequence[str]) -> tuple[list[Screene
             drop = 1 - row.left / base
             if drop <= _LEAST_DROP:
                 break
-            key = (row.candidate.kind, row.candidate.where, row.candidate.record)
+            key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
             if key in seen:
                 continue  # an appendage of another frequency at the same place
             seen.add(key)

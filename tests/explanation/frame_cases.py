@@ -1,0 +1,104 @@
+"""A portal frame with a part of every kind of change that can be written in a study, and its record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.records import FrfRecord
+from structid.records.io import write_record
+from structid.study.run.run import load_study, study_problems
+
+STUDY = """\
+title = "Portal"
+
+[structure]
+active = ["X", "Y", "RZ"]
+fixed = ["1 X Y RZ", "6X", "6Y", "6RZ"]
+
+[structure.nodes]
+1 = [0.0, 0.0]
+2 = [0.0, 0.5]
+3 = [0.0, 1.0]
+4 = [0.6, 1.0]
+5 = [1.2, 1.0]
+6 = [1.2, 0.0]
+
+[[structure.beam]]
+name = "left"
+nodes = [[1, 2], [2, 3]]
+mass = 4.0
+bending_stiffness = 600.0
+axial_stiffness = 3e5
+loss_factor = 0.02
+
+[[structure.beam]]
+name = "girder"
+nodes = [[3, 4], [4, 5]]
+mass = 3.0
+bending_stiffness = 800.0
+axial_stiffness = 3e5
+loss_factor = 0.02
+
+[[structure.beam]]
+name = "right"
+nodes = [[5, 6]]
+mass = 4.0
+bending_stiffness = 550.0
+axial_stiffness = 3e5
+loss_factor = 0.02
+
+[[structure.spring]]
+name = "brace"
+first = "2X"
+second = "4X"
+stiffness = 2000.0
+
+[[unknown]]
+property = "bending_stiffness"
+elements = "left"
+
+[[unknown]]
+property = "bending_stiffness"
+elements = "girder"
+
+[[unknown]]
+property = "mass"
+elements = ["left", "girder"]
+
+# how the test was made
+[record]
+path = "frf.npz"
+
+[record.noise]
+relative = 0.01
+absolute = 1e-6
+
+[method]
+restarts = 0
+"""
+FREQUENCY = np.linspace(2.0, 60.0, 120)
+
+
+def written(folder: Path, text: str = STUDY, truth: str = STUDY, seed: int | None = 1) -> Path:
+    """The path of a study whose record is that of `truth`, with the noise stated, or without where there is no seed."""
+    outputs, inputs = ["2X", "3X", "4Y", "5Y"], ["4Y"]
+    blank = np.ones((len(FREQUENCY), len(outputs), len(inputs)), complex)
+    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, blank, outputs, inputs, "receptance"))
+    path = folder / "study.toml"
+    path.write_text(truth, encoding="utf-8")
+    [problem] = study_problems(load_study(path))
+    values = problem.predicted(problem.theta_start)
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
+        values = values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-6)
+    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, values, outputs, inputs, "receptance"))
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def off(text: str = STUDY) -> str:
+    """The study with starts that are some percent off."""
+    return text.replace("bending_stiffness = 600.0", "bending_stiffness = 660.0").replace("= 800.0", "= 750.0")
