@@ -55,7 +55,11 @@ def test_effects_are_those_of_the_changed_studies(trial):
             own = predicted[lines] - fields.frf
             found = one.effect(fields, np.array([q]))[0]
             # strengths are written with six digits
-            assert np.abs(found - own).max() < 1e-3 * np.abs(own).max() + 1e-9 * np.abs(fields.frf).max(), (one.kind, one.where, q)
+            assert np.abs(found - own).max() < 1e-3 * np.abs(own).max() + 1e-9 * np.abs(fields.frf).max(), (
+                one.kind,
+                one.where,
+                q,
+            )
             compared.add(one.kind)
     assert compared >= {"support", "spring", "dashpot", "mass", "appendage", "joint", "untied stiffness", "untied mass",
                         "sensor_gain", "load_gain", "delay", "load_delay", "friction"}  # fmt: skip

@@ -59,11 +59,17 @@ def _verdict(result: StudyResult) -> list[RenderableType]:
     """The verdict, and the causes of a misfit."""
     if result.criticism is None:
         return []
-    judgement, causes = result.criticism.judgement, result.criticism.causes
+    judgement = result.criticism.judgement
+    causes = result.criticism.causes or result.criticism.suggestions
     style = {"sound": "bold green", "approximate": "bold yellow"}.get(judgement.verdict, "bold red")
     shown: list[RenderableType] = [Text(judgement.words, style=style)]
     if causes:
-        table = new_table("cause", "misfit removed", "chi-square per dof left", "study ready to run")
+        table = new_table(
+            "cause" if result.criticism.causes else "change that lowers the misfit",
+            "misfit removed",
+            "chi-square per dof left",
+            "study ready to run",
+        )
         for cause in causes[:_MOST_CAUSES]:
             alike = " (cannot be told from the first)" if cause.is_alike and cause is not causes[0] else ""
             row = f"{100 * cause.share:.1f} %", number(cause.chi_square_per_dof, 3), cause.study

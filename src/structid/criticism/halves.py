@@ -17,6 +17,8 @@ from structid.observation import FrfProblem, RecordProblem
 
 _METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
 _RISK = 0.001
+#: Relative difference below which nobody minds.
+_MATTERS = 0.03
 _FEWEST_LINES = 16
 
 
@@ -69,7 +71,9 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple
         difference = fits[0].values[one] - fits[1].values[other]
         std = np.hypot(fits[0].std[one], fits[1].std[other])
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
-        beyond = 2 * special.ndtr(-distance) * len(shared) < _RISK
+        size = np.maximum(np.abs(fits[0].values[one]), np.abs(fits[1].values[other]))
+        matters = np.abs(difference) > _MATTERS * size
+        beyond = (2 * special.ndtr(-distance) * len(shared) < _RISK) & matters
         if beyond.any():
             stiff = np.array([not is_damping(name) for name in shared])
             share = float(beyond[stiff].mean()) if stiff.any() else 1.0

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.criticism.halves import Disagreement, disagreements, is_damping
+from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
@@ -23,6 +23,8 @@ _MOVES = 3.0
 _CONTRADICTS = 0.2
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
+#: Part of what goes beyond the noise, and standard deviations by which values move, of causes of small misfits.
+_NEARLY_ALL, _MATTERS = 0.8, 2.5
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
 #: Data from which on their order says whether a residual is noise.
@@ -108,11 +110,6 @@ class Cause:
         """How far it moves the value that it moves most, in standard deviations of the answer."""
         return self.moved[0].distance if self.moved else 0.0
 
-    @property
-    def moves_stiffness(self) -> float:
-        """The same of values that are no damping, which small changes of a model carry off first."""
-        return max((one.distance for one in self.moved if not is_damping(one.name)), default=0.0)
-
 
 @dataclass(frozen=True)
 class Criticism:
@@ -123,12 +120,15 @@ class Criticism:
     judgement : Judgement
     causes : tuple of Cause
         The likeliest first.
+    suggestions : tuple of Cause
+        In their place where none explains the misfit: what lowers it most.
     n_tried : int
         How many changes were held against the misfit; 0 where none were.
     """
 
     judgement: Judgement
     causes: tuple[Cause, ...] = ()
+    suggestions: tuple[Cause, ...] = ()
     n_tried: int = 0
 
 
@@ -148,7 +148,7 @@ def noise_ratio(found: Identification) -> float | None:
         expected = n / (n - 2) if n > 2 else np.inf
     ratio = found.estimate.chi_square_per_dof
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
-    if is_of_size or (expected > 1 and 1 / _TOLERANCE < ratio / expected < _TOLERANCE):
+    if is_of_size or 1 / _TOLERANCE < ratio / expected < _TOLERANCE:
         return 1.0
     return float(np.sqrt(ratio)) if found.fits and is_normal and found.estimate.n_data >= _MANY else None
 
@@ -166,7 +166,25 @@ def is_sound(found: Identification) -> bool:
     return found.estimate.status is Status.CONVERGED and fits_noise(found)
 
 
-def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0) -> Judgement:
+def explains(cause: Cause, misfit: float) -> bool:
+    """Whether a change is the cause of a misfit, not only one that lowers it.
+
+    It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves values by it: small
+    errors all over a model are lowered a little by many changes, none of which matters.
+
+    Parameters
+    ----------
+    cause : Cause
+    misfit : float
+        Chi-square per degree of freedom without it.
+    """
+    beyond = (misfit - cause.chi_square_per_dof) / (misfit - 1) if misfit > 1 else 0.0
+    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and cause.moves > _MATTERS)
+
+
+def judged(
+    found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0, suggestions: Sequence[Cause] = ()
+) -> Judgement:
     """The verdict on an identification.
 
     Parameters
@@ -176,6 +194,8 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
         Accepted ones, the likeliest first.
     n_tried : int
         How many changes were tried; 0 where none were.
+    suggestions : sequence of Cause
+        What lowers the misfit most, where there is no cause.
     """
     estimate = found.estimate
     if is_sound(found) and not causes:
@@ -188,7 +208,7 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
         )
         return Judgement("approximate", words, (causes[0].words,))
-    if causes and (causes[0].share >= _MOST or causes[0].moves_stiffness > _MOVES or _is_whole(causes[0])):
+    if causes:
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
@@ -222,18 +242,14 @@ def judged(found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0
     words = f"Approximate: {misfit}, but resonances agree, and most values from parts of the data; the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
-    if causes:
-        far = causes[0].moves > _MOVES
-        words += f" It would be {100 * causes[0].share:.0f} % smaller if {causes[0].words}"
+    if suggestions:
+        first = suggestions[0]
+        far = first.moves > _MOVES
+        words += f" It would be {100 * first.share:.0f} % smaller if {first.words}"
         words += (
-            f"; do not rely on {causes[0].moved[0].name}, which would then be far outside its interval." if far else "."
+            f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
-    return Judgement("approximate", words, (misfit, *map(_apart, apart), *(cause.words for cause in causes)))
-
-
-def _is_whole(cause: Cause) -> bool:
-    """Whether a cause leaves no misfit, and moves values."""
-    return cause.chi_square_per_dof < _TOLERANCE and cause.moves > _MOVES - 1
+    return Judgement("approximate", words, (misfit, *map(_apart, apart), *(one.words for one in suggestions)))
 
 
 def _times(ratio: float) -> str:

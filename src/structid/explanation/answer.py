@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.criticism.candidate import Candidate, replaced
-from structid.criticism.verdict import Cause, Criticism, Moved, is_sound, judged, noise_ratio
+from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
@@ -62,12 +62,15 @@ def criticized(
     tests = found.estimate.residual_tests
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
-        return replace(result, criticism=Criticism(judged(found, causes), causes, explanation.tried)), ()
+        return replace(result, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
-    judgement = judged(found, made, explanation.tried)
-    return replace(result, criticism=Criticism(judgement, made, explanation.tried)), tuple(one for one, _ in ranked)
+    is_cause = bool(made) and explains(made[0], found.estimate.chi_square_per_dof)
+    causes, suggestions = (made, ()) if is_cause else ((), made)
+    judgement = judged(found, causes, explanation.tried, suggestions)
+    criticism = Criticism(judgement, causes, suggestions, explanation.tried)
+    return replace(result, criticism=criticism), tuple(one for one, _ in ranked)
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:
@@ -140,7 +143,8 @@ def _distance(change: float, std: float) -> float:
 
 def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, place: Path) -> None:
     """Write the studies of the causes into `folder`, which will be `place`."""
-    causes: Sequence[Cause] = result.criticism.causes if result.criticism is not None else ()
+    given = result.criticism
+    causes: Sequence[Cause] = () if given is None else (*given.causes, *given.suggestions)
     if not fits:
         return
     (folder / FOLDER).mkdir()

@@ -14,12 +14,13 @@ def verdict_words(criticism: Criticism | None) -> dict[str, object]:
     """What the template shows of the verdict."""
     if criticism is None:
         return {"verdict": None}
-    judgement, causes = criticism.judgement, criticism.causes
+    judgement, causes = criticism.judgement, criticism.causes or criticism.suggestions
     return {
         "verdict": {
             "words": judgement.words,
             "mark": _MARKS[judgement.verdict],
             "reasons": judgement.reasons[1:],
+            "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
             "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
             "studies": [(cause.words, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],

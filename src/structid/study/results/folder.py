@@ -170,14 +170,14 @@ def _verdict(criticism: Criticism | None) -> dict[str, Any]:
     """The verdict and the causes of a misfit."""
     if criticism is None:
         return {}
-    causes = [
-        {**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where}
-        for cause in criticism.causes
-    ]
+    causes, suggestions = (
+        [{**asdict(one), "where": one.where[0] if len(one.where) == 1 else one.where} for one in told]
+        for told in (criticism.causes, criticism.suggestions)
+    )
     judgement = criticism.judgement
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
-        "causes": causes, "n_changes_tried": criticism.n_tried,
+        "causes": causes, "suggestions": suggestions, "n_changes_tried": criticism.n_tried,
     }  # fmt: skip
 
 
