@@ -67,7 +67,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
 
 def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
     """The misfit of a study that calls channels otherwise is that of the responses read the other way."""
-    fields, chosen = candidates(trial)
+    _, chosen = candidates(trial)
     for one in chosen:
         if one.kind not in ("swap", "direction", "polarity"):
             continue

@@ -17,6 +17,8 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 
 #: Half-bandwidths by which a resonance of the model may be off, and the least damping ratio that this is measured by.
 _OFF, _LEAST_DAMPING = 1.0, 0.001
+#: Mean square of the whitened residual about a resonance from which on the model may miss it.
+_LOCAL_MISFIT = 4.0
 #: Standard deviations by which an accepted cause may move a value of an approximate answer.
 _MOVES = 3.0
 #: Part of the parameters that may differ between parts of the data.
@@ -24,7 +26,7 @@ _CONTRADICTS = 0.2
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Part of what goes beyond the noise, and standard deviations by which values move, of causes of small misfits.
-_NEARLY_ALL, _MATTERS = 0.8, 2.5
+_NEARLY_ALL, _MATTERS = 0.85, 2.2
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
 #: Data from which on their order says whether a residual is noise.
@@ -269,19 +271,22 @@ def _apart(one: Disagreement) -> str:
 
 
 def _off_resonances(fit: RecordFit) -> list[str]:
-    """Resonances that the model misses by more than their half-bandwidth."""
-    found = []
-    modes = fit.modes
+    """Resonances that the model misses by more than their half-bandwidth, the farthest first; only where the misfit shows it."""
+    found, frequency = [], fit.problem.frequency
+    rows = fit.problem.data_rows(fit.predicted) ** 2
+    of_line = np.bincount(fit.problem.lines, rows, len(frequency)) / fit.problem.n_data * len(frequency)
+    spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
     for peak in fit.resonances:
-        if not np.isfinite(peak.predicted):
-            found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
+        near = int(np.argmin(np.abs(fit.modes.frequency - peak.measured))) if len(fit.modes.frequency) else -1
+        damping = max(float(fit.modes.damping_ratio[near]), _LEAST_DAMPING) if near >= 0 else _LEAST_DAMPING
+        half = max(damping * peak.measured, spacing)
+        about = np.abs(frequency - peak.measured) <= 3 * half
+        if not about.any() or of_line[about].mean() < _LOCAL_MISFIT:
             continue
-        near = int(np.argmin(np.abs(modes.frequency - peak.predicted))) if len(modes.frequency) else -1
-        damping = max(float(modes.damping_ratio[near]), _LEAST_DAMPING) if near >= 0 else _LEAST_DAMPING
-        lines = float(np.min(np.diff(np.unique(fit.problem.frequency)))) if len(fit.problem.frequency) > 1 else 0.0
-        half = max(damping * peak.measured, lines)
         distance = abs(peak.predicted - peak.measured) / half
-        if distance > _OFF:
+        if not np.isfinite(distance):
+            found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
+        elif distance > _OFF:
             share = 100 * abs(peak.predicted / peak.measured - 1)
             words = f"the model misses the resonance at {peak.measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
             found.append((distance, words))

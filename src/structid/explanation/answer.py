@@ -67,9 +67,9 @@ def criticized(
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
     is_cause = bool(made) and explains(made[0], found.estimate.chi_square_per_dof)
-    causes, suggestions = (made, ()) if is_cause else ((), made)
-    judgement = judged(found, causes, explanation.tried, suggestions)
-    criticism = Criticism(judgement, causes, suggestions, explanation.tried)
+    accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
+    judgement = judged(found, accepted, explanation.tried, lowering)
+    criticism = Criticism(judgement, accepted, lowering, explanation.tried)
     return replace(result, criticism=criticism), tuple(one for one, _ in ranked)
 
 

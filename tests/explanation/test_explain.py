@@ -1,0 +1,128 @@
+"""What a study with a wrong model or record says: the verdict, the cause first, and a study that is right."""
+
+import json
+
+import numpy as np
+import pytest
+from frame_cases import STUDY, off, written
+from typer.testing import CliRunner
+
+from structid.cli import app as cli
+from structid.criticism.data import scaled_misfit
+from structid.explanation.answer import criticized
+from structid.explanation.suggestions import suggestion_text
+from structid.study.run.run import load_study, run_started, started
+
+RUN = CliRunner()
+
+#: What is otherwise in truth, what the study has, kind and place of the cause.
+
+
+def _with(part: str, text: str = STUDY) -> str:
+    return text.replace("[[unknown]]", f"[[structure.{part}\n\n[[unknown]]", 1)
+
+
+_FOOTING = 'spring]]\nname = "footing"\nfirst = "6RZ"\nstiffness = 900.0'
+_FORGOTTEN = 'point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4'
+SOFT = _with(_FOOTING, STUDY.replace('"6RZ"]', "]"))
+HEAVY = _with(_FORGOTTEN)
+DAMPED = _with('dashpot]]\nname = "damper"\nfirst = "3X"\nviscous_damping = 1500.0')
+LOOSE = _with('joint]]\nname = "bolt"\nelement = "girder:1"\nat = "3RZ"\nstiffness = 2500.0')
+WEAK = STUDY.replace("bending_stiffness = 800.0", "bending_stiffness = [800.0, 350.0]")
+FAULTS = {
+    "support": (SOFT, "support", "6RZ"),
+    "mass": (HEAVY, "mass", "4"),
+    "dashpot": (DAMPED, "dashpot", "3X"),
+    "joint": (LOOSE, "joint", "girder:1/3RZ"),
+    "untied": (WEAK, "untied", "girder:2"),
+}
+
+
+def answered(path, explain=None):
+    ready = started(load_study(path))
+    return criticized(ready, run_started(ready), explain)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
+    truth, kind, where = FAULTS[fault]
+    result, fits = answered(written(tmp_path, off(), truth))
+    assert result.criticism.judgement.verdict == "wrong_model"
+    alike = [cause for cause in result.criticism.causes if cause.is_alike]
+    assert (kind, (where,)) in [(cause.kind, cause.where) for cause in alike]
+    assert result.criticism.causes[0].is_alike
+    assert result.criticism.causes[0].chi_square_per_dof < 1.2
+    text, lines = suggestion_text(result.study, fits[0].trial.changes)
+    assert "# how the test was made" in text  # comments stay
+    assert all(line[0] in "+-" for line in lines)
+    again = tmp_path / "again.toml"
+    again.write_text(text, encoding="utf-8")
+    better, _ = answered(again)
+    assert better.criticism.judgement.verdict == "sound"
+    assert better.identification.estimate.chi_square == pytest.approx(fits[0].cost, rel=1e-3)
+
+
+def test_a_right_model_is_sound_and_has_no_cause(tmp_path):
+    result, _ = answered(written(tmp_path, off()), explain=True)
+    assert result.criticism.judgement.verdict == "sound"
+    assert result.criticism.causes == ()
+    assert result.criticism.n_tried > 200
+
+
+def test_noise_stated_too_small_is_said_and_is_no_wrong_model(tmp_path):
+    text = off().replace("relative = 0.01", "relative = 0.002").replace("absolute = 1e-6", "absolute = 2e-7")
+    result, _ = answered(written(tmp_path, text))
+    assert result.criticism.judgement.verdict == "approximate"
+    [cause] = result.criticism.causes
+    assert cause.kind == "noise_level"
+    assert "5.0" in cause.words or "4.9" in cause.words
+
+
+def test_two_faults_are_both_named(tmp_path):
+    both = _with(_FORGOTTEN, SOFT)
+    result, _ = answered(written(tmp_path, off(), both))
+    found = {(cause.kind, cause.where) for cause in result.criticism.causes}
+    assert ("mass", ("4",)) in found
+    assert {("support", ("6RZ",)), ("joint", ("right:1/6RZ",))} & found
+
+
+def test_command_tells_the_verdict_first_and_ends_with_3(tmp_path):
+    path = written(tmp_path, off(), SOFT)
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report"])
+    assert done.exit_code == 3, done.output
+    assert "Wrong model: do not use the values." in done.stdout.splitlines()[0]
+    assert "support 6RZ gives way" in done.stdout
+    answer = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    assert answer["verdict"] == "wrong_model"
+    assert answer["causes"][0]["kind"] in ("support", "joint")
+    assert len([line for line in done.stdout.splitlines() if line.startswith("warning: ")]) <= 4
+    study = tmp_path / "out" / answer["causes"][0]["study"]
+    assert study.exists()
+    right = RUN.invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "right"), "--no-report"])
+    assert right.exit_code == 0, right.output
+    assert json.loads((tmp_path / "right" / "estimate.json").read_text())["verdict"] == "sound"
+
+
+def test_causes_may_be_left_alone(tmp_path):
+    path = written(tmp_path, off(), SOFT)
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report", "--no-explain"])
+    answer = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    assert answer["causes"] == []
+    assert answer["verdict"] in ("wrong_model", "approximate")
+    assert done.exit_code == (3 if answer["verdict"] == "wrong_model" else 0)
+    assert not (tmp_path / "out" / "suggestions").exists()
+
+
+def test_explain_looks_for_causes_of_a_sound_answer_too(tmp_path):
+    path = written(tmp_path, off())
+    done = RUN.invoke(cli.app, ["explain", str(path), "--out", str(tmp_path / "out"), "--no-report"])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "out" / "estimate.json").read_text())["n_changes_tried"] > 200
+
+
+def test_rows_whose_errors_are_larger_by_a_factor_cost_what_their_likelihood_says():
+    assert scaled_misfit(50.0, 100) == 50.0
+    for ratio in (2.0, 30.0):
+        factor = np.linspace(0.5, 2 * ratio, 200_001)
+        brute = np.min(100 * ratio / factor + 100 * np.log(factor))
+        assert scaled_misfit(100 * ratio, 100) == pytest.approx(brute, rel=1e-6)
