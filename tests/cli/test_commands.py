@@ -56,7 +56,8 @@ def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
     done = invoke("identify", study, "--no-report")
     assert (done.exit_code, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
-    assert lines[0] == "Chain of three masses"
+    assert lines[0].startswith("Sound: the model explains the record")
+    assert lines[1] == "Chain of three masses"
     assert lines[-1] == str(Path("chain_results") / "estimate.json")
     row = next(line for line in lines if line.startswith("stiffness[ground]")).split()
     assert row[1:3] == ["N/m", "1200"]

@@ -105,6 +105,8 @@ def identify(
         raise typer.Exit(WRONG_MODEL)
     if estimate.status is not Status.CONVERGED:
         fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
+    if verdict == "undetermined":
+        raise typer.Exit(NOT_DETERMINED)
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:

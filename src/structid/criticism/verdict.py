@@ -254,6 +254,16 @@ def judged(
     return Judgement("approximate", words, (misfit, *map(_apart, apart), *(one.words for one in suggestions)))
 
 
+def not_found(found: Identification, reached: float) -> Judgement:
+    """The verdict where the model explains the record with other values: `reached` is chi-square per degree of freedom there."""
+    words = (
+        f"Undetermined: the search ended in a wrong place (chi-square per degree of freedom"
+        f" {found.estimate.chi_square_per_dof:.3g}), and another start reaches {reached:.3g}: do not use the values; allow more"
+        ' `max_iterations` or `restarts`, or write start = "continuation" in [method].'
+    )
+    return Judgement("undetermined", words, (found.estimate.message,))
+
+
 def _times(ratio: float) -> str:
     size = float(np.sqrt(ratio))
     return f"{size:.2g} times" if size < 100 else f"{size:.0f} times"

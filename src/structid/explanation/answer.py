@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.criticism.candidate import Candidate, replaced
-from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio
+from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
@@ -59,6 +59,10 @@ def criticized(
     theta = found.estimate.theta
     base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
     explanation = explained(base, told)
+    if explanation.better is not None:
+        reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
+        judgement = not_found(found, reached)
+        return replace(result, criticism=Criticism(judgement)), ()
     tests = found.estimate.residual_tests
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)

@@ -40,6 +40,8 @@ _ALWAYS = ("friction",)
 _OTHER_STRENGTHS = {"direction": (1.6, 1.25, 1.1, 1.04, 1.015), "friction": (3.0, 2.0)}
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
+#: Of the sum of squares, what another start must reach.
+_CLEARLY_BETTER = 0.9
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
@@ -90,6 +92,8 @@ class Explanation:
         Candidates that could not be tried, and why.
     further : Explanation, optional
         Of what the first cause leaves.
+    better : Fitted, optional
+        The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     """
 
     base: Fitted
@@ -98,14 +102,29 @@ class Explanation:
     tried: int
     rejected: tuple[tuple[str, str], ...] = ()
     further: Explanation | None = None
+    better: Fitted | None = None
 
 
 def explained(base: Fitted, told: Told | None = None) -> Explanation:
     """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it."""
+    other = _from_elsewhere(base)
+    if other is not None and not _is_misfit(other):
+        return Explanation(base, (), (), 0, better=other)
+    base = other or base
     found = _once(base, told, "causes")
     if found.causes and found.causes[0].cost < _CLEAR * base.cost and _is_misfit(found.causes[0]):
         return replace(found, further=_once(found.causes[0], told, "second causes"))
     return found
+
+
+def _from_elsewhere(base: Fitted) -> Fitted | None:
+    """The study as it is from the way that candidates are refitted, where that is clearly better."""
+    try:
+        found = base.trial.fitted([base.trial.approached()[0], base.theta])
+    except (StructidError, np.linalg.LinAlgError):
+        return None
+    cost = float(found.costs[-1])
+    return Fitted(base.trial, found.theta, cost) if cost < _CLEARLY_BETTER * base.cost else None
 
 
 def _is_misfit(fitted: Fitted) -> bool:
