@@ -221,7 +221,7 @@ def judged(
                 else "."
             )
         )
-        return Judgement("wrong_model", words, (misfit, best.words))
+        return Judgement("wrong_model", words, (misfit,))
     if estimate.status is Status.NOT_IDENTIFIABLE:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message,))
     if fits_noise(found):

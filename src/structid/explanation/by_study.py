@@ -30,21 +30,18 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
     if any(element.nodes.ndim == 2 and element.nodes.shape[1] == 2 for element in structure.elements):
         yield _candidate("mesh", ("all lines",), _PIECES)
-    slender = [one for one in structure.elements if isinstance(one, Beam) and not any(np.isfinite(_shear_of(one)))]
+    slender = [one for one in structure.elements if isinstance(one, Beam) and one.shear_stiffness is None]
     if len(slender) > 1:
-        name = tuple(one.name for one in slender)
-        yield _candidate("shear", name, float(np.median([_stiff(structure, one) for one in slender])))
+        names = tuple(one.name for one in slender)
+        yield _candidate("shear", names, float(np.median([_stiff(structure, one) for one in slender])))
+    for one in slender if len(slender) <= _MOST_SLENDER else ():
+        yield _candidate("shear", (one.name,), _stiff(structure, one))
     for element in structure.elements:
-        if len(slender) <= _MOST_SLENDER and isinstance(element, Beam) and not any(np.isfinite(_shear_of(element))):
-            yield _candidate("shear", (element.name,), _stiff(structure, element))
         yield from _damping(element, middle)
     for item in structure.properties:
         values = item.term.values
-        if (
-            values.any()
-            and not _acts(unknown, item.values)
-            and item.term.kind in ("mass", "stiffness", "rotary_inertia")
-        ):
+        is_elastic = item.term.kind in ("mass", "stiffness", "rotary_inertia")
+        if is_elastic and values.any() and not _acts(unknown, item.values):
             yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
     if all(
         isinstance(p, FrfProblem) and (p.channels is None or "window_decay" not in p.channels.kinds)
@@ -57,11 +54,6 @@ def _candidate(kind: str, where: tuple[str, ...], strength: float) -> Candidate:
     return Candidate(kind, where, _NONE, np.array([strength]), _BOTH)
 
 
-def _shear_of(element: ElementSet) -> np.ndarray:
-    found = getattr(element, "shear_stiffness", None)
-    return np.full(1, np.inf) if found is None else np.atleast_1d(np.asarray(found, dtype=float))
-
-
 def _stiff(structure: Structure, element: Beam) -> float:
     ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
@@ -71,13 +63,13 @@ def _stiff(structure: Structure, element: Beam) -> float:
 def _damping(element: ElementSet, middle: float) -> Iterator[Candidate]:
     """The other law of damping beside the one that a set has."""
     known = declarations(element)
-    loss = np.asarray(getattr(element, "loss_factor", 0.0), dtype=float)
-    if not (known.get("loss_factor") or isinstance(element, Spring)):
+    if "loss_factor" not in known:
         return
+    loss = np.asarray(vars(element)["loss_factor"], dtype=float)
     if loss.any():
         if "stiffness_damping" in known or isinstance(element, Spring):
             yield _candidate("damping_law", (element.name, "viscous"), float(np.mean(loss)) / (2 * np.pi * middle))
-    elif "loss_factor" in known:
+    else:
         yield _candidate("damping_law", (element.name, "loss factor"), 0.005)
 
 
