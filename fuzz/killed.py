@@ -24,6 +24,8 @@ from typing import Any
 from fuzz.seeds import CHAIN, EXAMPLES, write_chain
 
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)
+#: Exit codes of runs that wrote their results.
+ENDED = (0, 1, 3)
 SEVERAL = CHAIN + "uniqueness_starts = 2\n"
 #: What differs from run to run.
 _PASSING = ("seconds", "peak_memory_bytes", "provenance", "source")
@@ -97,7 +99,7 @@ def whole_run(command: Command, folder: Path) -> tuple[Any, list[str], float]:
     begun = time.perf_counter()
     process = started(command, folder)
     _, said = process.communicate()
-    if process.returncode not in (0, 1):
+    if process.returncode not in ENDED:
         raise SystemExit(f"{' '.join(command.words)} ends with {process.returncode}: {said}")
     return digits(folder, command), names(folder), time.perf_counter() - begun
 
@@ -113,14 +115,14 @@ def killed(command: Command, folder: Path, number: signal.Signals, moment: float
     _, said = process.communicate()
     if process.returncode == 130 and "Traceback" in said:
         return f"a traceback: {said[-1500:]}"
-    if process.returncode not in (0, 1, 130, -number):
+    if process.returncode not in (*ENDED, 130, -number):
         return f"ended with {process.returncode}: {said[-1500:]}"
-    if process.returncode in (0, 1):
+    if process.returncode in ENDED:
         return None
     left = (folder / "out.checkpoint" / "run.json").exists()
     again = started(command, folder, command.resumed if left else ())
     _, said = again.communicate()
-    return None if again.returncode in (0, 1) else f"run again, ended with {again.returncode}: {said[-1500:]}"
+    return None if again.returncode in ENDED else f"run again, ended with {again.returncode}: {said[-1500:]}"
 
 
 def main() -> int:

@@ -210,7 +210,7 @@ def judged(
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
         )
         return Judgement("approximate", words, (causes[0].words,))
-    if causes:
+    if causes and causes[0].kind != "noise_level":
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"

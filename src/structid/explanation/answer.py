@@ -47,6 +47,8 @@ def criticized(
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
         return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
+    if found.estimate.chi_square_per_dof <= 1 and not explain:
+        return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return replace(result, criticism=Criticism(judged(found))), ()
     largest = max(setup.structure.n_dofs for setup in ready.setups)
