@@ -126,3 +126,13 @@ def test_rows_whose_errors_are_larger_by_a_factor_cost_what_their_likelihood_say
         factor = np.linspace(0.5, 2 * ratio, 200_001)
         brute = np.min(100 * ratio / factor + 100 * np.log(factor))
         assert scaled_misfit(100 * ratio, 100) == pytest.approx(brute, rel=1e-6)
+
+
+def test_a_comparison_says_which_state_has_no_sound_answer(tmp_path):
+    for name, truth in (("before", STUDY), ("after", SOFT)):
+        (tmp_path / name).mkdir()
+        written(tmp_path / name, off(), truth)
+    words = ["compare", str(tmp_path / "before" / "study.toml"), str(tmp_path / "after" / "study.toml")]
+    done = RUN.invoke(cli.app, [*words, "--out", str(tmp_path / "out"), "--no-report"])
+    assert "the answer of the later state is not sound" in done.stdout
+    assert "the answer of the baseline" not in done.stdout

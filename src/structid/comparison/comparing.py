@@ -188,6 +188,10 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
     for word, state in (("baseline", baseline), ("later state", later)):
         if state.estimate.status is not Status.CONVERGED:
             warnings.append(f"{word}: {state.estimate.status.words}")
+        elif state.doubt:
+            warnings.append(
+                f"the answer of the {word} is not sound, and what is declared changed rests on it: {state.doubt}"
+            )
     held = dict.fromkeys((*baseline.held, *later.held))
     if held:
         warnings.append(

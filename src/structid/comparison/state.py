@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.arrays import FloatArray, locked
+from structid.criticism.verdict import judged
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
@@ -70,6 +71,8 @@ class State:
         Names of the regularizations that hold its parameters.
     drawn : Drawn or None
         None where the study of a results folder cannot be read without the files beside it.
+    doubt : str
+        The verdict in words, where the answer is not sound.
     """
 
     title: str
@@ -79,6 +82,7 @@ class State:
     result: StudyResult | None
     held: tuple[str, ...]
     drawn: Drawn | None
+    doubt: str = ""
 
 
 def state_of(result: StudyResult) -> State:
@@ -87,7 +91,9 @@ def state_of(result: StudyResult) -> State:
     drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
     study = result.study
     held = tuple(item.name for item in found.held)
-    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn)
+    judgement = judged(found)
+    doubt = "" if judgement.verdict == "sound" else judgement.words
+    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, doubt)
 
 
 def stored_state(folder: Path) -> State:
@@ -121,7 +127,9 @@ def stored_state(folder: Path) -> State:
             f"{folder}: its estimate.json and estimate.h5 cannot be used ({error}); write them again with"
             " `structid identify`"
         ) from error
-    return State(str(texts.get("title", folder.name)), folder, estimate, inputs, None, held, _drawn(folder, channels))
+    title, drawn = str(texts.get("title", folder.name)), _drawn(folder, channels)
+    doubt = "" if texts.get("verdict", "sound") == "sound" else str(texts.get("verdict_text", ""))
+    return State(title, folder, estimate, inputs, None, held, drawn, doubt)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
