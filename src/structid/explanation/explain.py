@@ -152,9 +152,11 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
             rejected.append((f"{one.candidate.kind} {' '.join(one.candidate.where)}", str(error)))
             continue
         approached.append((cost + base.aside + left_out(base, trial, theta), trial, theta))
-    approached.sort(key=lambda one: (one[1].changes[-1][0].kind not in _ALWAYS, one[0]))
+    approached.sort(key=lambda one: one[0])
+    always = [one for one in approached if one[1].changes[-1][0].kind in _ALWAYS][:_OF_EACH_KIND]
+    finalists = [*always, *(one for one in approached if one[1].changes[-1][0].kind not in _ALWAYS)][:_FINALISTS]
     fits = []
-    for number, (_, trial, theta) in enumerate(approached[:_FINALISTS]):
+    for number, (_, trial, theta) in enumerate(finalists):
         if told is not None:
             told(stage, len(shortlist) + number, steps)
         try:
