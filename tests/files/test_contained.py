@@ -1,6 +1,8 @@
 """Compiled libraries read in a child: what ends, hangs or fills it is told with the name of the file."""
 
+import json
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -152,3 +154,24 @@ def test_a_forked_process_has_a_child_of_its_own(tmp_path):
     words = [sys.executable, "-W", "ignore:.*fork:DeprecationWarning", "-c", code, str(tmp_path / "a.h5")]
     done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
+def test_a_child_that_nobody_is_left_to_end_ends_itself(tmp_path):
+    """A reader that never comes back, its parent gone: the limit of its processor time ends it."""
+    script = tmp_path / "spin.py"
+    text = Path(module._SCRIPT).read_text(encoding="utf-8")
+    spin = 'def spin(path):\n    while True:\n        pass\n\n\nREADERS["spin"] = spin\n\n\nif __name__'
+    script.write_text(text.replace("if __name__", spin), encoding="utf-8")
+    request = json.dumps({"reader": "spin", "path": str(script), "options": {}, "seconds": 0.5})
+    child = subprocess.Popen([sys.executable, "-P", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        assert child.stdin is not None
+        child.stdin.write(request.encode() + b"\n")
+        child.stdin.flush()
+        assert child.wait(timeout=60) < 0
+    finally:
+        child.kill()
+        for stream in (child.stdin, child.stdout):
+            assert stream is not None
+            stream.close()

@@ -37,7 +37,11 @@ class ReaderError(Exception):
 
 
 class _LostError(Exception):
-    """The child ended, or did not answer in time."""
+    """The child ended, or did not answer in time: then it `is_late`."""
+
+    def __init__(self, words: str, is_late: bool = False) -> None:
+        super().__init__(words)
+        self.is_late = is_late
 
 
 class _Child:
@@ -79,7 +83,7 @@ class _Child:
             late = not timer.is_alive()
             timer.cancel()
         if not found:
-            raise _LostError(f"took more than {seconds:.0f} s" if late else "ended")
+            raise _LostError(f"took more than {seconds:.0f} s" if late else "ended", late)
         return found
 
     def close(self) -> None:
@@ -123,7 +127,7 @@ def contained(path: Path, reader: str, **options: Any) -> Any:
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
     seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
-    request = {"reader": reader, "path": str(path.resolve()), "options": options}
+    request = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
     with _lock:
         answer = _asked(path, request, seconds)
         if "error" in answer:
@@ -143,7 +147,7 @@ def _asked(path: Path, request: dict[str, Any], seconds: float) -> Any:
             return child.ask(request, seconds)
         except _LostError as error:
             end()
-            if fresh:
+            if fresh or error.is_late:
                 raise FileError(
                     f"{path}: cannot be read: the library that reads such files {error} on it, so that it is damaged; copy"
                     " or write it again"

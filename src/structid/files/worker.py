@@ -10,6 +10,7 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -213,6 +214,7 @@ def serve(asked: IO[bytes], answers: IO[bytes]) -> None:
         arrays: list[np.ndarray] = []
         try:
             _limit_memory(request["path"])
+            _limit_time(request["seconds"])
             tree = plain(READERS[request["reader"]](request["path"], **request["options"]), arrays)
             arrays = [np.ascontiguousarray(array) for array in arrays]
             if any(array.dtype.kind not in "biufcSU" for array in arrays):
@@ -236,6 +238,17 @@ def _limit_memory(path: str) -> None:
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     wanted = used + _HEADROOM + 2 * _DENSEST * Path(path).stat().st_size
     resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
+
+
+def _limit_time(seconds: float) -> None:
+    """Processor time for this request, so that the process ends where nobody is left to end it."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    used, (_, most) = time.process_time(), resource.getrlimit(resource.RLIMIT_CPU)
+    wanted = math.ceil(used + seconds) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
 
 
 if __name__ == "__main__":
