@@ -136,3 +136,14 @@ def test_a_comparison_says_which_state_has_no_sound_answer(tmp_path):
     done = RUN.invoke(cli.app, [*words, "--out", str(tmp_path / "out"), "--no-report"])
     assert "the answer of the later state is not sound" in done.stdout
     assert "the answer of the baseline" not in done.stdout
+
+
+def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_path, monkeypatch):
+    def failing(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("structid.explanation.answer.explained", failing)
+    result, fits = answered(written(tmp_path, off(), SOFT))
+    assert fits == ()
+    assert result.criticism.judgement.verdict in ("wrong_model", "approximate")
+    assert "causes could not be looked for: Singular matrix" in result.criticism.judgement.reasons

@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate, replaced
 from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
+from structid.errors import StructidError
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
@@ -59,8 +60,13 @@ def criticized(
         judgement = judged(found)
         return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, *notes)))), ()
     theta = found.estimate.theta
-    base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
-    explanation = explained(base, told)
+    try:
+        base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+        explanation = explained(base, told)
+    except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
+        judgement = judged(found)
+        notes = (f"causes could not be looked for: {error}",)
+        return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, *notes)))), ()
     if explanation.better is not None:
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
