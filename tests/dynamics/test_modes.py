@@ -7,6 +7,7 @@ from scipy.sparse.linalg import eigsh
 
 from structid.dynamics.factorization import installed_factorizers
 from structid.dynamics.modes import _low_shift, modes
+from structid.errors import SingularModelError
 from structid.structure import Beam, Plate, Structure
 
 
@@ -107,3 +108,9 @@ def test_forty_modes_of_one_frequency_are_all_found(n_modes):
     found = modes(mass, stiffness, n_modes=n_modes)
     assert (2 * np.pi * found.frequency) ** 2 == pytest.approx(expected[:n_modes], rel=1e-6)
     assert found.mode_shapes.T @ found.mode_shapes == pytest.approx(np.eye(n_modes), abs=1e-8)
+
+
+def test_values_that_ran_away_are_a_model_that_cannot_be_evaluated():
+    good = sparse.csc_array(np.eye(2))
+    with pytest.raises(SingularModelError, match="not finite"):
+        modes(good, sparse.csc_array(np.array([[np.inf, 0.0], [0.0, 1.0]])))

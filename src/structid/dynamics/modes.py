@@ -10,6 +10,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from structid.arrays import FloatArray
 from structid.dynamics.factorization import factorizer
+from structid.errors import SingularModelError
 
 _DENSE_UP_TO = 600
 #: Vectors, and times the shifted inverse is applied to them, that show where the lowest eigenvalues lie.
@@ -63,7 +64,14 @@ def modes(
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
         How many; all by default (up to 20 for more than 600 degrees of freedom).
+
+    Raises
+    ------
+    SingularModelError
+        If an entry is not finite.
     """
+    if not (np.isfinite(mass.data).all() and np.isfinite(stiffness.data).all()):
+        raise SingularModelError("mass or stiffness of the model is not finite: a value has run away")
     n, error = mass.shape[0], 0.0
     if n <= _DENSE_UP_TO:
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
