@@ -251,7 +251,7 @@ def judged(
         words += (
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
-    return Judgement("approximate", words, (misfit, *map(_apart, apart), *(one.words for one in suggestions)))
+    return Judgement("approximate", words, (misfit, *map(_apart, apart)))
 
 
 def not_found(found: Identification, reached: float) -> Judgement:
