@@ -56,8 +56,13 @@ class Dof:
         """The same place and direction, counted positive along the axis."""
         return self if self.sign > 0 else Dof(self.node, self.direction)
 
+    @property
+    def place(self) -> str:
+        """Where it is, without a sense: ``12Z``."""
+        return f"{self.node}{self.direction}"
+
     def __str__(self) -> str:
-        return f"{self.node}{self.direction}{'+' if self.sign > 0 else '-'}"
+        return f"{self.place}{'+' if self.sign > 0 else '-'}"
 
 
 def parse_dof(text: str | Dof) -> Dof:
@@ -131,7 +136,7 @@ def renamed(
         old, new = parse_dof(text.removeprefix(_LOAD)), parse_dof(other)
         if old.unsigned not in of_loads and (is_load or old.unsigned not in of_sensors):
             known = ", ".join(dict.fromkeys(str(own) for own in (*sensors, *loads)))
-            raise InputError(f"there is no {'load' if is_load else 'channel'} {str(old)[:-1]}; the record has {known}")
+            raise InputError(f"there is no {'load' if is_load else 'channel'} {old.place}; the record has {known}")
         chosen = wanted[is_load or old.unsigned not in of_sensors]
         if old.unsigned in chosen:
             raise InputError(f"{text} is renamed twice; give it one name")
@@ -146,7 +151,7 @@ def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
         other = before.setdefault(new, dof)
         if other != dof:
             raise InputError(
-                f"{str(other)[:-1]} and {str(dof)[:-1]} would both be called {str(new)[:-1]}; give one of them another name"
+                f"{other.place} and {dof.place} would both be called {new.place}; give one of them another name"
             )
     now = [names.get(dof.unsigned, dof.unsigned) for dof in dofs]
     return tuple(Dof(new.node, new.direction, new.sign * dof.sign) for new, dof in zip(now, dofs, strict=True))

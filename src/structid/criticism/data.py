@@ -43,7 +43,7 @@ def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str]) -> 
         if len(problems) > 1:
             yield _candidate("record", (names[number],), number)
         if isinstance(problem, FrfProblem):
-            outputs = tuple(str(dof.unsigned) for dof in problem.record.outputs)
+            outputs = tuple(dof.place for dof in problem.record.outputs)
             if len(outputs) > 1:
                 for name in outputs:
                     yield _candidate("channel", (name,), number, tuple(one for one in outputs if one != name))
@@ -100,9 +100,9 @@ def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.
         if candidate.kind == "record":
             taken[:] = True
         elif candidate.kind == "channel":
-            channels = [name.split("/")[0].removeprefix("shape at ") for name in problem.rows.names]
-            number_of = np.array([_sense_free(name) == _sense_free(candidate.where[0]) for name in channels])
-            taken = number_of[np.unique(problem.series, return_inverse=True)[1]]
+            channels = [name.split("/")[0].removeprefix("shape at ").rstrip("+-") for name in problem.rows.names]
+            is_it = np.array([channel == candidate.where[0] for channel in channels])
+            taken = is_it[np.unique(problem.series, return_inverse=True)[1]]
         elif candidate.kind == "extra_mode":
             taken = problem.lines == int(candidate.detail["mode"])
         else:
@@ -111,10 +111,6 @@ def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.
                 taken |= ((problem.frequency >= low) & (problem.frequency <= high))[problem.lines]
         parts.append(taken)
     return np.concatenate(parts)
-
-
-def _sense_free(name: str) -> str:
-    return name.rstrip("+-")
 
 
 def extra_modes(problems: Sequence[RecordProblem]) -> Iterator[Candidate]:

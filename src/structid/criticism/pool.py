@@ -86,7 +86,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
     for dof, column in fields.columns.items():
         if dof.node not in places:
             continue
-        where = (str(dof),)
+        where = (dof.place,)
         rubs = (
             Candidate("friction", where, rubbing(column), _RUBBING) if len(fields.problem.record.inputs) == 1 else None
         )
@@ -117,7 +117,7 @@ def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
             for first, second in zip(element.first, element.second, strict=True):
                 one, other = (fields.columns.get(dof.unsigned) for dof in (first, second))
                 if one is not None and other is not None:
-                    yield (str(first.unsigned), str(second.unsigned)), second.sign * other - first.sign * one
+                    yield (first.place, second.place), second.sign * other - first.sign * one
 
 
 def _swinging(fields: Fields) -> list[float]:
@@ -136,7 +136,7 @@ def _appendages(fields: Fields, dof: Dof, column: FloatArray, frequencies: Seque
     scale = _scale(fields, column, _inertia(fields))
     effects = {f: added(column[:, None], partial(_appendage, f)) for f in frequencies if f > 0}
     for f, effect in effects.items():
-        yield Candidate("appendage", (str(dof),), effect, scale * _APPENDAGE_MASSES, detail={"frequency": f})
+        yield Candidate("appendage", (dof.place,), effect, scale * _APPENDAGE_MASSES, detail={"frequency": f})
 
 
 def _appendage(frequency: float, fields: Fields) -> ComplexArray:
@@ -151,7 +151,7 @@ def _supports(fields: Fields) -> Iterator[Candidate]:
     held, _, own = fields.loose
     for i, dof in enumerate(held):
         scale = float(1 / np.median(np.abs(own[:, i])))
-        yield Candidate("support", (str(dof.unsigned),), released(partial(_loose, i)), steps(scale))
+        yield Candidate("support", (dof.place,), released(partial(_loose, i)), steps(scale))
 
 
 def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
@@ -180,7 +180,7 @@ def _joints(fields: Fields) -> Iterator[Candidate]:
         if any(part.kind == "stiffness" and part.diagonal > 0 for part in columns):
             coupling = partial(_joint, tuple(columns))
             scale = float(1 / np.median(np.abs(coupling(fields)[1])))
-            yield Candidate("joint", (f"{name}:{e + 1}", str(dof_of_code(code))), released(coupling), steps(scale))
+            yield Candidate("joint", (f"{name}:{e + 1}", dof_of_code(code).place), released(coupling), steps(scale))
 
 
 def _joint(columns: Sequence[_Column], fields: Fields) -> tuple[ComplexArray, ComplexArray]:
@@ -224,7 +224,7 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
     for axis, dofs in ((1, record.outputs), (2, record.inputs)):
         side = "sensor" if axis == 1 else "load"
         for i, dof in enumerate(dofs):
-            where = (str(dof.unsigned),)
+            where = (dof.place,)
             make = partial(Candidate, where=where, bounds=(-np.inf, np.inf), record=number)
             if len(dofs) > 1 or axis == 2 or len(record.outputs) > 1:
                 gained = replaced(partial(_scaled, axis, i))
@@ -236,14 +236,14 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
                 yield make("polarity" if axis == 1 else "load_polarity", effect=turned, strengths=np.ones(1))
         for i, k in combinations(range(len(dofs)), 2):
             swapped = replaced(partial(_swapped, axis, i, k))
-            pair = tuple(str(dofs[j].unsigned) for j in (i, k))
+            pair = (dofs[i].place, dofs[k].place)
             kind = "swap" if axis == 1 else "load_swap"
             yield Candidate(kind, pair, swapped, np.ones(1), (-np.inf, np.inf), number)
     for i, dof in enumerate(record.outputs):
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
                 seen = partial(_seen, i, column)
-                towards = (str(dof.unsigned), str(other))
+                towards = (dof.place, other.place)
                 yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
 
 

@@ -145,8 +145,7 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
 
 
 def _places(candidate: Candidate) -> tuple[str, ...]:
-    plain = tuple(text.removesuffix("+") for text in candidate.where)
-    return (f"{plain[0]}/{plain[1]}",) if candidate.kind == "joint" else plain
+    return ("/".join(candidate.where),) if candidate.kind == "joint" else candidate.where
 
 
 def _distance(change: float, std: float) -> float:

@@ -62,13 +62,9 @@ def _round(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-def _plain(dof: str) -> str:
-    return dof.rstrip("+")
-
-
 def _spring(study: Tables, candidate: Candidate, strength: float) -> None:
-    name, [at] = _named(study, f"spring {_plain(candidate.where[0])}"), candidate.where
-    _append(study["structure"], "spring", {"name": name, "first": _plain(at), "stiffness": _round(strength)})
+    name, [at] = _named(study, f"spring {candidate.where[0]}"), candidate.where
+    _append(study["structure"], "spring", {"name": name, "first": at, "stiffness": _round(strength)})
     _unknown(study, "stiffness", name)
 
 
@@ -77,11 +73,9 @@ def _support(study: Tables, candidate: Candidate, strength: float) -> None:
     places = [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
     freed = [_freed(place, dof) for place in places]
     if not any(freed):
-        raise NoEditError(
-            f"{_plain(candidate.where[0])} is held by a group of a mesh; hold it by `fixed` to let it give way"
-        )
-    name = _named(study, f"support {_plain(candidate.where[0])}")
-    entry = {"name": name, "first": _plain(candidate.where[0]), "stiffness": _round(1 / strength)}
+        raise NoEditError(f"{candidate.where[0]} is held by a group of a mesh; hold it by `fixed` to let it give way")
+    name = _named(study, f"support {candidate.where[0]}")
+    entry = {"name": name, "first": candidate.where[0], "stiffness": _round(1 / strength)}
     _append(study["structure"], "spring", entry)
     _unknown(study, "stiffness", name)
 
@@ -111,15 +105,14 @@ def _freed(place: Tables, dof: Dof) -> bool:
 
 
 def _dashpot(study: Tables, candidate: Candidate, strength: float) -> None:
-    ends = [_plain(dof) for dof in candidate.where]
-    name = _named(study, f"dashpot {' '.join(ends)}")
-    places = dict(zip(("first", "second"), ends, strict=False))
+    name = _named(study, f"dashpot {' '.join(candidate.where)}")
+    places = dict(zip(("first", "second"), candidate.where, strict=False))
     _append(study["structure"], "dashpot", {"name": name, **places, "viscous_damping": _round(strength)})
     _unknown(study, "viscous_damping", name)
 
 
 def _friction(study: Tables, candidate: Candidate, strength: float) -> None:
-    at = _plain(candidate.where[0])
+    at = candidate.where[0]
     name = _named(study, f"friction {at}")
     _append(study["structure"], "friction", {"name": name, "first": at, "friction_force": _round(strength)})
     _unknown(study, "friction_force", name)
@@ -140,7 +133,7 @@ def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
         raise NoEditError("something that swings of its own needs a node of [structure.nodes] to hang on")
     label = max(int(key) for key in nodes) + 1
     nodes[str(label)] = list(as_list(nodes[str(dof.node)]))
-    at, end = _plain(candidate.where[0]), f"{label}{dof.direction}"
+    at, end = candidate.where[0], f"{label}{dof.direction}"
     mass, spring = (_named(study, f"{words} {at}") for words in ("appendage", "appendage spring"))
     _append(structure, "point_mass", {
         "name": mass, "nodes": [label], "mass": _round(strength), "directions": [dof.direction],
@@ -158,8 +151,8 @@ def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _joint(study: Tables, candidate: Candidate, strength: float) -> None:
     element, at = candidate.where
-    name = _named(study, f"joint {element} {_plain(at)}")
-    entry = {"name": name, "element": element, "at": _plain(at), "stiffness": _round(1 / strength)}
+    name = _named(study, f"joint {element} {at}")
+    entry = {"name": name, "element": element, "at": at, "stiffness": _round(1 / strength)}
     _append(study["structure"], "joint", entry)
     _unknown(study, "stiffness", name)
 
@@ -234,20 +227,16 @@ def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float],
         record = _record(study, candidate)
         if "time" in record or "modes" in record:
             raise NoEditError("errors of channels are parameters of frequency responses only")
-        at = _plain(candidate.where[0])
-        for entry in record.get("channel_error", ()):
-            if entry["property"] == prop and at in [_plain(text) for text in as_list(entry.get(side, []))]:
-                raise NoEditError(f"the {prop} of {at} is a parameter already")
         start = np.exp(strength) if prop == "gain" else strength
         start = start if side == "outputs" else (1 / start if prop == "gain" else -start)
-        _append(record, "channel_error", {"property": prop, side: [at], "start": _round(float(start))})
+        _append(record, "channel_error", {"property": prop, side: list(candidate.where), "start": _round(float(start))})
 
     return make
 
 
 def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
     """Channels by other names: turned round, exchanged, or of another direction."""
-    record, names = _record(study, candidate), [_plain(text) for text in candidate.where]
+    record, names = _record(study, candidate), candidate.where
     of = "load " if candidate.kind.startswith("load") else ""
     if candidate.kind.endswith("polarity"):
         changes = {of + names[0]: f"{names[0]}-"}
@@ -262,7 +251,7 @@ def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _left_out(study: Tables, candidate: Candidate, strength: float) -> None:
     """A channel that is not used."""
-    _record(study, candidate)["channels_used"] = [_plain(text) for text in candidate.others]
+    _record(study, candidate)["channels_used"] = list(candidate.others)
 
 
 def _excluded(study: Tables, candidate: Candidate, strength: float) -> None:

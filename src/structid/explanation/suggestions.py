@@ -20,7 +20,7 @@ FOLDER = "suggestions"
 
 def suggestion_name(number: int, changes: Sequence[tuple[Candidate, float]]) -> str:
     """Such as ``1-support-9Y.toml``."""
-    words = " ".join(f"{candidate.kind} {' '.join(candidate.where[:2])}" for candidate, _ in changes).replace("+", "")
+    words = " ".join(f"{candidate.kind} {' '.join(candidate.where[:2])}" for candidate, _ in changes)
     return f"{number}-{re.sub(r'[^A-Za-z0-9]+', '-', words).strip('-')[:60]}.toml"
 
 

@@ -9,10 +9,6 @@ from structid.criticism.pool import UNITS
 _UNIT = 0.05
 
 
-def _plain(texts: tuple[str, ...]) -> list[str]:
-    return [text.removesuffix("+") for text in texts]
-
-
 def cause_kind(candidate: Candidate, value: float | None) -> str:
     """The kind as results have it: what it turned out to be."""
     if candidate.kind in ("sensor_gain", "load_gain") and value is not None and unit_of(value):
@@ -32,7 +28,7 @@ def unit_of(gain: float) -> str:
 
 def cause_words(candidate: Candidate, value: float | None) -> str:
     """What a change says, in a clause."""
-    where = _plain(candidate.where)
+    where = candidate.where
     first = where[0]
     words = {
         "support": f"the support {first} gives way",

@@ -142,7 +142,7 @@ def _ways(terms: Sequence[Term], row: int, node: int) -> list[str]:
 
 def _require_way(joint: str, text: str, at: Dof, nodes: IntArray, ways: Sequence[str], active: Sequence[str]) -> None:
     """Raise `InputError` where nothing could give way at `at`."""
-    place = str(at)[:-1]
+    place = at.place
     if at.node not in nodes:
         raise InputError(f"joint {joint!r}: node {at.node} is none of {text}, which runs from {nodes[0]} to {nodes[1]}")
     if at.direction not in active:

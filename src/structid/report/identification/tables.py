@@ -209,7 +209,7 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
         ("Nodes", f"{len(structure.nodes)} in {structure.dimension}-D, extent {extent} m"),
         ("Free degrees of freedom", str(structure.n_dofs)),
         ("Directions", " ".join(structure.active or ())),
-        ("Fixed", _listed(str(d.unsigned).rstrip("+") for d in structure.fixed)),
+        ("Fixed", _listed(d.place for d in structure.fixed)),
         ("Links and constraints", _listed(ties)),
     )
 
