@@ -60,7 +60,7 @@ def _verdict(result: StudyResult) -> list[RenderableType]:
     if result.criticism is None:
         return []
     judgement = result.criticism.judgement
-    causes = result.criticism.causes or result.criticism.suggestions
+    causes = result.criticism.named
     style = {"sound": "bold green", "approximate": "bold yellow"}.get(judgement.verdict, "bold red")
     shown: list[RenderableType] = [Text(judgement.words, style=style)]
     if causes:

@@ -16,6 +16,10 @@ Effect = Callable[[Fields, FloatArray], ComplexArray]
 _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
+def _unchanged(fields: Fields, strengths: FloatArray) -> ComplexArray:
+    return np.zeros((len(strengths), *fields.frf.shape), dtype=np.complex128)
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One change that might explain a misfit.
@@ -26,8 +30,8 @@ class Candidate:
         Such as ``support``, ``mass`` or ``sensor_gain``.
     where : tuple of str
         Degrees of freedom, nodes, elements or channels.
-    effect : Effect
-        Of record `record` alone where that is given, else of every record.
+    effect : Effect, optional
+        Of record `record` alone where that is given, else of every record; none of a change that only a fit shows.
     strengths : (n,) float array
         Which are tried, in the unit of what changes; 0 is no change.
     bounds : (float, float)
@@ -44,9 +48,9 @@ class Candidate:
 
     kind: str
     where: tuple[str, ...]
-    effect: Effect
-    strengths: FloatArray
-    bounds: tuple[float, float] = (0.0, np.inf)
+    effect: Effect = _unchanged
+    strengths: FloatArray = field(default_factory=lambda: np.ones(1))
+    bounds: tuple[float, float] = (-np.inf, np.inf)
     record: int | None = None
     others: tuple[str, ...] = ()
     alike: Candidate | None = None

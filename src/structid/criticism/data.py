@@ -9,11 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from structid.arrays import FloatArray
-from structid.criticism.candidate import Candidate, replaced
+from structid.criticism.candidate import Candidate
 from structid.observation import FrfProblem, ModalProblem, RecordProblem
 
-_NONE = np.ones(1)
-_BOTH = (-np.inf, np.inf)
 #: A line is outlying where its misfit is so many times that of the lines about it.
 _OUTLYING = 8.0
 _ABOUT = 21
@@ -41,12 +39,13 @@ def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str]) -> 
     """
     for number, problem in enumerate(problems):
         if len(problems) > 1:
-            yield _candidate("record", (names[number],), number)
+            yield Candidate("record", (names[number],), record=number)
         if isinstance(problem, FrfProblem):
             outputs = tuple(dof.place for dof in problem.record.outputs)
             if len(outputs) > 1:
                 for name in outputs:
-                    yield _candidate("channel", (name,), number, tuple(one for one in outputs if one != name))
+                    others = tuple(one for one in outputs if one != name)
+                    yield Candidate("channel", (name,), record=number, others=others)
 
 
 def outlying_lines(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
@@ -65,18 +64,20 @@ def outlying_lines(problems: Sequence[RecordProblem], residual: FloatArray) -> I
         first += problem.n_data
         spans = outlying(problem, own) if isinstance(problem, FrfProblem) else ()
         if spans:
-            yield _candidate("outlying_lines", spans, number)
+            yield Candidate("outlying_lines", spans, record=number)
 
 
-def _candidate(kind: str, where: tuple[str, ...], number: int, others: tuple[str, ...] = ()) -> Candidate:
-    return Candidate(kind, where, replaced(lambda h, q: h), _NONE, _BOTH, number, others)
+def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
+    """Mean square of the whitened data rows (n_data,) of each line, (n_lines,)."""
+    count = np.bincount(problem.lines, minlength=len(problem.frequency))
+    found: FloatArray = np.bincount(problem.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
+    return found
 
 
 def outlying(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
     """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none where they are many."""
     frequency = problem.frequency
-    count = np.bincount(problem.lines, minlength=len(frequency))
-    size = np.bincount(problem.lines, residual**2, len(frequency)) / np.maximum(count, 1)
+    size = misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
     out = np.flatnonzero(size > _OUTLYING * level)
     if not 0 < len(out) <= max(3, len(frequency) // 10):
@@ -121,8 +122,7 @@ def extra_modes(problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
             for mode in problem.data.measured.tolist():
                 where = (f"{problem.record.frequency[mode]:.5g} Hz",)
                 others = tuple(one for one in used if one != str(mode + 1))
-                effect = replaced(lambda h, q: h)
-                yield Candidate("extra_mode", where, effect, _NONE, _BOTH, number, others, detail={"mode": float(mode)})
+                yield Candidate("extra_mode", where, record=number, others=others, detail={"mode": float(mode)})
 
 
 DATA_KINDS = ("channel", "outlying_lines", "record", "extra_mode")

@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.criticism.candidate import Candidate, added, released, replaced, rubbing, steps
+from structid.criticism.data import misfit_of_lines
 from structid.criticism.fields import Fields
 from structid.dof import Dof
 from structid.structure import Spring
@@ -32,6 +33,8 @@ _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
 _MOST_NODES, _MOST_ELEMENTS = 60, 150
+#: Strengths of what cannot be negative.
+_POSITIVE = (0.0, np.inf)
 _TRANSLATIONS = ("X", "Y", "Z")
 #: Power of s with which properties enter the dynamic stiffness.
 _POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
@@ -88,11 +91,13 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             continue
         where = (dof.place,)
         rubs = (
-            Candidate("friction", where, rubbing(column), _RUBBING) if len(fields.problem.record.inputs) == 1 else None
+            Candidate("friction", where, rubbing(column), _RUBBING, _POSITIVE)
+            if len(fields.problem.record.inputs) == 1
+            else None
         )
         for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):
             strengths = steps(_scale(fields, column, law(fields)))
-            yield Candidate(kind, where, added(column[:, None], law), strengths, alike=alike)
+            yield Candidate(kind, where, added(column[:, None], law), strengths, _POSITIVE, alike=alike)
         if rubs is not None:
             yield rubs
         if dof.direction in _TRANSLATIONS:
@@ -101,13 +106,10 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
                 yield from _appendages(fields, dof, column, frequencies)
     for node, columns in nodes.items():
         scale = min(_scale(fields, column, _inertia(fields)) for column in columns)
-        yield Candidate(
-            "mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)), (-np.inf, np.inf)
-        )
+        yield Candidate("mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)))
     for pair, column in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
-        yield Candidate(
-            "dashpot", pair, added(column[:, None], _velocity), steps(_scale(fields, column, _velocity(fields)))
-        )
+        strengths = steps(_scale(fields, column, _velocity(fields)))
+        yield Candidate("dashpot", pair, added(column[:, None], _velocity), strengths, _POSITIVE)
 
 
 def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
@@ -124,7 +126,7 @@ def _swinging(fields: Fields) -> list[float]:
     """Frequencies at which something may swing of its own: where the misfit of lines peaks, and some over the band."""
     problem = fields.problem
     frequency = problem.frequency
-    misfit = np.bincount(problem.lines, problem.data_rows(fields.frf) ** 2, len(frequency))
+    misfit = misfit_of_lines(problem, problem.data_rows(fields.frf))
     inner = misfit[1:-1]
     peaks = 1 + np.flatnonzero((inner >= misfit[:-2]) & (inner >= misfit[2:]))
     best = peaks[np.argsort(-misfit[peaks])][:_APPENDAGE_FREQUENCIES]
@@ -136,7 +138,8 @@ def _appendages(fields: Fields, dof: Dof, column: FloatArray, frequencies: Seque
     scale = _scale(fields, column, _inertia(fields))
     effects = {f: added(column[:, None], partial(_appendage, f)) for f in frequencies if f > 0}
     for f, effect in effects.items():
-        yield Candidate("appendage", (dof.place,), effect, scale * _APPENDAGE_MASSES, detail={"frequency": f})
+        masses = scale * _APPENDAGE_MASSES
+        yield Candidate("appendage", (dof.place,), effect, masses, _POSITIVE, detail={"frequency": f})
 
 
 def _appendage(frequency: float, fields: Fields) -> ComplexArray:
@@ -151,7 +154,7 @@ def _supports(fields: Fields) -> Iterator[Candidate]:
     held, _, own = fields.loose
     for i, dof in enumerate(held):
         scale = float(1 / np.median(np.abs(own[:, i])))
-        yield Candidate("support", (dof.place,), released(partial(_loose, i)), steps(scale))
+        yield Candidate("support", (dof.place,), released(partial(_loose, i)), steps(scale), _POSITIVE)
 
 
 def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
@@ -180,7 +183,8 @@ def _joints(fields: Fields) -> Iterator[Candidate]:
         if any(part.kind == "stiffness" and part.diagonal > 0 for part in columns):
             coupling = partial(_joint, tuple(columns))
             scale = float(1 / np.median(np.abs(coupling(fields)[1])))
-            yield Candidate("joint", (f"{name}:{e + 1}", dof_of_code(code).place), released(coupling), steps(scale))
+            where = (f"{name}:{e + 1}", dof_of_code(code).place)
+            yield Candidate("joint", where, released(coupling), steps(scale), _POSITIVE)
 
 
 def _joint(columns: Sequence[_Column], fields: Fields) -> tuple[ComplexArray, ComplexArray]:
@@ -225,7 +229,7 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         side = "sensor" if axis == 1 else "load"
         for i, dof in enumerate(dofs):
             where = (dof.place,)
-            make = partial(Candidate, where=where, bounds=(-np.inf, np.inf), record=number)
+            make = partial(Candidate, where=where, record=number)
             if len(dofs) > 1 or axis == 2 or len(record.outputs) > 1:
                 gained = replaced(partial(_scaled, axis, i))
                 yield make(f"{side}_gain", effect=gained, strengths=logs)
@@ -233,12 +237,12 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
             yield make("delay" if axis == 1 else "load_delay", effect=late, strengths=delays)
             if len(dofs) > 1 or axis == 1:
                 turned = replaced(partial(_turned, axis, i))
-                yield make("polarity" if axis == 1 else "load_polarity", effect=turned, strengths=np.ones(1))
+                yield make("polarity" if axis == 1 else "load_polarity", effect=turned)
         for i, k in combinations(range(len(dofs)), 2):
             swapped = replaced(partial(_swapped, axis, i, k))
             pair = (dofs[i].place, dofs[k].place)
             kind = "swap" if axis == 1 else "load_swap"
-            yield Candidate(kind, pair, swapped, np.ones(1), (-np.inf, np.inf), number)
+            yield Candidate(kind, pair, swapped, record=number)
     for i, dof in enumerate(record.outputs):
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:

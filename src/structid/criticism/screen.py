@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Point:
     @property
     def left(self) -> float:
         """The sum of squares off the basis without any change."""
-        return float(self.residual @ self.residual - np.sum((self.basis.T @ self.residual) ** 2))
+        return float(self._base @ self._base)
 
     def without(self, rows: np.ndarray) -> float:
         """What is left where some data rows (n_data,) count with the likeliest factor on their errors only."""
@@ -73,7 +74,7 @@ class Point:
         k = int(np.argmin(tried[1]))
         return Screened(candidate, float(tried[0][k]), float(tried[1][k]))
 
-    @property
+    @cached_property
     def _base(self) -> FloatArray:
         return self.residual - self.basis @ (self.basis.T @ self.residual)
 

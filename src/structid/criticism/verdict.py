@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from structid.criticism.data import misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.identification.identified import Identification
@@ -132,6 +133,11 @@ class Criticism:
     causes: tuple[Cause, ...] = ()
     suggestions: tuple[Cause, ...] = ()
     n_tried: int = 0
+
+    @property
+    def named(self) -> tuple[Cause, ...]:
+        """What is shown: the causes, or in their place what lowers the misfit most."""
+        return self.causes or self.suggestions
 
 
 def noise_ratio(found: Identification) -> float | None:
@@ -283,8 +289,7 @@ def _apart(one: Disagreement) -> str:
 def _off_resonances(fit: RecordFit) -> list[str]:
     """Resonances that the model misses by more than their half-bandwidth, the farthest first; only where the misfit shows it."""
     found, frequency = [], fit.problem.frequency
-    rows = fit.problem.data_rows(fit.predicted) ** 2
-    of_line = np.bincount(fit.problem.lines, rows, len(frequency)) / fit.problem.n_data * len(frequency)
+    of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
     for peak in fit.resonances:
         near = int(np.argmin(np.abs(fit.modes.frequency - peak.measured))) if len(fit.modes.frequency) else -1

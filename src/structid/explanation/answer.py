@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.criticism.candidate import Candidate, replaced
+from structid.criticism.candidate import Candidate
 from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
 from structid.errors import StructidError
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
@@ -94,7 +94,7 @@ def _like_damper(cause: Cause) -> tuple[Cause, ...]:
 
 
 def _noise_level(chi_square: float, ratio: float) -> Cause:
-    candidate = Candidate("noise_level", ("all records",), replaced(lambda h, q: h), np.ones(1))
+    candidate = Candidate("noise_level", ("all records",))
     words = cause_words(candidate, ratio)
     return Cause(candidate.kind, candidate.where, words, 1.0 - 1 / chi_square if chi_square > 1 else 0.0, 1.0)
 
@@ -155,7 +155,7 @@ def _distance(change: float, std: float) -> float:
 def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, place: Path) -> None:
     """Write the studies of the causes into `folder`, which will be `place`."""
     given = result.criticism
-    causes: Sequence[Cause] = () if given is None else (*given.causes, *given.suggestions)
+    causes: Sequence[Cause] = () if given is None else given.named
     if not fits:
         return
     (folder / FOLDER).mkdir()

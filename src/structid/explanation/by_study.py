@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from structid.criticism.candidate import Candidate, replaced
+from structid.criticism.candidate import Candidate
 from structid.explanation.trial import Trial
 from structid.observation import FrfProblem
 from structid.structure import Beam, Spring, Structure
@@ -14,8 +14,6 @@ from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
 from structid.unknowns import Parameters
 
-_NONE = replaced(lambda h, q: h)
-_BOTH = (-np.inf, np.inf)
 _PIECES = 3.0
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.
 _SHEAR = 0.02
@@ -51,7 +49,7 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
 
 
 def _candidate(kind: str, where: tuple[str, ...], strength: float) -> Candidate:
-    return Candidate(kind, where, _NONE, np.array([strength]), _BOTH)
+    return Candidate(kind, where, strengths=np.array([strength]))
 
 
 def _stiff(structure: Structure, element: Beam) -> float:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from structid.criticism.candidate import Candidate
-from structid.dof import DIRECTIONS, Dof, parse_dof
+from structid.dof import Dof, parse_dof
 from structid.errors import InputError
 from structid.study.schema.kinds import as_list
+from structid.study.schema.structure import dofs_of_text
 
 #: A study file as nested tables, plain ones or those of an editor of TOML that keeps comments.
 Tables = MutableMapping[str, Any]
 
-_SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ])+)\s*$", re.IGNORECASE)
 _DIGITS = 6
 #: Angle, rad, within which a sensor that is turned stands at right angles.
 _SQUARE = 0.03
@@ -39,12 +38,16 @@ def edit(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _named(study: Tables, words: str) -> str:
     """`words`, with a number behind where a name of an element set or tie is taken."""
-    taken = {
-        entry.get("name")
-        for entries in study["structure"].values() if isinstance(entries, list)
-        for entry in entries if isinstance(entry, MutableMapping)
-    }  # fmt: skip
+    taken = {entry.get("name") for _, entry in _entries(study)}
     return next(name for name in (words, *(f"{words} {k}" for k in range(2, 1000))) if name not in taken)
+
+
+def _entries(study: Tables) -> Iterator[tuple[str, Tables]]:
+    """The type and the table of every element set and tie."""
+    for kind, entries in study["structure"].items():
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, MutableMapping):
+                yield kind, entry
 
 
 def _append(table: Tables, key: str, entry: dict[str, Any]) -> None:
@@ -85,20 +88,13 @@ def _freed(place: Tables, dof: Dof) -> bool:
     kept: list[str] = []
     found = False
     for text in as_list(place.get("fixed", [])):
-        several = _SEVERAL.match(text)
-        node: str = text.strip() if text.strip().isdigit() else ""
-        directions: tuple[str, ...] = DIRECTIONS if node else ()
-        if several:
-            node, directions = several[1], tuple(several[2].upper().split())
-        elif not node:
-            single = parse_dof(text)
-            node, directions = str(single.node), (single.direction,)
-        if int(node) != dof.node or dof.direction not in directions:
+        held = dofs_of_text(text)
+        rest = [one.direction for one in held if one.unsigned != dof]
+        if len(rest) == len(held):
             kept.append(str(text))
             continue
         found = True
-        rest = [direction for direction in directions if direction != dof.direction]
-        kept += [f"{node} {' '.join(rest)}" if len(rest) > 1 else f"{node}{rest[0]}"] if rest else []
+        kept += [f"{dof.node} {' '.join(rest)}" if len(rest) > 1 else f"{dof.node}{rest[0]}"] if rest else []
     if found:
         place["fixed"] = kept
     return found
@@ -142,8 +138,6 @@ def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
     _append(structure, "spring", {
         "name": spring, "first": at, "second": end, "stiffness": _round(stiffness), "loss_factor": 0.03,
     })  # fmt: skip
-    held = [f"{label}{d}" for d in DIRECTIONS if d != dof.direction]
-    del held
     _unknown(study, "mass", mass)
     _unknown(study, "stiffness", spring)
     _unknown(study, "loss_factor", spring)
@@ -204,12 +198,10 @@ def _spans(name: str, numbers: Sequence[int]) -> list[str]:
 
 
 def _count(study: Tables, name: str) -> int:
-    for entries in study["structure"].values():
-        for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, MutableMapping) and entry.get("name") == name:
-                for key in ("nodes", "first"):
-                    if key in entry:
-                        return len(as_list(entry[key]))
+    for _, entry in _entries(study):
+        given = next((entry[key] for key in ("nodes", "first") if key in entry), None)
+        if entry.get("name") == name and given is not None:
+            return len(as_list(given))
     raise NoEditError(f"elements of {name} are not listed in the study, so that none can be named alone")
 
 
@@ -273,10 +265,9 @@ def _mesh(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _entry(study: Tables, name: str) -> tuple[str, Tables]:
     """The type and the table of an element set."""
-    for kind, entries in study["structure"].items():
-        for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, MutableMapping) and entry.get("name") == name:
-                return kind, entry
+    for kind, entry in _entries(study):
+        if entry.get("name") == name:
+            return kind, entry
     raise NoEditError(f"{name} is no table of the study")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.by_study import study_candidates
-from structid.explanation.trial import _QUICK, Trial
+from structid.explanation.trial import QUICK, Trial
 from structid.identification.setups import titles
 from structid.observation import FrfProblem
 
@@ -71,7 +72,8 @@ class Fitted:
 
     @property
     def values(self) -> dict[str, float]:
-        return dict(zip(self.trial.target.names, self.trial.target.physical(self.theta).tolist(), strict=True))
+        """Physical values by name."""
+        return self.trial.values(self.theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +90,6 @@ class Explanation:
         Of each cause: chi-square over its scale plus a price for each parameter.
     tried : int
         How many candidates there were.
-    rejected : tuple of (str, str)
-        Candidates that could not be tried, and why.
     further : Explanation, optional
         Of what the first cause leaves.
     better : Fitted, optional
@@ -100,7 +100,6 @@ class Explanation:
     causes: tuple[Fitted, ...]
     criteria: tuple[float, ...]
     tried: int
-    rejected: tuple[tuple[str, str], ...] = ()
     further: Explanation | None = None
     better: Fitted | None = None
 
@@ -134,7 +133,6 @@ def _is_misfit(fitted: Fitted) -> bool:
 
 def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
     shortlist, tried = shortlisted(screening_points(base), titles(base.trial.setups))
-    rejected: list[tuple[str, str]] = []
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
@@ -148,9 +146,8 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
         try:
             trial = base.trial.changed(one.candidate, one.strength)
             theta, cost = trial.approached()
-        except (StructidError, np.linalg.LinAlgError) as error:
-            rejected.append((f"{one.candidate.kind} {' '.join(one.candidate.where)}", str(error)))
-            continue
+        except (StructidError, np.linalg.LinAlgError):
+            continue  # no place in this study, or no model with it: not a cause that could be offered
         approached.append((cost + base.aside + left_out(base, trial, theta), trial, theta))
     approached.sort(key=lambda one: one[0])
     always = [one for one in approached if one[1].changes[-1][0].kind in _ALWAYS][:_OF_EACH_KIND]
@@ -159,14 +156,12 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
     for number, (_, trial, theta) in enumerate(finalists):
         if told is not None:
             told(stage, len(shortlist) + number, steps)
-        try:
+        with suppress(StructidError):
             fits.append(_finally(base, trial, theta))
-        except StructidError as error:
-            rejected.append((trial.changes[-1][0].kind, str(error)))
     if told is not None:
         told(stage, steps, steps)
     causes, criteria = accepted(base, fits, tried)
-    return Explanation(base, causes, criteria, tried, tuple(rejected))
+    return Explanation(base, causes, criteria, tried)
 
 
 def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
@@ -205,8 +200,7 @@ def _stronger(base: Fitted, trial: Trial, found: Minimum) -> tuple[Trial, Minimu
 
 def _values(trial: Trial, theta: FloatArray, base: Fitted) -> dict[str, float]:
     """Of a trial's parameters those that the study has as it is."""
-    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
-    return {name: value for name, value in known.items() if name in base.trial.target.names}
+    return {name: value for name, value in trial.values(theta).items() if name in base.trial.target.names}
 
 
 def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
@@ -224,8 +218,7 @@ def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
 
 def _seen_from(base: Fitted, trial: Trial, theta: FloatArray) -> FloatArray:
     """The residual of all data of `base` at what a trial found."""
-    known = dict(zip(trial.target.names, trial.target.physical(theta).tolist(), strict=True))
-    return base.trial.target.residual(base.trial.theta_of({**base.values, **known}))
+    return base.trial.target.residual(base.trial.theta_of({**base.values, **trial.values(theta)}))
 
 
 def of_study(base: Fitted) -> Iterator[Screened]:
@@ -259,10 +252,10 @@ def screening_points(base: Fitted) -> list[Point]:
     trial, points = base.trial, []
     theta = np.asarray(trial.target.theta_start)
     for level, stage in trial.smoothed():
-        theta = minimize(stage, _QUICK, theta).theta
+        theta = minimize(stage, QUICK, theta).theta
         if level in _SCREENED_LEVELS:
             points.append(point_at(_frfs(stage), theta))
-    theta = minimize(trial.anchored(), _QUICK, theta).theta
+    theta = minimize(trial.anchored(), QUICK, theta).theta
     points.append(point_at(trial.anchored_views(), theta))
     points.append(point_at(trial.views, base.theta))
     return points

@@ -32,7 +32,7 @@ from structid.study.schema.study import Study, load_study
 _OF_MODEL = ("structure", "channel_error", "name")
 #: Error of each value of an anchored fit, and of the start of each parameter, as parts of them.
 _MODEL_ERROR, START_ERROR = 0.1, 0.2
-_QUICK = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-3)
+QUICK = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-3)
 _FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
@@ -78,18 +78,20 @@ class Trial:
         """
         tables = deepcopy(dict(self.study.root.table))
         edit(tables, candidate, strength)
-        problems, setups, edited = read_study(self.study, tables, self.setups)
+        kept = [k for k in range(len(self.setups)) if candidate.kind != "record" or k != candidate.record]
+        before = [(self.study.setups[k].section.table, self.setups[k]) for k in kept]
+        problems, setups, edited = read_study(self.study, tables, before)
         shown = tuple(
-            _same_view(problem, setup, before, view, edited.options)
-            for problem, setup, before, view in zip(problems, setups, self.setups, self.views, strict=False)
+            _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
+            for problem, setup, k in zip(problems, setups, kept, strict=True)
         )
-        if len(self.views) > len(problems):  # a record is left out
-            left = candidate.record or 0
-            kept = [view for number, view in enumerate(self.views) if number != left]
-            shown = tuple(view_of(p, view) for p, view in zip(problems, kept, strict=True))
         known = tuple(zip((view.record for view in self.views), self.smooth, strict=True))
         changes = (*self.changes, (candidate, strength))
         return Trial(edited, setups, problems, shown, changes, known)
+
+    def values(self, theta: FloatArray) -> dict[str, float]:
+        """Physical values of free variables, by name."""
+        return dict(zip(self.target.names, self.target.physical(theta).tolist(), strict=True))
 
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
         """Free variables with physical values by name, the study's starts for those not known."""
@@ -137,8 +139,8 @@ class Trial:
         """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages."""
         theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = minimize(stage, _QUICK, theta).theta
-        found = minimize(self.anchored(), _QUICK, theta)
+            theta = minimize(stage, QUICK, theta).theta
+        found = minimize(self.anchored(), QUICK, theta)
         return found.theta, float(found.costs[-1])
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
@@ -178,33 +180,21 @@ def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[Reco
 
 
 def read_study(
-    study: Study, tables: Mapping[str, Any], measured: Sequence[AnySetup]
+    study: Study, tables: Mapping[str, Any], before: Sequence[tuple[Mapping[str, Any], AnySetup]]
 ) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
-    """The study with other tables; records that are the same are not read again."""
+    """The study with other tables; records whose tables are as before are not read again."""
     edited = load_study(study.path, tables)
     setups, models = [], Models()
-    for number, source in enumerate(edited.setups):
-        same = number < len(measured) and _of_record(source.section.table) == _of_record(
-            study.setups[number].section.table
-        )
-        setups.append(loaded(source, models, measured[number] if same else None))
+    for source, (table, measured) in zip(edited.setups, before, strict=True):
+        is_same = _of_record(source.section.table) == _of_record(table)
+        setups.append(loaded(source, models, measured if is_same else None))
     problems = alike([setup.prepared(edited.options).problem for setup in setups])
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 
 def view_of(problem: RecordProblem, view: FrfProblem) -> FrfProblem:
     """A view with the model of a problem."""
-    parameters, *channels = problem.parts
-    return (
-        replace(
-            view,
-            structure=problem.structure,
-            parameters=problem.parameters,
-            channels=problem.channels if isinstance(problem, FrfProblem) else None,
-        )
-        if parameters is problem.parameters and len(channels) < 2
-        else view
-    )
+    return replace(view, structure=problem.structure, parameters=problem.parameters, channels=None)
 
 
 def _same_view(

@@ -14,7 +14,7 @@ def verdict_words(criticism: Criticism | None) -> dict[str, object]:
     """What the template shows of the verdict."""
     if criticism is None:
         return {"verdict": None}
-    judgement, causes = criticism.judgement, criticism.causes or criticism.suggestions
+    judgement, causes = criticism.judgement, criticism.named
     return {
         "verdict": {
             "words": judgement.words,

@@ -254,15 +254,22 @@ def _known_dof(entry: Section, key: str, text: str, nodes: Positions) -> Dof:
 
 
 def _fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
-    """``1X`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
     found = []
     for text in as_list(texts):
-        several = _SEVERAL.match(text)
-        words = [several[1] + direction for direction in several[2].split()] if several else [text]
-        if text.strip().isdigit():
-            words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
-        found += [_known_dof(section, "fixed", word, nodes) for word in words]
+        with section.located("fixed"):
+            held = dofs_of_text(text)
+        _require_node(section, "fixed", held[0].node, nodes)
+        found += held
     return found
+
+
+def dofs_of_text(text: str) -> list[Dof]:
+    """``1X`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
+    several = _SEVERAL.match(text)
+    words = [several[1] + direction for direction in several[2].split()] if several else [text]
+    if text.strip().isdigit():
+        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
+    return [parse_dof(word) for word in words]
 
 
 def _ties(section: Section, nodes: Positions) -> Ties:
