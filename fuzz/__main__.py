@@ -111,6 +111,13 @@ class Tally:
             lines.append(f"{name:34s}{counts.total():9d}{numbers}{slowest:8.2f} s")
         return "\n".join(lines)
 
+    def shown(self) -> int:
+        """Print the table and what must not be; 1 where anything must not."""
+        print(self.table())
+        for kept, outcome, words in self.bad[:40]:
+            print(f"\n{outcome}: {kept}\n{words}")
+        return 1 if self.bad else 0
+
 
 def run(seeds: list[Seed], count: int, number: int, folder: Path, keep: Path | None, tally: Tally, part: range) -> None:
     """The mutants of `part` of all numbers from 0 to `count`, one after another."""
@@ -163,10 +170,7 @@ def main() -> int:
             thread.start()
         for thread in threads:
             thread.join()
-    print(tally.table())
-    for kept, outcome, words in tally.bad[:40]:
-        print(f"\n{outcome}: {kept}\n{words}")
-    return 1 if tally.bad else 0
+    return tally.shown()
 
 
 if __name__ == "__main__":

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from typer.main import get_command
 
+from structid.cli.app import app
+from structid.cli.base import DONE, EXIT_CODES, UNUSABLE_INPUT
 from structid.comparison.state import stored_state
+from structid.errors import InputError
 from structid.modal.files.files import read_modes
 from structid.records.io import ReadOptions, read_geometry, read_record
 from structid.records.on_disk import open_record
@@ -77,9 +82,30 @@ def results(path: Path) -> None:
     stored_state(path.parent)
 
 
+def identify(path: Path) -> None:
+    """The command as a user calls it."""
+    _called("identify", str(path), "--no-report", "--no-explain", "--out", str(path.with_suffix("")))
+    shutil.rmtree(path.with_suffix(""), ignore_errors=True)
+
+
+def plan(path: Path) -> None:
+    """The command as a user calls it."""
+    _called("plan", str(path), "--no-report", "--out", str(path.with_suffix("")))
+    shutil.rmtree(path.with_suffix(""), ignore_errors=True)
+
+
+def _called(*words: str) -> None:
+    code = get_command(app)(words, standalone_mode=False) or DONE
+    if code == UNUSABLE_INPUT:
+        raise InputError("refused")
+    if code not in EXIT_CODES:
+        raise AssertionError(f"exit code {code}")
+
+
 TARGETS: dict[str, Callable[[Path], None]] = {
     target.__name__: target
     for target in (
         record, bare_history, bare_frf, chunks, matrices, numbering, mesh, modes, geometry, study, checkpoint, results,
+        identify, plan,
     )
 }  # fmt: skip
