@@ -60,6 +60,16 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     better, _ = answered(again)
     assert better.criticism.judgement.verdict == "sound"
     assert better.identification.estimate.chi_square == pytest.approx(fits[0].cost, rel=1e-3)
+    right, wide = (by_name(one.identification) for one in (better, result))
+    for one in result.criticism.causes[0].moved:
+        assert one.interval == pytest.approx(right[one.name], rel=1e-3)
+        assert wide[one.name][0] <= one.interval[0] < one.interval[1] <= wide[one.name][1]
+    assert "would explain the misfit about as well" in result.identification.intervals.notes[-1]
+
+
+def by_name(found):
+    """95 % intervals of an identification."""
+    return dict(zip(found.estimate.names, found.intervals.ends.tolist(), strict=True))
 
 
 def test_a_right_model_is_sound_and_has_no_cause(tmp_path):

@@ -60,6 +60,8 @@ class Moved:
     ----------
     name, unit : str
     before, after : float
+    interval : (float, float)
+        At 95 %, were the cause the truth.
     distance : float
         Change in standard deviations of the answer.
     """
@@ -68,6 +70,7 @@ class Moved:
     unit: str
     before: float
     after: float
+    interval: tuple[float, float]
     distance: float
 
 

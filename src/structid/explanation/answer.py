@@ -14,12 +14,12 @@ from structid.errors import StructidError
 from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
+from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.study.results.result import StudyResult
 from structid.study.run.run import Start
 
 _MOST, _MOST_ALIKE = 4, 4
-_MOST_MOVED = 8
 #: Of models whose changes are screened: Z^-1 is formed at some forty lines.
 MOST_DOFS = 1200
 #: Whose first added parameter says how large the cause is.
@@ -82,7 +82,9 @@ def criticized(
     accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering)
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
-    return replace(result, criticism=criticism), tuple(one for one, _ in ranked)
+    alike = [{one.name: one.interval for one in cause.moved} for cause in made if cause.is_alike and cause.moved]
+    found = replace(found, intervals=widened(found.intervals, found.estimate.names, alike))
+    return replace(result, identification=found, criticism=criticism), tuple(one for one, _ in ranked)
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:
@@ -115,7 +117,7 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
 def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number: int, is_alike: bool) -> Cause:
     base, estimate = explanation.base, result.identification.estimate
     candidate, _ = fitted.trial.changes[-1]
-    before, after = base.values, fitted.values
+    before, after, ends = base.values, fitted.values, intervals_of(fitted, result.identification.intervals.level)
     target = fitted.trial.target
     added = tuple(
         (name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before
@@ -123,7 +125,7 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     moved = sorted(
         (
-            Moved(name, unit, before[name], after[name], _distance(after[name] - before[name], std[name]))
+            Moved(name, unit, before[name], after[name], ends[name], _distance(after[name] - before[name], std[name]))
             for name, unit in zip(target.names, target.units, strict=True) if name in before
         ),
         key=lambda one: -one.distance,
@@ -137,7 +139,7 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         share=max(0.0, 1 - fitted.cost / (base if len(fitted.trial.changes) == 1 else explanation.causes[0]).cost),
         chi_square_per_dof=fitted.cost / max(base.trial.target.n_data - len(target.names), 1),
         found=added,
-        moved=tuple(moved[:_MOST_MOVED]),
+        moved=tuple(moved),
         is_alike=is_alike,
         study=f"{FOLDER}/{suggestion_name(number, changes)}",
         lines=suggestion_text(result.study, changes)[1],
