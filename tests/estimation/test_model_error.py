@@ -78,3 +78,18 @@ def test_error_of_whole_channels_raises_the_variance_to_theirs():
     found = estimate(case)
     means = noise.mean(axis=0)
     assert found.std_model_error[0] == pytest.approx(means.std(ddof=1) / np.sqrt(5), rel=1e-6)
+
+
+def test_variance_is_never_below_that_of_independent_errors_as_large_as_the_residual():
+    """Twelve data of noise 1.5 times what is stated: block sums alone come out below that by chance."""
+    raised = 0
+    for seed in range(40):
+        case = line_case(1.5 * np.random.default_rng(seed).standard_normal(12))
+        found = estimate(case)
+        at = case.linearize(found.theta)
+        residual = at.residual[: case.n_data]
+        least = np.linalg.inv(at.jacobian.T @ at.jacobian) * max(1.0, residual @ residual / (12 - 2))
+        ratio = found.std_model_error / np.sqrt(np.diag(least))
+        assert (ratio > 1 - 1e-9).all()
+        raised += (ratio < 1 + 1e-9).any()
+    assert raised > 2

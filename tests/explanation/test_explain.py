@@ -64,6 +64,7 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     for one in result.criticism.causes[0].moved:
         assert one.interval == pytest.approx(right[one.name], rel=1e-3)
         assert wide[one.name][0] <= one.interval[0] < one.interval[1] <= wide[one.name][1]
+        assert abs(one.after - one.before) < 3 * result.identification.estimate[one.name][1]
     assert "would explain the misfit about as well" in result.identification.intervals.notes[-1]
 
 

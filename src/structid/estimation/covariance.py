@@ -96,11 +96,11 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
 
     With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
     along the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four
-    channels or more, a variance is raised to that with channels as blocks if that is larger. Priors add their own
-    information unchanged. Few blocks make a rough variance: standard deviations are scaled so that 1.96 of them are
-    the 95 % interval of Student's t with one degree of freedom less than there are effective blocks (at least two), fewer
-    than blocks where a parameter is seen at few resonances. It needs no noise level, but no error that is the same in
-    all blocks can show in it.
+    channels or more, a variance is raised to that with channels as blocks if that is larger, and always to that of
+    independent errors as large as the residual. Priors add their own information unchanged. Few blocks make a rough
+    variance: standard deviations are scaled so that 1.96 of them are the 95 % interval of Student's t with one degree of
+    freedom less than there are effective blocks (at least two), fewer than blocks where a parameter is seen at few
+    resonances. It needs no noise level, but no error that is the same in all blocks can show in it.
 
     References
     ----------
@@ -123,9 +123,11 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     along = root @ (sums[0] + known) @ root
     freedom = effective_blocks(problem, at)[seen] - 1
     scale = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
+    least = max(1.0, float(residual @ residual) / max(rows - int(seen.sum()), 1)) * np.diag(root)
     if len(sums) > 1:
         channels = np.diag(root @ (sums[1] + known) @ root)
-        scale = np.maximum(scale, np.sqrt(channels / np.diag(along)))
+        least = np.maximum(least, channels)
+    scale = np.maximum(scale, np.sqrt(least / np.diag(along)))
     covariance[inner] = along * np.outer(scale, scale)
     return covariance
 

@@ -71,10 +71,12 @@ def criticized(
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
         return replace(result, criticism=Criticism(judgement)), ()
+    likely = () if is_sound(found) else explanation.likely
+    wider = replace(result, identification=widened(found, likely, ready.study.options.direction))
     tests = found.estimate.residual_tests
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
-        return replace(result, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
+        return replace(wider, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
@@ -82,9 +84,7 @@ def criticized(
     accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering)
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
-    alike = [{one.name: one.interval for one in cause.moved} for cause in made if cause.is_alike and cause.moved]
-    found = replace(found, intervals=widened(found.intervals, found.estimate.names, alike))
-    return replace(result, identification=found, criticism=criticism), tuple(one for one, _ in ranked)
+    return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:

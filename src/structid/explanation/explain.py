@@ -90,6 +90,8 @@ class Explanation:
         Of each cause: chi-square over its scale plus a price for each parameter.
     tried : int
         How many candidates there were.
+    near : tuple of Fitted
+        Changes, accepted or not, within `ALIKE` of the likeliest model, that as it is among them.
     further : Explanation, optional
         Of what the first cause leaves.
     better : Fitted, optional
@@ -100,8 +102,14 @@ class Explanation:
     causes: tuple[Fitted, ...]
     criteria: tuple[float, ...]
     tried: int
+    near: tuple[Fitted, ...] = ()
     further: Explanation | None = None
     better: Fitted | None = None
+
+    @property
+    def likely(self) -> tuple[Fitted, ...]:
+        """All changes that may be the truth, second ones beside a first among them."""
+        return self.near if self.further is None else (*self.near, *self.further.near)
 
 
 def explained(base: Fitted, told: Told | None = None) -> Explanation:
@@ -160,8 +168,11 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
             fits.append(_finally(base, trial, theta))
     if told is not None:
         told(stage, steps, steps)
-    causes, criteria = accepted(base, fits, tried)
-    return Explanation(base, causes, criteria, tried)
+    priced = _priced(base, fits)
+    causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, _scale(base, fits), tried)]
+    likeliest = min([_criterion(base, base, _scale(base, fits)), *(criterion for _, criterion in priced)])
+    near = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
+    return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, near)
 
 
 def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
@@ -309,22 +320,28 @@ def _with_friction(best: dict[tuple[object, ...], tuple[float, Screened]]) -> No
             best["friction", where, None] = (drop, Screened(twin, float(np.median(twin.strengths)), row.left))
 
 
-def accepted(base: Fitted, fits: list[Fitted], tried: int) -> tuple[tuple[Fitted, ...], tuple[float, ...]]:
-    """Fits whose change is worth its price, the likeliest first, with their criteria."""
-    if not fits:
-        return (), ()
+def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
+    """Misfit that the best model leaves, per degree of freedom, one at least."""
     n_data = base.trial.target.n_data
-    dof = [max(n_data - len(one.trial.target.names), 1) for one in fits]
-    scale = max(1.0, min(one.cost / k for one, k in zip(fits, dof, strict=True)))
-    found = []
-    for one in fits:
-        more = max(n_parameters(one.trial) - len(base.trial.target.names), 1)
-        drop = base.cost - one.cost
-        probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
-        if probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost:
-            found.append((one.cost / scale + n_parameters(one.trial) * np.log(n_data), one))
-    found.sort(key=lambda pair: pair[0])
-    return tuple(one for _, one in found), tuple(float(c) for c, _ in found)
+    return max(1.0, min(one.cost / max(n_data - len(one.trial.target.names), 1) for one in (base, *fits)))
+
+
+def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
+    return one.cost / scale + n_parameters(one.trial) * float(np.log(base.trial.target.n_data))
+
+
+def _priced(base: Fitted, fits: Sequence[Fitted]) -> list[tuple[Fitted, float]]:
+    """Fits with their criteria, the likeliest first."""
+    scale = _scale(base, fits)
+    return sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1])
+
+
+def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
+    """Whether a change lowers the misfit by more than chance among all that were tried, and by a part that matters."""
+    more = max(n_parameters(one.trial) - len(base.trial.target.names), 1)
+    drop = base.cost - one.cost
+    probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
+    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost
 
 
 def n_parameters(trial: Trial) -> int:

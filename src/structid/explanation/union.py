@@ -1,54 +1,81 @@
-"""Intervals that hold whichever of the likely changes is the truth."""
+"""Uncertainty that holds whichever of the likely changes is the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy import special
 
-from structid.estimation.intervals.intervals import Intervals
-from structid.estimation.uncertainty import dense_uncertainty
+from structid.arrays import FloatArray
+from structid.estimation.uncertainty import DenseCovariance, dense_uncertainty
 from structid.explanation.explain import Fitted
+from structid.identification.identified import Identification
+from structid.identification.identify import total_mass
 
 _MISFIT = 1e-3
 
-Ends = Mapping[str, tuple[float, float]]
+Ends = dict[str, tuple[float, float]]
+
+
+def covariance_of(fitted: Fitted) -> FloatArray:
+    """Covariance of the physical values of a fitted study: from noise, or where that is missed from model error."""
+    target, theta = fitted.trial.target, fitted.theta
+    found = dense_uncertainty(target, theta, target.linearize(theta), True, _MISFIT)
+    return (found.model_error if found.misfit else found.noise).matrix
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
     """Normal intervals of the free variables of a fitted study, in physical units by name; see `Estimate.interval`."""
     target, theta = fitted.trial.target, fitted.theta
-    found = dense_uncertainty(target, theta, target.linearize(theta), True, _MISFIT)
-    std = (found.model_error if found.misfit else found.noise).std
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        half = float(special.ndtri(0.5 + level / 2)) * std / np.abs(target.slope(theta))
-        low, high = (target.physical(theta + side * half) for side in (-1, 1))
-    return {name: (min(a, b), max(a, b)) for name, a, b in zip(target.names, low.tolist(), high.tolist(), strict=True)}
+        std = np.sqrt(np.diag(covariance_of(fitted))) / np.abs(target.slope(theta))
+        half = float(special.ndtri(0.5 + level / 2)) * std
+        ends = np.sort([target.physical(theta + side * half) for side in (-1, 1)], axis=0)
+    return dict(zip(target.names, zip(*ends.tolist(), strict=True), strict=True))
 
 
-def widened(own: Intervals, names: Sequence[str], others: Sequence[Ends]) -> Intervals:
-    """The union of an answer's intervals and those of enlarged models that explain the misfit about as well.
+def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
+    """An answer whose intervals and standard deviations reach over enlarged models that may be the truth.
 
-    No weights: a misfit as large as that of a wrong model gives all of them to one of the enlarged models, which need
-    not be the right one (Draper, 1995).
+    Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
+    covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they
+    give everything to one of the enlarged models, which need not be the right one.
 
     Parameters
     ----------
-    own : Intervals
-        Of the parameters `names`.
-    names : sequence of str
-    others : sequence of mappings
-        Of the enlarged models; ends that are not finite numbers widen nothing.
+    found : Identification
+    likely : sequence of Fitted
+    direction : str, optional
+        Of the total mass.
+
+    References
+    ----------
+    Draper (1995), J. R. Stat. Soc. B 57, Eq. (11), with equal weights and about the answer's own values.
     """
-    if not others:
-        return own
-    ends = own.ends.copy()
-    for number, name in enumerate(names):
-        for one in others:
-            low, high = one.get(name, (np.nan, np.nan))
-            ends[number] = np.fmin(ends[number, 0], low), np.fmax(ends[number, 1], high)
-    many = "one change" if len(others) == 1 else f"{len(others)} changes"
-    words = f"intervals hold with the model as it is and with {many} that would explain the misfit about as well"
-    return replace(own, ends=ends, notes=(*own.notes, words))
+    if not likely:
+        return found
+    estimate, own = found.estimate, found.intervals
+    ends, covariance = own.ends.copy(), estimate.covariance
+    squares = [covariance]
+    for fitted in likely:
+        place = {name: number for number, name in enumerate(fitted.trial.target.names)}
+        here = np.array([number for number, name in enumerate(estimate.names) if name in place], dtype=np.intp)
+        there = np.array([place[estimate.names[number]] for number in here], dtype=np.intp)
+        change = np.array(list(fitted.values.values()))[there] - estimate.values[here]
+        square = covariance.copy()
+        square[np.ix_(here, here)] = covariance_of(fitted)[np.ix_(there, there)] + np.outer(change, change)
+        if np.isfinite(square).all():
+            squares.append(square)
+        others = np.array(list(intervals_of(fitted, own.level).values()))[there]
+        ends[here] = np.stack([np.fmin(ends[here, 0], others[:, 0]), np.fmax(ends[here, 1], others[:, 1])], axis=1)
+    many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
+    words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
+    wider = replace(estimate, model_error=DenseCovariance(np.mean(squares, axis=0)), covariance_basis="model_error")
+    return replace(
+        found,
+        estimate=wider,
+        intervals=replace(own, ends=ends, notes=(*own.notes, words)),
+        total_mass_std=total_mass(found.problems[0], wider, direction)[1],
+    )
