@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_cases import written
+from frame_cases import STUDY, written
 
 from structid.criticism.fields import fields_at
 from structid.criticism.pool import pool
@@ -63,6 +63,22 @@ def test_effects_are_those_of_the_changed_studies(trial):
             compared.add(one.kind)
     assert compared >= {"support", "spring", "dashpot", "mass", "appendage", "joint", "untied stiffness", "untied mass",
                         "sensor_gain", "load_gain", "delay", "load_delay", "friction"}  # fmt: skip
+
+
+def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path):
+    """Bending and axial stiffness of a piece of the girder go together, where the study holds them together."""
+    bending = 'property = "bending_stiffness"\nelements = "girder"'
+    tied = written(tmp_path, STUDY.replace(bending, bending.replace("bending_stiffness", "stiffness")), seed=None)
+    ready = started(load_study(tied))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    [base] = trial.views
+    fields = fields_at(base, base.theta_start)
+    found = [one for one in pool([fields]) if one.kind == "untied stiffness" and one.where[0].startswith("girder")]
+    assert [(one.where, one.others) for one in found] == [((f"girder:{k}",), ("stiffness",)) for k in (1, 2)]
+    [problem] = trial.changed(found[1], 0.4).problems
+    lines = np.searchsorted(base.frequency, fields.problem.frequency)
+    own = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)[lines] - fields.frf
+    assert found[1].effect(fields, np.array([0.4]))[0] == pytest.approx(own, rel=1e-6, abs=1e-9 * np.abs(own).max())
 
 
 def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):

@@ -22,7 +22,10 @@ _FEWEST_LINES, _MOST_LINES = 40, 90
 
 
 class ElementMatrix(NamedTuple):
-    """What one property of one element adds: its set, its number from 0, the property, and the matrix with its codes."""
+    """What one property of one element adds: its set, its number from 0, the property, and the matrix with its codes.
+
+    `row` is the place of the property among all values.
+    """
 
     element: str
     number: int
@@ -31,6 +34,7 @@ class ElementMatrix(NamedTuple):
     codes: IntArray
     matrix: FloatArray
     loss: float
+    row: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +144,8 @@ class Fields:
                 for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
                     lost = 0.0 if loss is None else float(loss[e])
                     matrix = float(weights[e]) * local
-                    yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost)
+                    row = item.values.start + e
+                    yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def reached(self, codes: IntArray) -> FloatArray:
         """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held."""

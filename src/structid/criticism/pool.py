@@ -13,7 +13,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.criticism.candidate import Candidate, added, released, replaced, rubbing, steps
 from structid.criticism.data import misfit_of_lines
-from structid.criticism.fields import Fields
+from structid.criticism.fields import ElementMatrix, Fields
 from structid.dof import Dof
 from structid.structure import Spring
 from structid.structure.elements.element import dof_of_code
@@ -201,7 +201,7 @@ def _joint(columns: Sequence[_Column], fields: Fields) -> tuple[ComplexArray, Co
 
 def _untied(fields: Fields) -> Iterator[Candidate]:
     """Elements that differ from their group, in stiffness or mass; strengths are parts of what they have."""
-    items = list(fields.elements(("stiffness", "mass")))
+    items = list(_held_together(fields))
     counts = Counter((one.element, one.property) for one in items)
     for one in _spread([one for one in items if counts[one.element, one.property] > 1], 2 * _MOST_ELEMENTS):
         size, vectors = np.linalg.eigh(one.matrix)
@@ -214,6 +214,26 @@ def _untied(fields: Fields) -> Iterator[Candidate]:
         yield Candidate(
             f"untied {one.kind}", where, added(directions, law), _PARTS, (-1.0, np.inf), others=(one.property,)
         )
+
+
+def _held_together(fields: Fields) -> Iterator[ElementMatrix]:
+    """Stiffness and mass of elements; properties of an element that one parameter moves are one, called as their kind."""
+    design = fields.problem.parameters.design.tocsr()
+    parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
+    for one in fields.elements(("stiffness", "mass")):
+        moved_by = tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
+        parts.setdefault((one.element, one.number, one.kind, moved_by or one.property), []).append(one)
+    for first, *more in parts.values():
+        if not more:
+            yield first
+            continue
+        codes = np.unique(np.concatenate([one.codes[one.codes >= 0] for one in (first, *more)]))
+        matrix = np.zeros((len(codes), len(codes)))
+        for one in (first, *more):
+            there = one.codes >= 0
+            place = np.searchsorted(codes, one.codes[there])
+            matrix[np.ix_(place, place)] += one.matrix[np.ix_(there, there)]
+        yield first._replace(property=first.kind, codes=codes, matrix=matrix)
 
 
 def _lossy(loss: float, fields: Fields) -> ComplexArray:
