@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -21,6 +22,10 @@ from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.multistart import Answer, Search, distinct_answers, named, searched_minima
 from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.estimation.uncertainty import Covariance
+from structid.shown import Overview, Shown, counted, data_frame, figures, listed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Status(Enum):
@@ -212,8 +217,15 @@ class SearchRecord:
         return sum(answer.fits for answer in self.answers)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Estimate(SearchRecord, Goodness, Spread, ParameterValues):
+class Value(NamedTuple):
+    """One parameter, in physical units."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     """Identified parameters with their uncertainty.
 
     Its parts are documented as `ParameterValues`, `Spread`, `Goodness` and `SearchRecord`.
@@ -273,17 +285,45 @@ class Estimate(SearchRecord, Goodness, Spread, ParameterValues):
         with np.errstate(over="ignore"):
             return np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
 
-    def __getitem__(self, name: str) -> tuple[float, float]:
-        """Value and standard deviation of one parameter."""
-        index = self.names.index(name)
-        return float(self.values[index]), float(self.std[index])
+    def __getitem__(self, name: str) -> Value:
+        """Value and standard deviation of one parameter.
 
-    def __str__(self) -> str:
-        """One line a parameter, after the status."""
-        rows = zip(self.names, self.values, self.std, self.units, strict=True)
-        width = max((len(name) for name in self.names), default=0)
-        lines = [f"{name:{width}}  {value:12.6g} +- {std:.2g} {unit}" for name, value, std, unit in rows]
-        return "\n".join([f"{self.status.value}; standard deviations from {self.covariance_basis}", *lines])
+        Raises
+        ------
+        KeyError
+            If there is none of that name; with those that there are.
+        """
+        if name not in self.names:
+            raise KeyError(f"no parameter {name!r}; there are {listed(self.names)}")
+        index = self.names.index(name)
+        return Value(float(self.values[index]), float(self.std[index]))
+
+    def overview(self) -> Overview:
+        """Status and fit, and one row a parameter."""
+        words = (
+            f"{self.status.value}, {counted(len(self.names), 'parameter')} from {self.n_data} data,"
+            f" chi-square per degree of freedom {figures(self.chi_square_per_dof, 3)};"
+            f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
+        )
+        rows = [
+            (name, figures(value), figures(std, 2), figures(initial), unit)
+            for name, value, std, initial, unit in zip(
+                self.names, self.values, self.std, self.initial, self.units, strict=True
+            )
+        ]
+        return Overview(words, ("parameter", "value", "std", "initial", "unit"), rows)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a parameter: value, both standard deviations, 95 % interval, initial value, unit."""
+        low, high = self.interval().T
+        return data_frame(
+            {
+                "parameter": self.names, "value": self.values, "std": self.std, "low": low, "high": high,
+                "initial": self.initial, "std_noise": self.std_noise, "std_model_error": self.std_model_error,
+                "unit": self.units, "identified": self.identified,
+            },
+            "parameter",
+        )  # fmt: skip
 
 
 def estimate(

@@ -17,6 +17,7 @@ from structid.identification.resonances import Resonance
 from structid.identification.together import places
 from structid.observation import FrfProblem, RecordProblem
 from structid.records import FrfRecord
+from structid.shown import Overview, Shown
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -111,8 +112,8 @@ class Known:
     held: tuple[Held, ...] = ()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Identification(Known, Fits):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Identification(Shown, Known, Fits):
     """An estimate with what it was made from and what it predicts; see `Fits` and `Known` for its parts.
 
     Attributes
@@ -141,6 +142,10 @@ class Identification(Known, Fits):
     warnings: tuple[str, ...]
     intervals: Intervals
     ratios: Ratios | None = None
+
+    def overview(self) -> Overview:
+        """What its estimate shows."""
+        return self.estimate.overview()
 
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""

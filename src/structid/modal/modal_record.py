@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
+from structid.shown import Overview, Shown, counted, data_frame, figures, listed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Scaling = Literal["unit_largest", "mass"]
 
@@ -48,8 +52,8 @@ class ModalChanges:
             require_finite(name, getattr(self, name))
 
 
-@dataclass(frozen=True, eq=False)
-class ModalRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalRecord(Shown):
     """Modes as measured, lowest first: a measurement like any other for what follows.
 
     Parameters
@@ -120,6 +124,26 @@ class ModalRecord:
             require_shape(
                 "changes", self.changes.mode_shapes, (None, *self.mode_shapes.shape), "one for each entry of the shapes"
             )
+
+    def overview(self) -> Overview:
+        """Modes and channels, and one row a mode."""
+        words = f"{counted(self.n_modes, 'mode')} at {counted(len(self.channels), 'channel')} ({listed(self.channels)})"
+        rows = [
+            (str(number + 1), *(figures(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
+            for number, row in enumerate(self._table.tolist())
+        ]
+        return Overview(words, ("mode", "frequency, Hz", "std", "damping ratio", "std"), rows)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a mode: frequency in Hz and damping ratio with their standard deviations."""
+        columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), self._table.T, strict=True))
+        return data_frame({"mode": range(1, self.n_modes + 1), **columns}, "mode")
+
+    @property
+    def _table(self) -> FloatArray:
+        """Frequency, its deviation, damping ratio, its deviation, (n_modes, 4)."""
+        std = self.std.reshape(2, self.n_modes)
+        return np.stack([self.frequency, std[0], self.damping_ratio, std[1]], axis=1)
 
     @property
     def n_modes(self) -> int:

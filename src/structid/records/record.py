@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
+from structid.shown import Overview, Shown, counted, data_array, figures, listed
 from structid.units import FrfKind, Quantity
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
 DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -44,8 +50,8 @@ def _require_increasing(name: str, axis: FloatArray) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class FrfRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class FrfRecord(Shown):
     """Frequency response functions between loads and sensors, in SI units.
 
     Parameters
@@ -125,6 +131,29 @@ class FrfRecord:
             require_finite("decay", self.decay)
             if (self.decay < 0).any():
                 raise InputError(f"`decay` must be at least 0, got {self.decay.min():g} 1/s")
+
+    def overview(self) -> Overview:
+        """Kind, lines, channels, noise, and one row a sensor."""
+        first, last = self.frequency[[0, -1]].tolist()
+        words = (
+            f"{self.kind}, {counted(len(self.frequency), 'line')} from {figures(first)} to {figures(last)} Hz,"
+            f" {counted(len(self.outputs), 'sensor')}, {counted(len(self.inputs), 'load')} at {listed(self.inputs)};"
+            f" noise: {self.noise_source}"
+        )
+        rms = np.sqrt(np.mean(np.abs(self.values) ** 2, axis=0))
+        rows = [
+            (str(dof), *(figures(size, 4) for size in row)) for dof, row in zip(self.outputs, rms.tolist(), strict=True)
+        ]
+        return Overview(words, ("sensor", *(f"rms under {dof}" for dof in self.inputs)), rows)
+
+    def to_xarray(self) -> xr.DataArray:
+        """The values with their lines, Hz, sensors and loads."""
+        axes: dict[str, Iterable[object]] = {
+            "frequency": self.frequency,
+            "output": list(map(str, self.outputs)),
+            "input": list(map(str, self.inputs)),
+        }
+        return data_array(self.values, axes, "frf", {"kind": self.kind, "units": FRF_UNITS[self.kind]})
 
     @property
     def omega(self) -> FloatArray:
@@ -273,8 +302,8 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     return replace(first, values=values.mean(axis=0), variance=variance, noise_source="repeats", coherence=None)
 
 
-@dataclass(frozen=True, eq=False)
-class TimeRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class TimeRecord(Shown):
     """Time histories of motion and force, in SI units, sampled evenly.
 
     Parameters
@@ -324,6 +353,23 @@ class TimeRecord:
         if self.variance is not None:
             object.__setattr__(self, "variance", locked(self.variance, np.float64))
             require_shape("variance", np.asarray(self.variance), (len(self.channels),))
+
+    def overview(self) -> Overview:
+        """Length and rate, and one row a channel."""
+        n_times = len(self.values)
+        words = (
+            f"{counted(len(self.channels), 'channel')}, {n_times} samples at {figures(self.sampling_rate)} Hz,"
+            f" {figures(n_times / self.sampling_rate)} s"
+        )
+        rms = np.sqrt(np.mean(self.values**2, axis=0)).tolist()
+        cells = zip(self.channels, self.quantities, self.units, rms, strict=True)
+        rows = [(str(dof), quantity, figures(size, 4), unit) for dof, quantity, unit, size in cells]
+        return Overview(words, ("channel", "quantity", "rms", "unit"), rows)
+
+    def to_xarray(self) -> xr.DataArray:
+        """The values with their times, s, and channels."""
+        names = [f"{dof} {quantity}" for dof, quantity in zip(self.channels, self.quantities, strict=True)]
+        return data_array(self.values, {"time": self.time, "channel": names}, "history", {"units": self.units})
 
     @property
     def time(self) -> FloatArray:

@@ -102,11 +102,6 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} {unit_text(unit)}".strip()
 
 
-def counted(count: int, noun: str) -> str:
-    """`count` and `noun`, in the plural where needed."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def _exponent(value: float, digits: int) -> int:
     """Power of ten of `value` once it is rounded to `digits` significant digits."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2])

@@ -14,6 +14,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, locked, require_finite
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
+from structid.shown import Overview, Shown, counted, listed
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
@@ -26,8 +27,8 @@ MOST_PIECES = 100
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
 
 
-@dataclass(frozen=True, eq=False)
-class Structure:
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure(Shown):
     """Nodes, element sets, supports and ties.
 
     Parameters
@@ -85,6 +86,17 @@ class Structure:
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
+
+    def overview(self) -> Overview:
+        """Nodes and degrees of freedom, and one row an element set."""
+        words = (
+            f"{counted(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
+            f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
+            f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
+        )
+        names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.elements}
+        rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.elements]
+        return Overview(words, ("element set", "type", "properties"), rows)
 
     @property
     def dimension(self) -> int:

@@ -16,7 +16,7 @@ from structid.report.drawing.labels import Label, place
 from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.drawing.projection import is_spatial, paper_axes
 from structid.report.rendering import plot
-from structid.report.text import counted
+from structid.shown import counted
 from structid.structure import (
     Bar,
     Beam,

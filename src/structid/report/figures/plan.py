@@ -11,7 +11,7 @@ from structid.report.drawing import palette
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.structure import structure_figure
 from structid.report.rendering import plot
-from structid.report.text import counted
+from structid.shown import counted
 
 _SYMBOLS = ("square", "circle", "diamond", "triangle-up")
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)

@@ -14,7 +14,8 @@ from structid.report.identification.page import sorted_warnings
 from structid.report.identification.tables import mode_table
 from structid.report.page import Page
 from structid.report.tables import Table, provenance_facts
-from structid.report.text import NOTHING, counted, number, percent, with_std, with_unit
+from structid.report.text import NOTHING, number, percent, with_std, with_unit
+from structid.shown import counted
 from structid.study.results.changes import largest_changes, search_reason
 from structid.study.results.result import StudyResult
 

@@ -7,7 +7,8 @@ import numpy as np
 from structid.identification.identified import Identification
 from structid.identification.modal_fit import ModalFit
 from structid.report.tables import Table
-from structid.report.text import NOTHING, counted, number, percent, with_std
+from structid.report.text import NOTHING, number, percent, with_std
+from structid.shown import counted
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",

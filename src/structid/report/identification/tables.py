@@ -14,7 +14,8 @@ from structid.identification.identified import Identification
 from structid.identification.resonances import Resonance
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
-from structid.report.text import DASH, NOTHING, TIMES, counted, exact, number, percent, unit_text, with_std, with_unit
+from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, unit_text, with_std, with_unit
+from structid.shown import counted
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from structid.criticism.verdict import Cause, Criticism
 from structid.report.tables import Table
-from structid.report.text import counted, number, percent, with_unit
+from structid.report.text import number, percent, with_unit
+from structid.shown import counted
 
 _MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad"}
 _HEADER = ("Cause", "Misfit removed", "Chi-square per degree of freedom left", "What it adds", "Value that moves most")

@@ -16,7 +16,7 @@ from structid.report.figures.survey import (
 from structid.report.modes.text import method_words, mode_table, record_words, remarks, scale_sentence, std_sentence
 from structid.report.page import Page
 from structid.report.tables import provenance_facts
-from structid.report.text import counted
+from structid.shown import counted
 
 
 def modes_page(result: ModesResult) -> Page:

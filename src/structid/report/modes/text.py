@@ -9,7 +9,8 @@ from structid.modal.survey.survey import HARDLY_DAMPED, ModesResult
 from structid.records import FrfRecord
 from structid.report.figures.survey import mpc
 from structid.report.tables import Table, printed
-from structid.report.text import counted, exact, percent, value_words, with_std
+from structid.report.text import exact, percent, value_words, with_std
+from structid.shown import counted
 from structid.similarity import mac
 
 _HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")

@@ -12,7 +12,7 @@ from structid.estimation.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.report.figures.plan import compared
 from structid.report.tables import Table, printed
-from structid.report.text import counted
+from structid.shown import counted
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
 

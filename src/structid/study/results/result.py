@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -12,13 +12,15 @@ from structid._version import __version__
 from structid.arrays import FloatArray
 from structid.criticism.verdict import Criticism
 from structid.dynamics.receptance import factorizer_words
+from structid.estimation import Estimate
 from structid.identification.identified import Identification
 from structid.provenance import Provenance
+from structid.shown import Overview, Shown
 from structid.study.schema.study import Study
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Shown):
     """A study, what was identified, and from what.
 
     Attributes
@@ -34,6 +36,17 @@ class StudyResult:
     identification: Identification
     provenance: Provenance
     criticism: Criticism | None = None
+
+    @property
+    def estimate(self) -> Estimate:
+        """Values and their uncertainty."""
+        return self.identification.estimate
+
+    def overview(self) -> Overview:
+        """Title and verdict, and the parameters."""
+        shown = self.estimate.overview()
+        words = shown.words if self.criticism is None else self.criticism.judgement.words
+        return replace(shown, words=f"{self.study.title}: {words}")
 
 
 def provenance(study: Study) -> Provenance:
