@@ -65,6 +65,21 @@ def test_effects_are_those_of_the_changed_studies(trial):
                         "sensor_gain", "load_gain", "delay", "load_delay", "friction"}  # fmt: skip
 
 
+def test_supports_of_beams_in_several_pieces_give_way(tmp_path):
+    """Pieces have degrees of freedom of their own, which stay when supports are taken away."""
+    path = written(tmp_path, STUDY.replace("[structure]", "[structure]\nsubdivide = 2", 1), seed=None)
+    ready = started(load_study(path))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    [base] = trial.views
+    fields = fields_at(base, base.theta_start)
+    one = next(c for c in pool([fields]) if c.kind == "support" and c.where == ("6RZ",))
+    q = float(one.strengths[3])
+    [problem] = trial.changed(one, q).problems
+    lines = np.searchsorted(base.frequency, fields.problem.frequency)
+    own = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)[lines] - fields.frf
+    assert one.effect(fields, np.array([q]))[0] == pytest.approx(own, rel=1e-3, abs=1e-3 * np.abs(own).max())
+
+
 def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path):
     """Bending and axial stiffness of a piece of the girder go together, where the study holds them together."""
     bending = 'property = "bending_stiffness"\nelements = "girder"'

@@ -120,7 +120,7 @@ class Fields:
         Shapes (n_supports), (n_lines, n_dofs, n_supports), (n_lines, n_supports).
         """
         structure = self.structure
-        free = Structure(structure.nodes, structure.elements, (), structure.ties, structure.active)
+        free = Structure(structure.nodes, structure.elements, (), structure.ties, structure.active, structure.subdivide)
         place = {code: i for i, code in enumerate(free.numbering.free)}
         held = [d for d in structure.fixed if dof_code(d.node, d.direction) in place]
         if not held:
