@@ -1,5 +1,6 @@
 # make demo   identify the measured frame and write its report
 # make test   run all tests
+# make docs   build the documentation site
 # make fuzz   damage files of every kind and keys of studies, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
@@ -13,7 +14,7 @@ STAMP := $(VENV)/.installed
 COUNT ?= 2000
 SEED ?= 1
 
-.PHONY: demo test lint types imports check fuzz killed dist-check test-lowest test-newest clean
+.PHONY: demo test lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame
@@ -32,6 +33,12 @@ imports: $(STAMP)
 	$(BIN)/lint-imports
 
 check: test lint types imports
+
+# a site that opens from disk, with search; warnings and links to nowhere are errors
+docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
 
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
@@ -65,4 +72,4 @@ $(STAMP): pyproject.toml
 	touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) .venv-lowest .venv-newest dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) docs/_build docs/reference .venv-lowest .venv-newest dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -23,14 +23,14 @@ def identify_time(
 ) -> Estimate:
     """Masses, viscous dampings and stiffnesses from time histories, consistent under noise in every channel.
 
-    ==================  ====================================  =====================  ================================
-    `options.method`    sensors                               start of the motion    what it costs
-    ==================  ====================================  =====================  ================================
-    ``output_error``    any, of any kind                      rest, or unknown       a search; the smallest errors
-    ``instrumental``    acceleration, velocity (with damping) rest, or measured      linear; a simulation an iteration
-                        and displacement of every free dof
-    ``weak``            one of the three of every free dof    anything               linear; a covariance an iteration
-    ==================  ====================================  =====================  ================================
+    ================  =====================================  ===================  ==================================
+    `options.method`  sensors                                start of the motion  what it costs
+    ================  =====================================  ===================  ==================================
+    ``output_error``  any, of any kind                       rest, or unknown     a search; the smallest errors
+    ``instrumental``  acceleration, velocity (with damping)  rest, or measured    linear; a simulation an iteration
+                      and displacement of every free dof
+    ``weak``          one of the three of every free dof     anything             linear; a covariance an iteration
+    ================  =====================================  ===================  ==================================
 
     Parameters
     ----------
