@@ -30,6 +30,8 @@ _MOST = 0.5
 _NEARLY_ALL, _MATTERS = 0.85, 2.2
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
+#: Ratio of misfit and noise from which on their difference is what is told.
+_SHOWS = 1.1
 #: Data from which on their order says whether a residual is noise.
 _MANY = 300
 
@@ -213,7 +215,7 @@ def judged(
         return Judgement(
             "sound", "Sound: the model explains the record to within its noise, and the data determine every parameter."
         )
-    misfit = f"the misfit is {_times(estimate.chi_square_per_dof)} the stated noise"
+    misfit = _misfit_words(estimate.chi_square_per_dof)
     if causes and causes[0].kind == "noise_level" and estimate.status is Status.CONVERGED:
         words = (
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
@@ -273,9 +275,11 @@ def not_found(found: Identification, reached: float) -> Judgement:
     return Judgement("undetermined", words, (found.estimate.message,))
 
 
-def _times(ratio: float) -> str:
+def _misfit_words(ratio: float) -> str:
     size = float(np.sqrt(ratio))
-    return f"{size:.2g} times" if size < 100 else f"{size:.0f} times"
+    if _SHOWS > size > 1 / _SHOWS:
+        return "the misfit is as large as the stated noise, but has an order that noise has not"
+    return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times the stated noise"
 
 
 def _searched(n_tried: int) -> str:
