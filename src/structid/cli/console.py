@@ -27,9 +27,10 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         return _changes_summary(result)
     table = new_table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
     ends = found.intervals.ends
-    bounds = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
+    notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
+    notes |= dict.fromkeys(found.ran_away, "ran away")
     for i, name in enumerate(estimate.names):
-        note = bounds.get(i) or ("" if estimate.identified[i] else "not identified")
+        note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
         span = " to ".join(number(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
         table.add_row(name, estimate.units[i], *numbers, span, note)

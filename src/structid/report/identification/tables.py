@@ -50,7 +50,9 @@ def parameter_states(identification: Identification) -> tuple[str, ...]:
     held = {one.index: f"at its {one.side} bound" for one in found.at_bound}
     states = []
     for i, (identified, doubtful) in enumerate(zip(found.identified, weak, strict=True)):
-        if i in held:
+        if i in identification.ran_away:
+            states.append("ran away")
+        elif i in held:
             states.append(held[i])
         elif not identified:
             states.append("not identified")

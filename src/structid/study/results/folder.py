@@ -260,6 +260,7 @@ def _parameters(identification: Identification) -> list[dict[str, Any]]:
             "initial": found.initial[i],
             "identified": bool(found.identified[i]),
             "at_bound": _at_bound(bounds.get(i)),
+            "ran_away": i in identification.ran_away,
             "prior_mean": identification.prior_mean[i],
             "prior_std": identification.prior_std[i],
             "prior_share": share[i],
