@@ -14,7 +14,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import SingularModelError
 from structid.estimation.problem import Problem, Stages, Way
 from structid.estimation.search.least_squares import Method
-from structid.estimation.search.minimum import Minimum, Progress
+from structid.estimation.search.minimum import Minimum, Progress, residual_at, squared
 from structid.estimation.search.work import (
     ALONE,
     Minimizer,
@@ -151,11 +151,17 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
-    """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
-    iterations = 0
+    """The minimum that the stages and then the problem itself lead to, and the iterations spent.
+
+    Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
+    problem is then solved from where they began.
+    """
+    start, iterations = theta, 0
     for name, stage in stages:
         minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
+    if stages and squared(residual_at(problem, start)) < squared(residual_at(problem, theta)):
+        theta = start
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
     return minimum, iterations + len(minimum.costs) - 1
 
