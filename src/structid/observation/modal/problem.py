@@ -29,6 +29,8 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 ModalForm = Literal["output", "dynamic"]
 
 _START_ERROR = 0.5
+#: Degrees of freedom up to which all modes of the model are found, and dense matrices made.
+_DENSE_UP_TO = 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +153,11 @@ class ModalProblem(RecordProblem):
         """Ways to the answer: straight, and by the dynamic residual, which needs no pairing.
 
         Where the straight way misses the noise, the other is tried too: under noise on the shapes the dynamic residual alone is
-        smallest where all stiffnesses vanish, so that it may end farther off than it began.
+        smallest where all stiffnesses vanish, so that it may end farther off than it began. Its matrices are dense: a large
+        model goes straight only.
         """
+        if self.structure.n_dofs > _DENSE_UP_TO:
+            return ((),)
         near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
         return (), (("modal dynamic residual", near),)
 
@@ -161,7 +166,7 @@ class ModalProblem(RecordProblem):
         values = self.parameters.values(physical)
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
-        count = None if self.structure.n_dofs <= 600 else 3 * self.record.n_modes + 10
+        count = None if self.structure.n_dofs <= _DENSE_UP_TO else 3 * self.record.n_modes + 10
         found = modes(mass, stiffness, n_modes=count)
         return ModelState(mass, damping, stiffness, structural, found, self._sensors, self.slopes, physical)
 
