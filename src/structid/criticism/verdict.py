@@ -241,7 +241,9 @@ def judged(
         if estimate.status is Status.CONVERGED:
             words = f"Wrong model: {away[0]}, and {misfit}: do not use the values. {_searched(n_tried)}"
             return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
-        return Judgement("undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message))
+        return Judgement(
+            "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
+        )
     if estimate.status is Status.NOT_IDENTIFIABLE:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(found) and estimate.status is Status.CONVERGED:

@@ -119,7 +119,9 @@ class JointProblem(BaseProblem):
 
     @property
     def bounds(self) -> FloatArray:
-        return np.stack([self._first([problem.bounds[:, side] for problem in self.problems]) for side in (0, 1)], axis=1)
+        return np.stack(
+            [self._first([problem.bounds[:, side] for problem in self.problems]) for side in (0, 1)], axis=1
+        )
 
     @property
     def reach(self) -> FloatArray:

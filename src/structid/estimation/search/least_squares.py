@@ -185,8 +185,8 @@ def minimize(
         )
     else:
         history, costs, inner = [*np.array(begun["history"])], [*begun["costs"]], [*begun["inner"]]
-        known = (np.array(begun[name]) for name in ("scale", "limit"))
-        damping = Damping(float(begun["damping"]), float(begun["growth"]), *known, _reach(problem, history[0]))
+        scale, limit = np.array(begun["scale"]), np.array(begun["limit"])
+        damping = Damping(float(begun["damping"]), float(begun["growth"]), scale, limit, _reach(problem, history[0]))
     here: Point[Any] = method.at(problem, history[-1])
     costs = [float(cost) for cost in costs] or [here.cost]
     end = End(False, f"stopped after {method.max_iterations} iterations")

@@ -69,7 +69,7 @@ class Search:
         How many more searches begin at random points about 20 % from the start even where a search fits: a test
         whether other parameters fit the data as well. See ``Estimate.answers``.
     doubt_starts : int
-        How many of these there are at least where the best answer is to be doubted: the data push a parameter beyond its
+        How many of these there are at least where an answer fits and yet is to be doubted: the data push a parameter beyond its
         bound, or one ended farther from its start than `doubt_beyond`.
     doubt_beyond : float
         Factor on a start (from 1); infinite where none is doubted for its distance.
@@ -100,7 +100,7 @@ def searched_minima(
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
-    `doubt_starts` where the best answer is to be doubted.
+    `doubt_starts` where an answer that fits is to be doubted.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
@@ -129,7 +129,8 @@ def searched_minima(
                 break
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
-    count = most if _is_doubtful(problem, method, best, start, search) else search.uniqueness_starts
+    doubtful = good and _is_doubtful(problem, method, best, start, search)
+    count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
     return minima + [_found(problem, method, task) for task in found]

@@ -192,7 +192,25 @@ class ModalProblem(RecordProblem):
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.linearize(theta).residual
 
+    def shape_residual(self, theta: FloatArray) -> FloatArray:
+        """The rows of shape values in the residual of form ``output``, in standard deviations."""
+        of = self if self.form == "output" else replace(self, form="output")
+        return of.residual(theta)[: of.n_data][of.series < 2 * len(self.record.channels)]
+
+    @cached_property
+    def _latest(self) -> dict[bytes, Linearization]:
+        """The last linearization: a step is tried and made at one point, and the residual costs as much as all of it."""
+        return {}
+
     def linearize(self, theta: FloatArray) -> Linearization:
+        key = theta.tobytes()
+        if key not in self._latest:
+            found = self._found(theta)
+            self._latest.clear()
+            self._latest[key] = found
+        return self._latest[key]
+
+    def _found(self, theta: FloatArray) -> Linearization:
         physical = self.physical(theta)
         if self.form == "dynamic":
             data, change, eliminated = *self._dynamic(physical), 0
