@@ -218,6 +218,7 @@ def judged(
         return Judgement("sound", f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter.")
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
     pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
+    also = f" But {pushed[0]}." if pushed else ""
     misfit = f"the misfit is {_times(estimate.chi_square_per_dof)} the stated noise"
     is_noise = bool(causes) and causes[0].kind == "noise_level"
     if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
@@ -254,8 +255,8 @@ def judged(
         )
     off = [words for fit in found.fits for words in _off_resonances(fit)]
     if off:
-        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}"
-        return Judgement("wrong_model", words, tuple(off))
+        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*off, *pushed))
     if estimate.status is not Status.CONVERGED:
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
@@ -263,13 +264,12 @@ def judged(
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
     if any(one.share > _CONTRADICTS for one in apart):
         apart = tuple(sorted(apart, key=lambda one: -one.share))
-        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
-        return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
+        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
     words = f"Approximate: {misfit}, but resonances agree, and most values from parts of the data; the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
-    if pushed:
-        words += f" But {pushed[0]}."
+    words += also
     if suggestions:
         first = suggestions[0]
         far = first.moves > _MOVES
