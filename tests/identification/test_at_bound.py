@@ -79,7 +79,7 @@ def test_a_truth_at_the_bound_is_sound_and_one_beyond_it_is_not():
     assert judgement.verdict == "sound"
     assert "is at its lower bound 799.945 N/m" in judgement.words
     beyond = judged(found((800.6, 1200.0), 850.0))
-    assert beyond.verdict == "approximate"
+    assert beyond.verdict == "wrong_model"
     assert "the data push below it" in beyond.words
 
 

@@ -248,7 +248,10 @@ def judged(
     if estimate.status is Status.NOT_IDENTIFIABLE:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(found) and estimate.status is Status.CONVERGED:
-        return Judgement("approximate", f"Approximate: the model explains the record, but {pushed[0]}.", pushed)
+        words = (
+            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
+        )
+        return Judgement("wrong_model", words, pushed)
     if fits_noise(found):
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)

@@ -72,7 +72,7 @@ def parameter_table(identification: Identification) -> Table:
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
-    ends = identification.intervals.ends
+    ends, held = identification.intervals.ends, {one.index for one in found.at_bound}
     rows = []
     for i, name in enumerate(found.names):
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
@@ -83,7 +83,7 @@ def parameter_table(identification: Identification) -> Table:
                 unit_text(found.units[i]) or "1",
                 exact(initial),
                 prior if np.isfinite(identification.prior_std[i]) else NOTHING,
-                with_std(value, std),
+                exact(value) if i in held else with_std(value, std),
                 percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
                 span_text(float(ends[i, 0]), float(ends[i, 1])),
                 percent(value / initial - 1) if initial else NOTHING,
