@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from study_cases import CHAIN, write_chain
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from study_cases import CHAIN, write_chain
 
 OPEN = '[[unknown]]\nproperty = "stiffness"\nelements = "ground"\n'
 
