@@ -27,8 +27,10 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         return _changes_summary(result)
     table = new_table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
     ends = found.intervals.ends
+    notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
+    notes |= dict.fromkeys(found.ran_away, "ran away")
     for i, name in enumerate(estimate.names):
-        note = "" if estimate.identified[i] else "not identified"
+        note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
         span = " to ".join(number(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
         table.add_row(name, estimate.units[i], *numbers, span, note)
@@ -41,7 +43,8 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     identifiability = estimate.identifiability
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"rank {identifiability.rank} of {len(estimate.names)} parameters, condition {number(identifiability.condition, 3)}"
+        f"rank {identifiability.rank} of {identifiability.n_free}{' free' if estimate.at_bound else ''} parameters, condition"
+        f" {number(identifiability.condition, 3)}"
         f"; chi-square per degree of freedom {number(estimate.chi_square_per_dof, 3)}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {found.intervals.kind}",

@@ -12,6 +12,7 @@ from structid.criticism.data import misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.identification.identified import Identification
+from structid.identification.ran_away import ran_away_words
 from structid.identification.record_fit import RecordFit
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
@@ -176,7 +177,9 @@ def fits_noise(found: Identification) -> bool:
 
 def is_sound(found: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
-    return found.estimate.status is Status.CONVERGED and fits_noise(found)
+    estimate = found.estimate
+    forced = found.ran_away or any(one.is_pushed for one in estimate.at_bound)
+    return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
 
 
 def explains(cause: Cause, misfit: float) -> bool:
@@ -212,16 +215,20 @@ def judged(
     """
     estimate = found.estimate
     if is_sound(found) and not causes:
-        return Judgement(
-            "sound", "Sound: the model explains the record to within its noise, and the data determine every parameter."
-        )
+        words = "Sound: the model explains the record to within its noise, and the data determine every"
+        at_bound = "; ".join(one.words for one in estimate.at_bound)
+        return Judgement("sound", f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter.")
+    away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
+    pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
+    also = f" But {pushed[0]}." if pushed else ""
     misfit = _misfit_words(estimate.chi_square_per_dof)
-    if causes and causes[0].kind == "noise_level" and estimate.status is Status.CONVERGED:
+    is_noise = bool(causes) and causes[0].kind == "noise_level"
+    if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
         words = (
             f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
         )
         return Judgement("approximate", words, (causes[0].words,))
-    if causes and causes[0].kind != "noise_level":
+    if causes and not is_noise:
         best = causes[0]
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
@@ -232,17 +239,29 @@ def judged(
                 else "."
             )
         )
-        return Judgement("wrong_model", words, (misfit,))
+        return Judgement("wrong_model", words, (misfit, *away, *pushed))
+    if away:
+        if estimate.status is Status.CONVERGED:
+            words = f"Wrong model: {away[0]}, and {misfit}: do not use the values. {_searched(n_tried)}"
+            return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
+        return Judgement(
+            "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
+        )
     if estimate.status is Status.NOT_IDENTIFIABLE:
-        return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message,))
+        return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
+    if fits_noise(found) and estimate.status is Status.CONVERGED:
+        words = (
+            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
+        )
+        return Judgement("wrong_model", words, pushed)
     if fits_noise(found):
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
         )
     off = [words for fit in found.fits for words in _off_resonances(fit)]
     if off:
-        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}"
-        return Judgement("wrong_model", words, tuple(off))
+        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*off, *pushed))
     if estimate.status is not Status.CONVERGED:
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
@@ -250,11 +269,12 @@ def judged(
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
     if any(one.share > _CONTRADICTS for one in apart):
         apart = tuple(sorted(apart, key=lambda one: -one.share))
-        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}"
-        return Judgement("wrong_model", words, tuple(_apart(one) for one in apart))
+        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
     words = f"Approximate: {misfit}, but resonances agree, and most values from parts of the data; the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
+    words += also
     if suggestions:
         first = suggestions[0]
         far = first.moves > _MOVES
@@ -262,7 +282,7 @@ def judged(
         words += (
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
-    return Judgement("approximate", words, (misfit, *map(_apart, apart)))
+    return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
 
 
 def not_found(found: Identification, reached: float) -> Judgement:

@@ -13,6 +13,7 @@ from scipy import special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import correlation_length
+from structid.estimation.diagnostics.bounds import AtBound
 from structid.estimation.diagnostics.identifiability import Identifiability
 from structid.estimation.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.estimation.problem import Problem, Way
@@ -108,6 +109,9 @@ class Spread:
         How many combinations of parameters the data determine: the rank, or by posterior draws tr(C J'J).
     bound_initial : (n_params,) float array or None
         Cramer-Rao bound of each parameter if the truth were the initial values, physical units.
+    at_bound : tuple of AtBound
+        Parameters that ended at a bound. They have no standard deviation; those of the others, rank and directions are
+        with them held there.
     """
 
     noise: Covariance
@@ -117,6 +121,14 @@ class Spread:
     identifiability: Identifiability
     determined: float = float("nan")
     bound_initial: FloatArray | None = None
+    at_bound: tuple[AtBound, ...] = ()
+
+    @property
+    def is_free(self) -> np.ndarray:
+        """Which parameters are not at a bound, (n_params,) bool."""
+        free = np.ones(len(self.identified), dtype=bool)
+        free[[one.index for one in self.at_bound]] = False
+        return free
 
     @property
     def uncertainty(self) -> Covariance:
@@ -244,6 +256,9 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     def status_words(self) -> str:
         """What happened, and what helps."""
         few = self.uncertainty.has_matrix
+        if self.status is Status.CONVERGED and self.at_bound:
+            listed = ", ".join(one.name for one in self.at_bound)
+            return f"the search converged with {listed} at a bound, and the data determine every other parameter"
         return self.status.words if few else _WORDS_WITH_PRIORS.get(self.status, self.status.words)
 
     @property
@@ -380,7 +395,7 @@ def estimate(
     found = chosen.uncertainty(problem, best, misfit_probability, search.seed)
     if not best.converged and found.carried.all():
         status = Status.NOT_CONVERGED
-    elif not found.identified.all() or sum(answer.fits for answer in answers) > 1:
+    elif not (found.identified | ~found.is_free).all() or sum(answer.fits for answer in answers) > 1:
         status = Status.NOT_IDENTIFIABLE
     else:
         status = Status.CONVERGED
@@ -402,6 +417,7 @@ def estimate(
         identifiability=found.identifiability,
         determined=found.determined,
         bound_initial=found.bound_initial,
+        at_bound=found.at_bound,
         chi_square=float(data @ data),
         n_data=problem.n_data,
         degrees_of_freedom=found.freedom,

@@ -66,6 +66,16 @@ class Problem(Protocol):
         """
         ...
 
+    @property
+    def bounds(self) -> FloatArray:
+        """Lower and upper bound of each physical parameter, (n_params, 2); infinite where it has none."""
+        ...
+
+    @property
+    def reach(self) -> FloatArray:
+        """Lowest and highest of each free variable that a search may come to, (n_params, 2); infinite where all may be."""
+        ...
+
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         """Changes of the data rows whose products sum to their covariance, (n_changes, n_data); None for the unit matrix."""
         ...
@@ -119,6 +129,14 @@ class BaseProblem:
 
     def sizes(self, physical: FloatArray) -> FloatArray:
         return np.abs(physical)
+
+    @property
+    def bounds(self: Problem) -> FloatArray:
+        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
+
+    @property
+    def reach(self: Problem) -> FloatArray:
+        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
 
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         return None

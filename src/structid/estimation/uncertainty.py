@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy import sparse, special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance
+from structid.estimation.diagnostics.bounds import AtBound, at_bounds
 from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
 from structid.estimation.linearization import Linearization
@@ -156,6 +157,8 @@ class Uncertainty:
         Degrees of freedom of chi-square.
     words : tuple of str
         How it was found, or why a parameter is refused.
+    at_bound : tuple of AtBound
+        Parameters at a bound; the others are free, and all else is of these with them held there.
     """
 
     noise: Covariance
@@ -168,6 +171,14 @@ class Uncertainty:
     bound_initial: FloatArray | None
     freedom: float
     words: tuple[str, ...]
+    at_bound: tuple[AtBound, ...] = ()
+
+    @property
+    def is_free(self) -> np.ndarray:
+        """Which parameters are not at a bound, (n_params,) bool."""
+        free = np.ones(len(self.identified), dtype=bool)
+        free[[one.index for one in self.at_bound]] = False
+        return free
 
 
 def dense_uncertainty(
@@ -188,20 +199,23 @@ def dense_uncertainty(
     values, slope = problem.physical(theta), problem.slope(theta)
     data, sizes = at.residual[: problem.n_data], problem.sizes(values)
     freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
-    noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
-    model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
     misfit = misfits(problem, theta, at, misfit_probability)
     noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
-    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale)
+    held = at_bounds(problem, theta, at, noise_scale)
+    free = np.ones(len(values), dtype=bool)
+    free[[one.index for one in held]] = False
+    at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
+    noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
+    model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
+    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale, free)
     adopted = (model if misfit else noise).std
     initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
-    at_start = carried(initial, sizes, adopted, converged and not misfit)
+    at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
     identified = at_start & (adopted <= sizes)
     stopped = not converged and bool(at_start.all())
-    refused = not identified.all() and not stopped
-    refusal = (
-        refusal_words(initial, Bound(noise.std, sizes, "the estimate"), at_start, problem.names) if refused else ""
-    )
+    refused = not identified[free].all() and not stopped
+    final = Bound(np.where(free, noise.std, 0.0), sizes, "the estimate")
+    refusal = refusal_words(initial, final, at_start, problem.names) if refused else ""
     return Uncertainty(
         noise=noise,
         model_error=model,
@@ -213,6 +227,7 @@ def dense_uncertainty(
         bound_initial=initial.std,
         freedom=freedom,
         words=(refusal,),
+        at_bound=held,
     )
 
 

@@ -130,6 +130,8 @@ class Identification(Shown, Known, Fits):
         What the reader should know first.
     intervals : Intervals
         95 % intervals of all parameters, and how they were found.
+    ran_away : tuple of int
+        Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
     ratios : Ratios or None
         What remains where the data leave a common scale of masses and stiffnesses free.
     """
@@ -142,6 +144,7 @@ class Identification(Shown, Known, Fits):
     warnings: tuple[str, ...]
     intervals: Intervals
     ratios: Ratios | None = None
+    ran_away: tuple[int, ...] = ()
 
     def overview(self) -> Overview:
         """What its estimate shows."""

@@ -14,6 +14,7 @@ from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.identification.frf_setup import Setup
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
+from structid.identification.ran_away import ran_away, ran_away_words
 from structid.identification.ratios import ratios
 from structid.identification.record_fit import Own
 from structid.identification.regularizing import regularization_warnings, shares
@@ -123,6 +124,9 @@ def identify_together(
     is_scaled = all(problem.measures_force for problem in problems)
     scale_free = None if target is None or is_scaled else ratios(target, found)
     share = shares(target, found)
+    away = ran_away(found, problems)
+    remedy = "check what holds it, give it bounds or a prior, or fix it"
+    warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
     mass, std = total_mass(problems[0], found, chosen.direction)
@@ -141,6 +145,7 @@ def identify_together(
         warnings=tuple(warnings),
         intervals=ends,
         ratios=scale_free,
+        ran_away=away,
     )
 
 

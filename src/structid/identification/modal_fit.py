@@ -14,6 +14,9 @@ from structid.modal import ModalRecord
 from structid.observation import ModalProblem
 from structid.similarity import mac, subspace_angles
 
+#: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
+_FAR_OFF, _OUTVOTED = 5.0, 3
+
 
 @dataclass(frozen=True, eq=False)
 class PairedModes:
@@ -109,7 +112,31 @@ class ModalFit:
                 f"the identified model has modes at {listed} Hz that no measured mode is paired with: they may have been"
                 " missed in the test, or the model has modes that the structure has not"
             )
-        return tuple(warnings)
+        return (*warnings, *self._outvoted())
+
+    def _outvoted(self) -> tuple[str, ...]:
+        """Whether many shape values carry few frequencies off."""
+        data = self.problem.data
+        off = (self.fitted.frequency - data.frequency) / data.frequency_std
+        worst = int(np.argmax(np.abs(off)))
+        shape = self.problem.shape_residual(self.theta)
+        if not abs(off[worst]) > _FAR_OFF or len(shape) < _OUTVOTED * len(off):
+            return ()
+        size, of = float(np.sqrt(np.mean(shape**2))), data.frequency[worst]
+        heavy = float(np.sum(shape**2) / (np.sum(shape**2) + np.sum(off**2)))
+        change = 100 * (self.fitted.frequency[worst] / of - 1)
+        remedy = (
+            f"their errors are stated too small: with errors {size:.2g} times as large (`shape_error`) they would fit, and"
+            " count less"
+            if size > 1.5
+            else "the shapes fit, so that it is the model that cannot have both: state larger errors of the frequencies"
+            " (`frequency_error`) only if these are in doubt"
+        )
+        return (
+            f"the frequency of the mode measured at {of:.5g} Hz is missed by {change:.2g} %, {abs(off[worst]):.0f} standard"
+            f" deviations: {len(shape)} shape values, {size:.2g} standard deviations off on average (rms), outvote"
+            f" {len(off)} frequencies and make {100 * heavy:.0f} % of the misfit; {remedy}",
+        )
 
 
 def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:

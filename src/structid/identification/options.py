@@ -75,7 +75,8 @@ class SearchOptions:
         start, then from random starts about 20 % from it. The best fit is kept. A matrix-free search has one start.
     uniqueness_starts : int
         How many more searches begin at such random starts even where a search fits: a test whether other parameters
-        fit the data as well.
+        fit the data as well. There are four at least where a fit is to be doubted: the data push a parameter beyond its
+        bound, or an answer from modes alone is more than a factor of two away from its start.
     seed : int
         Of those starts, and of posterior draws.
     method : Method

@@ -23,7 +23,7 @@ def _scale_warnings(found: Estimate) -> list[str]:
 
 def _unidentified(found: Estimate) -> list[str]:
     """Each parameter that is not identified; very many of them together."""
-    lost = np.flatnonzero(~found.identified)
+    lost = np.flatnonzero(~found.identified & found.is_free)
     if not found.uncertainty.has_matrix:
         listed = ", ".join(found.names[i] for i in lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
         words = (
@@ -55,6 +55,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings = []
     if found.status is not Status.CONVERGED:
         warnings.append(f"{found.status_words} ({found.message})")
+    warnings.extend(one.words for one in sorted(found.at_bound, key=lambda one: -one.push))
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
     warnings.extend(_unidentified(found))

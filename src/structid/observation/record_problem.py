@@ -55,6 +55,14 @@ class ParameterProblem(BaseProblem):
     def sizes(self, physical: FloatArray) -> FloatArray:
         return self.unknowns.sizes(physical)
 
+    @property
+    def bounds(self) -> FloatArray:
+        return self.unknowns.transforms.bounds
+
+    @property
+    def reach(self) -> FloatArray:
+        return self.unknowns.reach
+
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.unknowns.sparse_prior_rows(self.physical(theta))
         members, held, weights = self.unknowns.held_rows(theta)

@@ -68,6 +68,11 @@ class NamedUnknowns:
         """What the standard deviation of each is held against, (n_params,)."""
         return np.maximum(np.abs(physical), self.scale)
 
+    @property
+    def reach(self) -> FloatArray:
+        """Free variables between which a search stays, (n_params, 2); see `Transforms.reach`."""
+        return self.transforms.reach(self.start, self.sizes(self.start))
+
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
 

@@ -7,10 +7,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy import special
 
 from structid.arrays import FloatArray
 
 Transform = Literal["log", "linear", "interval"]
+#: How many times its start a parameter may become in a search: answers beyond a thousand times are doubted already.
+FARTHEST = 1e6
+_FARTHEST_LOGIT = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +43,9 @@ class Transforms:
         log, interval = self._masks
         values = np.array(theta, dtype=np.float64)
         values[log] = np.exp(values[log])
-        span = self.upper[interval] - self.lower[interval]
-        values[interval] = self.lower[interval] + span * _logistic(theta[interval])
+        low, high = self.lower[interval], self.upper[interval]
+        inside = low + (high - low) * special.expit(theta[interval])
+        values[interval] = np.clip(inside, np.nextafter(low, high), np.nextafter(high, low))
         return values
 
     def slope(self, theta: FloatArray) -> FloatArray:
@@ -48,8 +53,8 @@ class Transforms:
         log, interval = self._masks
         slope = np.ones(len(theta))
         slope[log] = np.exp(theta[log])
-        part = _logistic(theta[interval])
-        slope[interval] = (self.upper[interval] - self.lower[interval]) * part * (1 - part)
+        part = special.expit(theta[interval]) * special.expit(-theta[interval])
+        slope[interval] = (self.upper[interval] - self.lower[interval]) * part
         return slope
 
     def free(self, values: FloatArray) -> FloatArray:
@@ -61,6 +66,19 @@ class Transforms:
         theta[interval] = np.log(part / (1 - part))
         return theta
 
+    @property
+    def bounds(self) -> FloatArray:
+        """Lower and upper bound of each, (n_params, 2); infinite where it has none."""
+        bounded = self._masks[1][:, None]
+        return np.where(bounded, np.stack([self.lower, self.upper], axis=1), [-np.inf, np.inf])
 
-def _logistic(x: FloatArray) -> FloatArray:
-    return 0.5 * (1 + np.tanh(0.5 * x))
+    def reach(self, values: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Free variables between which a search from physical `values` stays, (n_params, 2).
+
+        A positive parameter stays within a factor of a million, an unlimited one within a million of its `sizes` (everywhere
+        where that is 0), and a bounded one comes as close to its bounds as digits tell.
+        """
+        log, interval = self._masks
+        far = np.where(log, np.log(FARTHEST), np.where(interval, _FARTHEST_LOGIT, FARTHEST * sizes))
+        far, free = np.where(far > 0, far, np.inf), self.free(values)
+        return np.stack([free - far, free + far], axis=1)

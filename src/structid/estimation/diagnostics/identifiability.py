@@ -39,11 +39,11 @@ class Identifiability:
     Attributes
     ----------
     rank : int
-        Number of directions that the data alone determine to better than a factor of e.
+        Number of directions of free parameters that the data alone determine to better than a factor of e.
     condition : float
         Largest over smallest singular value of the whitened Jacobian in relative parameters.
-    singular_values : (n_params,) float array
-        Inverse standard deviations of the relative directions, largest first.
+    singular_values : (n_free,) float array
+        Of the parameters that are not at a bound: inverse standard deviations of the relative directions, largest first.
     directions : tuple of Direction
         Those not determined.
     groups : tuple of CollinearGroup
@@ -56,9 +56,18 @@ class Identifiability:
     directions: tuple[Direction, ...]
     groups: tuple[CollinearGroup, ...] = ()
 
+    @property
+    def n_free(self) -> int:
+        """Number of parameters that are not at a bound: the largest that the rank can be."""
+        return len(self.singular_values)
+
 
 def identifiability(
-    jacobian: FloatArray, values: FloatArray, names: tuple[str, ...], noise_scale: float = 1.0
+    jacobian: FloatArray,
+    values: FloatArray,
+    names: tuple[str, ...],
+    noise_scale: float = 1.0,
+    free: np.ndarray | None = None,
 ) -> Identifiability:
     """What the data rows of a Jacobian with respect to relative parameters say about each direction.
 
@@ -71,14 +80,19 @@ def identifiability(
     names : tuple of str
     noise_scale : float
         Factor on the noise (root of chi-square per degree of freedom where the noise level is not known).
+    free : (n_params,) bool array, optional
+        Parameters that count; all by default.
     """
-    n_params = len(names)
+    counted = np.arange(len(names)) if free is None else np.flatnonzero(free)
+    n_params = len(counted)
     singular = np.zeros(n_params)
-    if jacobian.shape[0]:
-        _, found, rows = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
+    if jacobian.shape[0] and n_params:
+        _, found, own = np.linalg.svd(np.linalg.qr(jacobian[:, counted], mode="r"))
         singular[: len(found)] = found
     else:
-        rows = np.eye(n_params)
+        own = np.eye(n_params)
+    rows = np.zeros((len(own), len(names)))
+    rows[:, counted] = own
     largest = singular.max(initial=0.0)
     floor = max(noise_scale, 1e-10 * largest)
     directions = []

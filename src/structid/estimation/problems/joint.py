@@ -117,6 +117,16 @@ class JointProblem(BaseProblem):
             sizes[index] = np.maximum(sizes[index], problem.sizes(physical[index]))
         return sizes
 
+    @property
+    def bounds(self) -> FloatArray:
+        return np.stack(
+            [self._first([problem.bounds[:, side] for problem in self.problems]) for side in (0, 1)], axis=1
+        )
+
+    @property
+    def reach(self) -> FloatArray:
+        return np.stack([self._first([problem.reach[:, side] for problem in self.problems]) for side in (0, 1)], axis=1)
+
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
 

@@ -106,6 +106,14 @@ class Held(Wrapped):
         own = self.problem.physical(self.whole(self.theta_start))[self.index]
         return np.delete(self.problem.sizes(np.insert(physical, self.index, own)), self.index)
 
+    @property
+    def bounds(self) -> FloatArray:
+        return np.delete(self.problem.bounds, self.index, axis=0)
+
+    @property
+    def reach(self) -> FloatArray:
+        return np.delete(self.problem.reach, self.index, axis=0)
+
     def data_changes(self, others: FloatArray) -> FloatArray | None:
         return self.problem.data_changes(self.whole(others))
 

@@ -72,6 +72,14 @@ class Wrapped:
     def sizes(self, physical: FloatArray) -> FloatArray:
         return self.problem.sizes(physical)
 
+    @property
+    def bounds(self) -> FloatArray:
+        return self.problem.bounds
+
+    @property
+    def reach(self) -> FloatArray:
+        return self.problem.reach
+
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         return self.problem.data_changes(theta)
 

@@ -82,12 +82,15 @@ class Damping:
         Factor on it after the next step that is not made.
     scale, limit : (n_params,) float arrays
         Recent largest lengths of the Jacobian's columns; most that each variable may change by in a step.
+    reach : (n_params, 2) float array
+        Free variables between which the search stays (`Problem.reach`).
     """
 
     factor: float
     growth: float
     scale: FloatArray
     limit: FloatArray
+    reach: FloatArray
 
     def at(self, here: Point[A], largest_step: float) -> Damping:
         """The same with the lengths and sizes of a point taken into account."""
@@ -177,11 +180,13 @@ def minimize(
         start = np.array(problem.theta_start if theta is None else theta, dtype=np.float64)
         costs, inner = [], []
         history: list[FloatArray] = [start]
-        damping = Damping(method.initial_damping, 2.0, np.zeros(len(start)), np.zeros(len(start)))
+        damping = Damping(
+            method.initial_damping, 2.0, np.zeros(len(start)), np.zeros(len(start)), _reach(problem, start)
+        )
     else:
         history, costs, inner = [*np.array(begun["history"])], [*begun["costs"]], [*begun["inner"]]
-        known = (np.array(begun[name]) for name in ("scale", "limit"))
-        damping = Damping(float(begun["damping"]), float(begun["growth"]), *known)
+        scale, limit = np.array(begun["scale"]), np.array(begun["limit"])
+        damping = Damping(float(begun["damping"]), float(begun["growth"]), scale, limit, _reach(problem, history[0]))
     here: Point[Any] = method.at(problem, history[-1])
     costs = [float(cost) for cost in costs] or [here.cost]
     end = End(False, f"stopped after {method.max_iterations} iterations")
@@ -205,6 +210,11 @@ def minimize(
         if keeper is not None:
             keeper.keep(iteration + 1, here.cost, partial(_state, damping, tuple(history), tuple(costs), tuple(inner)))
     return Minimum(here.theta, here.at, np.array(history), np.array(costs), np.array(inner, dtype=int), *end)
+
+
+def _reach(problem: Problem, start: FloatArray) -> FloatArray:
+    """Between which free variables the search stays: the problem's, and its own start in any case."""
+    return np.stack([np.minimum(problem.reach[:, 0], start), np.maximum(problem.reach[:, 1], start)], axis=1)
 
 
 def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:

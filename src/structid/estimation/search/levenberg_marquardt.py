@@ -22,6 +22,8 @@ _ROUNDING = 1e-14
 _KEPT = 0.7
 #: A parameter whose largest step changes the residual by less than this part of what the whole step promises is held.
 _NEGLIGIBLE = 0.01
+#: Rounds of holding those that leave the reach of the search and solving for the others again.
+_MOST_HOLDS = 4
 
 
 class WithJacobian:
@@ -92,18 +94,29 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
     return _Damped(orthogonal, factor, safe)
 
 
-def _velocity(here: FactoredPoint, damped: _Damped, limit: FloatArray) -> FloatArray:
+def _velocity(here: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
     """The damped step, with parameters that run away held at their limits.
 
     One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
-    for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still.
+    for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still. One that
+    would leave the reach of the search is held at its end.
     """
-    velocity = damped.step(here.projected)
+    limit, velocity = damping.limit, damped.step(here.projected)
     effect = here.scale * limit
-    runs = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * here.promised(velocity))
-    if not runs.any() or runs.all():
-        return velocity
-    return damped.step_holding(here.projected, runs, np.clip(velocity, -limit, limit))
+    held = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * here.promised(velocity))
+    if held.all():
+        held = np.zeros(len(held), dtype=bool)
+    low, high = damping.reach.T - here.theta
+    for _ in range(_MOST_HOLDS):
+        short = np.clip(np.clip(velocity, -limit, limit), low, high)
+        leaves = np.clip(velocity, -limit, limit) != short
+        if not ((held | leaves) & (velocity != short)).any():
+            break
+        held = held | leaves
+        if held.all():
+            return short
+        velocity = damped.step_holding(here.projected, held, short)
+    return velocity
 
 
 @dataclass(frozen=True)
@@ -164,22 +177,24 @@ class LevenbergMarquardt(WithJacobian):
 
     def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
         damped = _damped(here.triangle, damping.factor, damping.scale)
-        velocity = _velocity(here, damped, damping.limit)
+        velocity = _velocity(here, damped, damping)
         promised = here.promised(velocity)
         end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
             return Trial(None, end=end)
-        step, cost = self._bent(problem, here, damped, velocity, damping.limit)
+        step, cost = self._bent(problem, here, damped, velocity, damping)
         return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
 
     def _bent(
-        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, limit: FloatArray
+        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, damping: Damping
     ) -> tuple[FloatArray, float]:
         """The step to try and the sum of squares there: the velocity, bent where it alone keeps too little of its promise.
 
         A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
         """
-        step, promised = shortened(velocity, limit), here.promised(velocity)
+        limit, promised = damping.limit, here.promised(velocity)
+        low, high = damping.reach.T - here.theta
+        step = np.clip(shortened(velocity, limit), low, high)
         residual = residual_at(problem, here.theta + step)
         cost = squared(residual)
         if residual is None or self.acceleration <= 0 or here.cost - cost > _KEPT * promised:
@@ -190,6 +205,6 @@ class LevenbergMarquardt(WithJacobian):
         acceleration = 2 * damped.step(here.orthogonal.T @ bend)
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
             return step, cost
-        bent = shortened(step + 0.5 * acceleration, limit)
+        bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)
         bent_cost = squared(residual_at(problem, here.theta + bent))
         return (bent, bent_cost) if bent_cost < cost else (step, cost)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import SingularModelError
+from structid.estimation.diagnostics.bounds import at_bounds
+from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem, Stages, Way
-from structid.estimation.search.least_squares import Method
-from structid.estimation.search.minimum import Minimum, Progress
+from structid.estimation.search.least_squares import Method, sizes_at
+from structid.estimation.search.minimum import Minimum, Progress, residual_at, squared
 from structid.estimation.search.work import (
     ALONE,
     Minimizer,
@@ -66,6 +68,11 @@ class Search:
     uniqueness_starts : int
         How many more searches begin at random points about 20 % from the start even where a search fits: a test
         whether other parameters fit the data as well. See ``Estimate.answers``.
+    doubt_starts : int
+        How many of these there are at least where an answer fits and yet is to be doubted: the data push a parameter beyond its
+        bound, or one ended farther from its start than `doubt_beyond`.
+    doubt_beyond : float
+        Factor on a start (from 1); infinite where none is doubted for its distance.
     seed : int
         Of the random starts, and of draws.
     start : (n_params,) float array, optional
@@ -76,6 +83,8 @@ class Search:
     uniqueness_starts: int = 0
     seed: int = 0
     start: FloatArray | None = None
+    doubt_starts: int = 0
+    doubt_beyond: float = np.inf
 
 
 def searched_minima(
@@ -90,14 +99,16 @@ def searched_minima(
     """The minima of all searches, with the iterations that each took.
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
-    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not.
+    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
+    `doubt_starts` where an answer that fits is to be doubted.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[Way] = ways or ((),)
     spread = _SPREAD * problem.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
-    points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + search.uniqueness_starts)]
+    most = max(search.uniqueness_starts, search.doubt_starts)
+    points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + most)]
     starts, drawn = [], 0
     for attempt in range(search.restarts + 1):
         if attempt < len(chosen):
@@ -117,9 +128,22 @@ def searched_minima(
             if good:
                 break
     used = max(0, len(minima) - len(chosen))
-    more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][: search.uniqueness_starts])]
+    best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
+    doubtful = good and _is_doubtful(problem, method, best, start, search)
+    count = most if doubtful else search.uniqueness_starts
+    more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
     return minima + [_found(problem, method, task) for task in found]
+
+
+def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
+    """Whether an answer asks for others beside it; see `Search`."""
+    if not search.doubt_starts or method.is_matrix_free:
+        return False
+    moved = np.abs(best.theta - start)
+    if (moved > np.log(search.doubt_beyond) * sizes_at(problem, start)).any():
+        return True
+    return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 
 
 def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Any:
@@ -151,11 +175,17 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
-    """The minimum that the stages and then the problem itself lead to, and the iterations spent."""
-    iterations = 0
+    """The minimum that the stages and then the problem itself lead to, and the iterations spent.
+
+    Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
+    problem is then solved from where they began.
+    """
+    start, iterations = theta, 0
     for name, stage in stages:
         minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
+    if stages and squared(residual_at(problem, start)) < squared(residual_at(problem, theta)):
+        theta = start
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
     return minimum, iterations + len(minimum.costs) - 1
 

@@ -29,6 +29,8 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 ModalForm = Literal["output", "dynamic"]
 
 _START_ERROR = 0.5
+#: Degrees of freedom up to which all modes of the model are found, and dense matrices made.
+_DENSE_UP_TO = 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +153,11 @@ class ModalProblem(RecordProblem):
         """Ways to the answer: straight, and by the dynamic residual, which needs no pairing.
 
         Where the straight way misses the noise, the other is tried too: under noise on the shapes the dynamic residual alone is
-        smallest where all stiffnesses vanish, so that it may end farther off than it began.
+        smallest where all stiffnesses vanish, so that it may end farther off than it began. Its matrices are dense: a large
+        model goes straight only.
         """
+        if self.structure.n_dofs > _DENSE_UP_TO:
+            return ((),)
         near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
         return (), (("modal dynamic residual", near),)
 
@@ -161,7 +166,7 @@ class ModalProblem(RecordProblem):
         values = self.parameters.values(physical)
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
-        count = None if self.structure.n_dofs <= 600 else 3 * self.record.n_modes + 10
+        count = None if self.structure.n_dofs <= _DENSE_UP_TO else 3 * self.record.n_modes + 10
         found = modes(mass, stiffness, n_modes=count)
         return ModelState(mass, damping, stiffness, structural, found, self._sensors, self.slopes, physical)
 
@@ -187,7 +192,25 @@ class ModalProblem(RecordProblem):
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.linearize(theta).residual
 
+    def shape_residual(self, theta: FloatArray) -> FloatArray:
+        """The rows of shape values in the residual of form ``output``, in standard deviations."""
+        of = self if self.form == "output" else replace(self, form="output")
+        return of.residual(theta)[: of.n_data][of.series < 2 * len(self.record.channels)]
+
+    @cached_property
+    def _latest(self) -> dict[bytes, Linearization]:
+        """The last linearization: a step is tried and made at one point, and the residual costs as much as all of it."""
+        return {}
+
     def linearize(self, theta: FloatArray) -> Linearization:
+        key = theta.tobytes()
+        if key not in self._latest:
+            found = self._found(theta)
+            self._latest.clear()
+            self._latest[key] = found
+        return self._latest[key]
+
+    def _found(self, theta: FloatArray) -> Linearization:
         physical = self.physical(theta)
         if self.form == "dynamic":
             data, change, eliminated = *self._dynamic(physical), 0

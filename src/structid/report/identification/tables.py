@@ -41,15 +41,20 @@ _INTERVALS = {
 
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
-    """For each parameter whether it is identified, and if only with help."""
+    """For each parameter whether it is identified, if only with help, or at a bound."""
     found = identification.estimate
     weak = np.zeros(len(found.names), dtype=bool)
     for direction in found.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
     has_prior = bool(np.isfinite(identification.prior_std).any())
+    held = {one.index: f"at its {one.side} bound" for one in found.at_bound}
     states = []
-    for identified, doubtful in zip(found.identified, weak, strict=True):
-        if not identified:
+    for i, (identified, doubtful) in enumerate(zip(found.identified, weak, strict=True)):
+        if i in identification.ran_away:
+            states.append("ran away")
+        elif i in held:
+            states.append(held[i])
+        elif not identified:
             states.append("not identified")
         elif doubtful:
             states.append("rests on a prior" if has_prior else "weakly identified")
@@ -67,7 +72,7 @@ def parameter_table(identification: Identification) -> Table:
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
-    ends = identification.intervals.ends
+    ends, held = identification.intervals.ends, {one.index for one in found.at_bound}
     rows = []
     for i, name in enumerate(found.names):
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
@@ -78,7 +83,7 @@ def parameter_table(identification: Identification) -> Table:
                 unit_text(found.units[i]) or "1",
                 exact(initial),
                 prior if np.isfinite(identification.prior_std[i]) else NOTHING,
-                with_std(value, std),
+                exact(value) if i in held else with_std(value, std),
                 percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
                 span_text(float(ends[i, 0]), float(ends[i, 1])),
                 percent(value / initial - 1) if initial else NOTHING,
@@ -234,7 +239,8 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     found = identification.estimate
     mass, std = identification.total_mass, identification.total_mass_std
     has_mass = np.isfinite(mass) and mass > 0
-    rank, n = found.identifiability.rank, len(found.names)
+    rank, n = found.identifiability.rank, found.identifiability.n_free
+    of = f"{n} free ones" if n < len(found.names) else str(n)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
     steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
@@ -244,7 +250,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     return (
         ("Total mass", *weighed),
         ("Status", found.status.value.replace("_", " "), steps),
-        ("Rank", f"{rank} of {n}", f"condition {number(found.identifiability.condition, 2)}"),
+        ("Rank", f"{rank} of {of}", f"condition {number(found.identifiability.condition, 2)}"),
         ("Chi-square per degree of freedom", number(found.chi_square_per_dof, 3), chance),
         *(_frf_cards(identification) if identification.fits else ()),
     )

@@ -16,6 +16,7 @@ import numpy as np
 
 from structid.criticism.verdict import Criticism
 from structid.errors import FileError
+from structid.estimation.diagnostics.bounds import AtBound
 from structid.files import claimed
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
@@ -126,6 +127,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         **({} if has_matrix else search_summary(estimate)),
         "rank": identifiability.rank,
         "n_parameters": len(estimate.names),
+        "n_free_parameters": int(estimate.is_free.sum()),
         "condition": identifiability.condition,
         "chi_square_per_dof": estimate.chi_square_per_dof,
         "chi_square_probability": estimate.chi_square_probability,
@@ -223,10 +225,25 @@ def fit_summary(fit: RecordFit) -> dict[str, Any]:
     }
 
 
+def _at_bound(one: AtBound | None) -> dict[str, Any] | None:
+    """The bound that a parameter is at, and how hard the data push it beyond."""
+    if one is None:
+        return None
+    return {
+        "side": one.side,
+        "limit": one.limit,
+        "multiplier": one.multiplier,
+        "std_without_bound": one.std,
+        "chi_square_gain_per_std": one.gain_per_std,
+        "push": one.push,
+    }
+
+
 def _parameters(identification: Identification) -> list[dict[str, Any]]:
     found = identification.estimate
     parts = [problem.parameters for problem in identification.problems]
     share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
+    bounds = {one.index: one for one in found.at_bound}
     elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     return [
         {
@@ -242,6 +259,8 @@ def _parameters(identification: Identification) -> list[dict[str, Any]]:
             "interval_95": identification.intervals.ends[i],
             "initial": found.initial[i],
             "identified": bool(found.identified[i]),
+            "at_bound": _at_bound(bounds.get(i)),
+            "ran_away": i in identification.ran_away,
             "prior_mean": identification.prior_mean[i],
             "prior_std": identification.prior_std[i],
             "prior_share": share[i],

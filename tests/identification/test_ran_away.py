@@ -1,0 +1,87 @@
+"""Parameters that run away: how far a search goes, when an answer is said to have run away, and what is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chain_cases import STIFFNESS, chain, record
+
+from structid import FrfProblem, Prior, Status, identify, parameters
+from structid.criticism.verdict import judged
+from structid.estimation import LevenbergMarquardt
+from structid.estimation.estimate import estimate
+from structid.unknowns import Unknown
+
+RIGID = (1000.0, 800.0, 1e12, 900.0)
+
+
+def searched(truth, mass=(2.0,) * 4, **more):
+    """All stiffnesses from starts of 900 N/m, the masses taken as 2 kg."""
+    start = chain((900.0,) * 4)
+    unknown = parameters(start, [Unknown("stiffness", f"k:{i}", **(more if i == 3 else {})) for i in range(1, 5)])
+    return identify(start, unknown, record(chain(truth, mass)))
+
+
+def test_a_rigid_connection_runs_away_no_farther_than_the_reach_and_is_no_answer():
+    answer = searched(RIGID)
+    found = answer.estimate
+    assert found.history.max() <= 1e6 * 900.0 * (1 + 1e-12)
+    assert answer.ran_away == (2,)
+    assert np.delete(found.values, 2) == pytest.approx([1000.0, 800.0, 900.0], rel=1e-3)
+    assert found.status is Status.NOT_IDENTIFIABLE
+    judgement = judged(answer)
+    assert judgement.verdict == "undetermined"
+    assert judgement.words.startswith("Undetermined: stiffness[k:3] ran away (from 900 to 9e+08 N/m): not an answer")
+    assert any(words.startswith("stiffness[k:3] ran away") for words in answer.warnings)
+
+
+def test_what_runs_away_in_a_fit_that_misses_is_never_part_of_an_answer():
+    """Determined to 1 % and converged, but a thousand times its start in a model that misses the record."""
+    answer = searched(STIFFNESS, mass=(2.0, 2.0, 2.0, 3.0))
+    found = answer.estimate
+    assert found.covariance_basis == "model_error"
+    assert answer.ran_away == ()
+    away = replace(answer, ran_away=(2,), estimate=replace(found, status=Status.CONVERGED))
+    judgement = judged(away)
+    assert judgement.verdict == "wrong_model"
+    assert "stiffness[k:3] ran away" in judgement.words
+    assert judgement.reasons[0].startswith("stiffness[k:3] ran away")
+
+
+@pytest.mark.parametrize("factor", [50.0, 1 / 50.0])
+def test_a_truth_fifty_times_its_start_is_found(factor):
+    truth = (1000.0, 900.0 * factor, 1200.0, 900.0)
+    answer = searched(truth)
+    assert answer.estimate.values == pytest.approx(truth, rel=0.02)
+    assert answer.ran_away == ()
+    assert judged(answer).verdict == "sound"
+
+
+def test_a_prior_says_where_a_parameter_may_be():
+    assert searched(RIGID, prior=Prior(900.0, 1e7)).ran_away == ()
+
+
+def test_a_damping_that_goes_to_nothing_is_absent_and_has_not_run_away():
+    """Springs without loss, in a model that misses the record for another reason."""
+    truth, start = chain(mass=(2.0, 2.0, 2.0, 2.2), loss=0.0), chain()
+    unknown = parameters(start, [Unknown("stiffness", "k", each=True), Unknown("loss_factor", "k")])
+    answer = identify(start, unknown, record(truth))
+    assert answer.estimate.values[-1] < 1e-3 * 0.03
+    assert answer.ran_away == ()
+
+
+def test_a_parameter_at_the_end_of_its_reach_does_not_hold_up_the_others():
+    """They end where they end with that one held there."""
+    near = (1050.0, 780.0, 2e4, 920.0)
+    free = estimate(_alone(near, range(1, 5)), LevenbergMarquardt())
+    assert free.values[2] == pytest.approx(2e4 * 1e6)
+    fixed = estimate(_alone((*near[:2], 2e4 * 1e6, near[3]), (1, 2, 4)), LevenbergMarquardt())
+    assert np.delete(free.values, 2) == pytest.approx(fixed.values, rel=1e-7)
+
+
+def _alone(start, free):
+    """The record of the rigid chain, fitted with no stages before."""
+    structure = chain(start)
+    return FrfProblem(
+        structure, parameters(structure, [Unknown("stiffness", f"k:{i}") for i in free]), record(chain(RIGID))
+    )
