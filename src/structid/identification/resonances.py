@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.records import FrfRecord
+from structid.records.record import FrfKind
 
 _PROMINENCE = np.log(3.0)
 _FARTHEST = 0.15
@@ -41,11 +42,7 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     predicted : (n_frequencies, n_outputs, n_inputs) complex array
         The model at the same lines.
     """
-    quadrature = np.real if record.kind == "mobility" else np.imag
-    measured, model = (
-        _peaks(record.frequency, np.abs(quadrature(h)).sum(axis=(1, 2)), np.abs(h).sum(axis=(1, 2)))
-        for h in (record.values, predicted)
-    )
+    measured, model = (peaks(record.frequency, h, record.kind) for h in (record.values, predicted))
     found = []
     for peak in measured:
         near = model[np.abs(model - peak) <= _FARTHEST * peak]
@@ -54,10 +51,19 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     return tuple(found)
 
 
-def _peaks(frequency: FloatArray, indicator: FloatArray, size: FloatArray) -> FloatArray:
-    """Prominent peaks, each refined by a parabola through the logarithms at three lines."""
+def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
+    """Peaks that `resonances` counts, Hz, each refined by a parabola through the logarithms at three lines.
+
+    Parameters
+    ----------
+    frequency : (n_frequencies,) float array
+    values : (n_frequencies, n_outputs, n_inputs) complex array
+    kind : FrfKind
+    """
     from scipy.signal import find_peaks
 
+    indicator = np.abs(values.real if kind == "mobility" else values.imag).sum(axis=(1, 2))
+    size = np.abs(values).sum(axis=(1, 2))
     if len(indicator) < 5:
         return np.zeros(0)
     level = np.log(np.maximum(np.maximum(indicator, 0.5 * size), np.finfo(float).tiny))

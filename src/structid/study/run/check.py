@@ -166,7 +166,7 @@ def check_study(study: Study) -> CheckResult:
         total_mass=study.structure.mass_of(values, options.direction),
         total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
         warnings=(
-            *ready.unit_warnings,
+            *ready.channel_warnings,
             *ready.warnings,
             *(
                 name + words
