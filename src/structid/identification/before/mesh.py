@@ -15,6 +15,8 @@ from structid.structure import Structure
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
 _MOST_DOFS, _MOST_MODES = 20_000, 40
+#: Degrees of freedom up to which all modes come at once.
+_ALL = 600
 #: Damping ratio that half-bandwidths have at least.
 _LEAST_DAMPING = 0.001
 #: Part of a half-bandwidth by which a mode may be off by its mesh, and relative change of a frequency that is rounding.
@@ -117,30 +119,23 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     why = obstacle(structure)
     if why is not None:
         return why
+    finer = [made for made in (refined(structure, values, times, _MOST_DOFS) for times in (2, 4)) if made is not None]
+    if not finer:
+        return f"the mesh was not judged: twice as fine, the model has more than {_MOST_DOFS} degrees of freedom"
     low, high = band
     own = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs))
     looked = np.flatnonzero((own.frequency <= _LOOKED * high) & (own.frequency > _RIGID * high))
     if not looked.size:
         return "the mesh was not judged: the initial model has no mode in the band"
     count = len(looked) + int(looked[0])
-    finer: list[FloatArray] = []
-    lost: FloatArray = np.zeros(0)
-    for times in (2, 4):
-        made = refined(structure, values, times, _MOST_DOFS)
-        if made is None:
-            break
-        found = structure_modes(made.structure, made.values, count + 8)
-        pairs = _paired(structure, values, own, looked, made, found)
-        finer.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
-        if times == 2:
-            others = np.setdiff1d(np.arange(len(found.frequency)), pairs[pairs >= 0])
-            lost = found.frequency[others]
-    if not finer:
-        return (
-            f"the mesh was not judged: with elements half as long the model has more than {_MOST_DOFS} degrees of freedom"
-        )
     frequency = own.frequency[looked]
-    limit, order = _limit(frequency, finer)
+    other: list[FloatArray] = []
+    for made in finer:
+        found = structure_modes(made.structure, made.values, None if made.structure.n_dofs <= _ALL else count + 8)
+        pairs = _paired(structure, values, own, looked, made, found)
+        other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
+        lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
+    limit, order = _limit(frequency, other)
     kept = np.isfinite(limit) & (np.maximum(limit, frequency) >= low) & (np.minimum(limit, frequency) <= high)
     error = frequency[kept] / limit[kept] - 1
     damping = np.maximum(own.damping_ratio[looked[kept]], _LEAST_DAMPING)
