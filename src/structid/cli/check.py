@@ -93,7 +93,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
                 number(pair.measured) if math.isfinite(pair.measured) else "none",
                 number(pair.model) if math.isfinite(pair.model) else "none",
                 f"{above:+.2g}" if math.isfinite(above) else "",
-                f"{pair.half_bandwidths:+.2g}" if math.isfinite(above) else "",
+                f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
                 number(pair.mac, 2) if math.isfinite(pair.mac) else "",
             )
         found.append(table)

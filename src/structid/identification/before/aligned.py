@@ -16,6 +16,8 @@ from structid.similarity import mac
 
 #: What a resonance without a like costs, and what a shape without likeness does; both in the logarithm of frequency.
 _ALONE, _UNLIKE = 0.25, 0.3
+#: Common factors of all frequencies that are tried, as logarithms, and what they cost.
+_SHIFTS, _COMMON = sorted(np.linspace(-0.7, 0.7, 15).tolist(), key=abs), 0.5
 #: Lines that channels are looked at on, and standard deviations that a value has to be above its noise.
 _MOST_LINES, _CLEAR = 400, 3.0
 
@@ -130,14 +132,16 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
     """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency."""
     (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
     likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
-    cost = np.abs(np.log(f)[:, None] - np.log(g)) + _UNLIKE * (1 - likeness)
+    apart = np.log(f)[:, None] - np.log(g)
+    ways = [in_order(np.abs(apart - shift) + _UNLIKE * (1 - likeness), _ALONE, _COMMON * abs(shift)) for shift in _SHIFTS]
+    pairs, _ = min(ways, key=lambda way: way[1])
     return tuple(
         ResonancePair(
             float(f[i]) if i is not None else float("nan"),
             float(g[j]) if j is not None else float("nan"),
             float(likeness[i, j]) if i is not None and j is not None else float("nan"),
         )
-        for i, j in in_order(cost, _ALONE)
+        for i, j in pairs
     )
 
 
@@ -149,14 +153,18 @@ def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatA
     return found, part[near].reshape(len(found), -1)
 
 
-def in_order(cost: FloatArray, alone: float) -> Sequence[tuple[int | None, int | None]]:
-    """The cheapest way to pair two rows of things in their order, where one without a like costs `alone`.
+def in_order(
+    cost: FloatArray, alone: float, begun: float = 0.0
+) -> tuple[Sequence[tuple[int | None, int | None]], float]:
+    """The cheapest way to pair two rows of things in their order, where one without a like costs `alone`, and its cost.
 
     Parameters
     ----------
     cost : (n, m) float array
         Of each pair.
     alone : float
+    begun : float
+        Cost to begin with.
 
     References
     ----------
@@ -164,7 +172,7 @@ def in_order(cost: FloatArray, alone: float) -> Sequence[tuple[int | None, int |
     """
     n, m = cost.shape
     total = np.zeros((n + 1, m + 1))
-    total[:, 0], total[0] = alone * np.arange(n + 1), alone * np.arange(m + 1)
+    total[:, 0], total[0] = begun + alone * np.arange(n + 1), begun + alone * np.arange(m + 1)
     for i in range(n):
         for j in range(m):
             total[i + 1, j + 1] = min(total[i, j] + cost[i, j], total[i, j + 1] + alone, total[i + 1, j] + alone)
@@ -180,4 +188,4 @@ def in_order(cost: FloatArray, alone: float) -> Sequence[tuple[int | None, int |
         else:
             j -= 1
             found.append((None, j))
-    return found[::-1]
+    return found[::-1], float(total[n, m])

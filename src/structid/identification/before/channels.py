@@ -1,7 +1,8 @@
 """Sense, unit and level of every sensor and load, told from a record beside the initial model and from reciprocity.
 
 All is told relative to the other channels: parameters that start far off move all channels alike, or by little.
-Limits are set on right models whose parameters start up to 30 % off; see `tests/identification/test_channels_before.py`.
+Limits are set on right models whose parameters start 15 to 30 % off, each on its own: 220 studies of eight structures, 300
+of a shear frame.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ from structid.units import STANDARD_GRAVITY
 #: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
 _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
 #: Factors, as logarithms: by which a channel may be off, and beyond which its level, and its unit, is wrong.
-_ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.0), np.log(3.0)
-#: Accord of the whole record and part of its resonances with a like, by which a factor of all channels is told.
-_ALL_GO, _PAIRED = 0.85, 0.6
+_ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
+#: Factor of all channels that is told, as a logarithm: where all sensors agree on it within so much, and where they differ.
+_SHARED, _ALIKE, _SHARED_BY_MOST = np.log(1.6), 0.25, np.log(2.5)
+#: Sensors that can agree, accord that they must reach, and part of the resonances with a like.
+_FEWEST, _AGREE, _PAIRED = 3, 0.85, 0.6
 #: How far from a unit's factor a level may be, as a logarithm.
 _NEAR = 0.35
 #: Powers of ten from which on units differ, and how near they must be.
@@ -74,10 +77,11 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
             ' FRF has another sign convention; relabel the load, as in relabel = {"load 3X" = "3X-"}'
         )
     loads = median(level, 0)
-    alike = abs(common) > _ABOUT_ONE and bool((np.abs(loads - common) < _NEAR).all())
+    alike = bool((np.abs(loads - common) < _NEAR).all())
     paired = [np.isfinite(one.mac) for one in found.pairs]
-    spread = float(np.nanmedian(np.abs(level - common)))
-    if not (alike and abs(goes) >= _ALL_GO and sum(paired) > 0 and np.mean(paired) >= _PAIRED and spread < _NEAR):
+    agree = len(level) >= _FEWEST and float(np.nanmax(level) - np.nanmin(level)) < _ALIKE
+    is_clear = abs(common) > (_SHARED if agree else _SHARED_BY_MOST) and abs(goes) >= _AGREE
+    if not (alike and is_clear and any(paired) and np.mean(paired) >= _PAIRED):
         return
     if record.kind == "accelerance" and abs(abs(common) - np.log(STANDARD_GRAVITY)) <= _NEAR:
         yield (
@@ -88,14 +92,14 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
             ' unit = "g/N" in [record]'
         )
         return
-    unit = _unit(common, _FORCES)
+    unit = _unit(common, _FORCES) if agree else ""
     cause = (
         f"the force is {np.exp(common):.2g} times what the record says, or the model's masses are too large by that"
         if common > 0
         else f"the force is 1/{np.exp(-common):.2g} of what the record says, or the model's masses are too small by that"
     )
     remedy = f", as if it were {unit}" if unit else "; check the load cell's sensitivity"
-    yield f"load {_listed(record.inputs)}: {cause}: {told}, at {_count(level)}{remedy}"
+    yield f"load {_listed(record.inputs)}: {cause}: {told}{remedy}"
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
@@ -209,7 +213,3 @@ def _decade_remedy(decades: int) -> str:
 
 def _listed(dofs: Sequence[Dof]) -> str:
     return ", ".join(map(str, dofs))
-
-
-def _count(level: FloatArray) -> str:
-    return f"all {len(level)} sensors" if len(level) > 1 else "the one sensor"

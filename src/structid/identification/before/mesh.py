@@ -17,8 +17,10 @@ from structid.structure import Structure
 _MOST_DOFS, _MOST_MODES = 20_000, 40
 #: Degrees of freedom up to which all modes come at once.
 _ALL = 600
-#: Damping ratio that half-bandwidths have at least.
-_LEAST_DAMPING = 0.001
+#: Damping ratio that half-bandwidths have at least, and where there is none.
+_LEAST_DAMPING, _USUAL_DAMPING = 0.001, 0.01
+#: Pieces from which on smaller elements are no remedy.
+_MOST_PIECES = 16
 #: Part of a half-bandwidth by which a mode may be off by its mesh, and relative change of a frequency that is rounding.
 _PART, _ROUNDING = 0.1, 1e-6
 #: Powers of the element length that errors go with; the usual one where only one refinement can be solved.
@@ -26,7 +28,7 @@ _ORDERS, _USUAL = (1.0, 6.0), 2.0
 #: Parts of the band's end up to which modes are looked at, below which they are a rigid body's, and up to which one is lost.
 _LOOKED, _RIGID, _LOST = 1.3, 1e-3, 0.97
 #: Likeness from which on a mode of the refined model is one of the coarse model's, and how far apart they may be.
-_ALIKE, _FARTHEST = 0.5, 0.5
+_ALIKE, _FARTHEST = 0.5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class MeshErrors:
     number : (n_judged,) int array
         Of each mode in the band, from 0.
     frequency, damping_ratio : (n_judged,) float arrays
-        With the elements as they are, Hz and 1.
+        With the elements as they are, Hz and 1; ratios are at least 0.001, and 0.01 where there is no damping.
     error : (n_judged,) float array
         Relative: positive where the frequency is too high.
     passed_over : (n_lost,) float array
@@ -70,7 +72,7 @@ class MeshErrors:
     @property
     def half_bandwidths(self) -> FloatArray:
         """Errors in half-bandwidths, without sign."""
-        return np.abs(self.error) / np.maximum(self.damping_ratio, _LEAST_DAMPING)
+        return np.abs(self.error) / self.damping_ratio
 
     @property
     def words(self) -> str:
@@ -87,8 +89,8 @@ class MeshErrors:
                 f"mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is {100 * abs(self.error[worst]):.2g} % too"
                 f" {sense} with these elements, {self.half_bandwidths[worst]:.2g} half-bandwidths"
             )
-        if not self.needed:
-            return f"{found}; refine the mesh"
+        if not self.needed or self.needed > _MOST_PIECES:
+            return f"{found}; refine the mesh, or take elements of higher order"
         remedy = (
             f"`subdivide = {self.subdivide}` in [structure] brings"
             if self.unit == "subdivide"
@@ -132,14 +134,20 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     other: list[FloatArray] = []
     for made in finer:
         found = structure_modes(made.structure, made.values, None if made.structure.n_dofs <= _ALL else count + 8)
+        if np.count_nonzero(found.frequency <= _RIGID * high) > np.count_nonzero(own.frequency <= _RIGID * high):
+            return (
+                "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
+                " have it judged"
+            )
         pairs = _paired(structure, values, own, looked, made, found)
         other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
         lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
     limit, order = _limit(frequency, other)
     kept = np.isfinite(limit) & (np.maximum(limit, frequency) >= low) & (np.minimum(limit, frequency) <= high)
     error = frequency[kept] / limit[kept] - 1
-    damping = np.maximum(own.damping_ratio[looked[kept]], _LEAST_DAMPING)
-    tolerance = _PART * float(damping.min(initial=np.inf)) if kept.any() else _PART * _LEAST_DAMPING
+    ratio = own.damping_ratio[looked[kept]]
+    damping = np.where(ratio > 0, np.maximum(ratio, _LEAST_DAMPING), _USUAL_DAMPING)
+    tolerance = _PART * float(damping.min(initial=_USUAL_DAMPING))
     lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
     is_off = bool((np.abs(error) > _PART * damping).any())
     needed = _pieces(np.abs(error), order[kept], tolerance) if is_off else 0
@@ -147,7 +155,7 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     return MeshErrors(
         number=looked[kept],
         frequency=frequency[kept],
-        damping_ratio=own.damping_ratio[looked[kept]],
+        damping_ratio=damping,
         error=error,
         passed_over=lost,
         unit="cells" if has_cells else "subdivide",
@@ -181,8 +189,7 @@ def _paired(
     structure: Structure, values: FloatArray, own: Modes, looked: IntArray, made: Refined, found: Modes
 ) -> IntArray:
     """Which mode of the refined model is each of the modes `looked`; -1 where none is."""
-    place = {code: i for i, code in enumerate(made.structure.numbering.free)}
-    rows = np.array([place[code] for code in structure.numbering.free])
+    rows = made.places(structure)
     mass = structure.matrix("inertia", values)
     coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]
     size = np.einsum("dm,dm->m", fine, mass @ fine)

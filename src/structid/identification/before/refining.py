@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -51,6 +51,8 @@ _CHILDREN: dict[str, tuple[Child, ...]] = {
     ),
     "hexahedron": _boxes([(*at, z) for z, at in product((0, 1), _RING)]),
 }
+#: Part of a matrix's largest entry below which an entry is rounding.
+_ROUNDING = 1e-9
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 #: Corners of each side, by which rims are known.
 _SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -70,10 +72,19 @@ class Refined:
     structure : Structure
     values : (n_values,) float array
         Of its properties.
+    inside : mapping of int to int
+        What it calls the nodes inside the elements of the structure that it was made from; others keep their labels.
     """
 
     structure: Structure
     values: FloatArray
+    inside: Mapping[int, int]
+
+    def places(self, structure: Structure) -> IntArray:
+        """Where the degrees of freedom of the structure that it was made from are among its own."""
+        place = {code: i for i, code in enumerate(self.structure.numbering.free)}
+        own = (divmod(code, 6) for code in structure.numbering.free)
+        return np.array([place[6 * self.inside.get(node, node) + axis] for node, axis in own])
 
 
 def split_power(structure: Structure) -> int:
@@ -94,8 +105,16 @@ def obstacle(structure: Structure) -> str | None:
     if whole:
         return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere and cannot be refined"
     cells = [made for made in structure.elements if made.cells]
+    if not cells and not any(made.is_line for made in structure.elements):
+        return ""
+    inside = _held_inside(structure)
+    if inside:
+        return (
+            f"the mesh was not judged: {_listed(inside)} turn in directions that `active` leaves out, and pieces would be held"
+            " in them between their ends; add these directions to `active`"
+        )
     if not cells:
-        return None if any(made.is_line for made in structure.elements) else ""
+        return None
     odd = [made.name for made in cells if any(kind not in _CHILDREN for kind in _kinds(made))]
     if odd:
         return f"the mesh was not judged: cells of the kinds of {_listed(odd)} are not split"
@@ -125,13 +144,43 @@ def refined(structure: Structure, values: FloatArray, times: int, most: int) -> 
         more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)
         if structure.n_dofs + more > most or structure.subdivide * times > MOST_PIECES:
             return None
-        return Refined(replace(structure, subdivide=structure.subdivide * times), values)
+        return Refined(replace(structure, subdivide=structure.subdivide * times), values, _inside(structure, times))
     if structure.n_dofs * times ** split_power(structure) > most:
         return None
-    found = Refined(structure, values)
+    found = Refined(structure, values, {})
     for _ in range(times.bit_length() - 1):
         found = _split(found)
     return found
+
+
+def _held_inside(structure: Structure) -> list[str]:
+    """Sets of lines whose stiffness couples directions that move with some that are held everywhere."""
+    lines = {made.name for made in structure.elements if made.is_line}
+    moving = [DIRECTIONS.index(direction) for direction in structure.active or ()]
+    found = []
+    for p in structure.properties:
+        if p.element not in lines or p.term.kind != "stiffness":
+            continue
+        for layer in p.term.layers:
+            moves = np.isin(layer.codes % 6, moving)
+            coupled = np.abs(layer.local) * (moves[:, :, None] & ~moves[:, None, :])
+            if coupled.max(initial=0.0) > _ROUNDING * np.abs(layer.local).max(initial=0.0):
+                found.append(p.element)
+    return list(dict.fromkeys(found))
+
+
+def _inside(structure: Structure, times: int) -> dict[int, int]:
+    """Labels of the nodes between pieces, and of ends let go, once each piece is cut into `times`."""
+    first = max(structure.nodes) + 1
+    pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.elements if made.is_line)
+    found = {
+        first + line * (pieces - 1) + piece - 1: first + line * (pieces * times - 1) + piece * times - 1
+        for line in range(n_lines)
+        for piece in range(1, pieces)
+    }
+    before, after = first + n_lines * (pieces - 1), first + n_lines * (pieces * times - 1)
+    loosened = sum(made.loosened is not None for made in structure.elements)
+    return found | {before + joint: after + joint for joint in range(loosened)}
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -197,7 +246,7 @@ def _split(given: Refined) -> Refined:
     for p in finer.properties:
         own_values = old[p.element, p.term.property]
         parts.append(own_values[parents[p.element]] if p.element in parents else own_values)
-    return Refined(finer, np.concatenate(parts))
+    return Refined(finer, np.concatenate(parts), {})
 
 
 def _held(structure: Structure, middles: _Middles) -> list[Dof]:

@@ -19,7 +19,7 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
     """Findings on every channel and on the record as a whole; empty for a sound record.
 
     Looked for are dead and constant channels, clipping, drop-outs (runs of one value), spikes, levels far from those of
-    the other channels, records of a few periods only, drift, power up to the Nyquist frequency (aliasing), and lines of the
+    the other channels, records of a few periods only, power up to the Nyquist frequency (aliasing), and lines of the
     mains.
 
     Parameters

@@ -18,6 +18,7 @@ _HARMONIC = 2.1  # kurtosis half way (by ratio) from 1.5 of a harmonic to 3 of a
 _LINE = 0.125  # Hz, spacing of spectral lines wanted to see the mains
 _SLOW, _BESIDE = 3, 20  # lines that a drift fills, and those above that it is held against
 _DRIFT, _OVER = 0.02, 30.0  # part of the power that is a drift, and times the median line above that it must reach
+_DECAY = 10.0  # times the power of the last quarter that the first has in a decay
 _RARE = 1e-6  # probability at which a spectral line of a smooth spectrum is called a peak
 
 
@@ -32,8 +33,7 @@ def spectral_checks(
     if n < 64:
         words = f"the record has {n} samples, too few for a spectrum; measure longer"
         return (Finding("short", words, "unusable"),)
-    slow = _short(record, motion, band)
-    return (*slow, *([] if slow else _drifting(record, motion)), *_aliasing(record, motion), *_mains(record, motion))
+    return (*_short(record, motion, band), *_aliasing(record, motion), *_mains(record, motion))
 
 
 def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None = None) -> FloatArray:
@@ -110,15 +110,23 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
     return [Finding("short", words, "unusable" if band is not None and periods < _TOO_FEW else "warning")]
 
 
-def _drifting(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Channels with far more motion in the first lines of the whole record than in those above."""
+def drifts(record: TimeRecord) -> tuple[Finding, ...]:
+    """Channels of motion with far more power in the first lines of the whole record than in those above; of no decays.
+
+    Under a force, slow motion is that of the amplifier; ambient motion may have it of its own.
+    """
+    motion = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0]
+    if not motion or len(record.values) < 4 * (_SLOW + _BESIDE):
+        return ()
     y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
     power = np.abs(np.fft.rfft(y, axis=0)[1:]) ** 2
     slow = power[:_SLOW].sum(axis=0)
     share = slow / power.sum(axis=0)
     above = np.median(power[_SLOW : _SLOW + _BESIDE], axis=0)
+    quarter = len(y) // 4
+    decays = (y[:quarter] ** 2).sum(axis=0) > _DECAY * (y[-quarter:] ** 2).sum(axis=0)
     found = []
-    for k in np.flatnonzero((share > _DRIFT) & (slow > _OVER * above)).tolist():
+    for k in np.flatnonzero((share > _DRIFT) & (slow > _OVER * above) & ~decays).tolist():
         name = channel_name(record, motion[k])
         words = (
             f"channel {name} drifts: {share[k]:.1%} of its power has periods of more than a {_SLOW}rd of the record"
@@ -126,7 +134,7 @@ def _drifting(record: TimeRecord, motion: list[int]) -> list[Finding]:
             " with `detrend` or a high-pass before use"
         )
         found.append(Finding("drift", words, "warning", name))
-    return found
+    return tuple(found)
 
 
 def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,8 @@ from structid.records.transforms.spectra import window_weights
 
 #: Part of a peak that a window may take off; and part of the motion's power that segments may differ by, or end with.
 _LOWERED, _DIFFERS, _AT_REST = 0.05, 0.02, 0.01
+#: Points between two lines of a window's spectrum; times longer segments that are looked for.
+_FINE, _MOST = 8, 1e4
 #: Part of a segment at either end that shows whether it is at rest there.
 _END = 0.02
 
@@ -21,8 +23,8 @@ def leakage(
 ) -> str:
     """How far segments of `length` samples lower the peaks of modes, in words; "" where they hardly do.
 
-    Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise a peak
-    of half-power bandwidth B is lowered by about (b / B)^2 / 3, where b is the noise bandwidth of the window.
+    Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the
+    power spectrum of a mode is smoothed by that of the window.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ def leakage(
 
     References
     ----------
-    Bendat and Piersol (2010), Random Data, 4th ed., Eq. (8.141).
+    Bendat and Piersol (2010), Random Data, 4th ed., section 8.5.
     """
     weights = window_weights(window, length)
     is_flat = float(np.ptp(weights)) < 1e-9
@@ -44,20 +46,27 @@ def leakage(
         return ""
     if is_flat and (len(record.values) < 2 * length or _repeats(record, length) or _rests(record, length)):
         return ""
-    blur = float(len(weights) * (weights**2).sum() / weights.sum() ** 2) * record.sampling_rate / length
-    width = 2 * damping_ratio * frequency
-    lines = np.divide(width * length, record.sampling_rate)
-    lowered = np.where(width > 0, (blur / np.maximum(width, 1e-300)) ** 2 / 3, np.inf)
-    worst = int(lowered.argmax())
-    if lowered[worst] <= _LOWERED:
+    lines = 2 * damping_ratio * frequency * length / record.sampling_rate
+    worst = int(lines.argmin())
+    power = np.abs(np.fft.rfft(weights, _FINE * length)) ** 2
+    lowered = _lowered(power, float(lines[worst]))
+    if lowered <= _LOWERED:
         return ""
-    needed = int(np.ceil(length * np.sqrt(min(lowered[worst], 1e6) / _LOWERED)))
-    about = f"by about {100 * lowered[worst]:.2g} %" if lowered[worst] < 0.3 else "by a third or more"
+    enough = next(k for k in 1.1 ** np.arange(200) if _lowered(power, float(lines[worst]) * k) <= _LOWERED or k > _MOST)
+    needed = int(np.ceil(length * enough))
     name = "no window, though segments neither repeat nor rest at their ends," if is_flat else f"window {window!r}"
     return (
         f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers that"
-        f" peak {about} and shows more damping; take segments of {needed} samples, or fit the histories by [record.time]"
+        f" peak by about {100 * lowered:.2g} % and shows more damping; take segments of {needed} samples, or fit the histories by [record.time]"
     )
+
+
+def _lowered(power: FloatArray, lines: float) -> float:
+    """Part that a window of this `power` spectrum takes off the peak of a mode with so many lines in its bandwidth."""
+    offset = np.arange(len(power)) / _FINE
+    weight = np.where(offset > 0, 2.0, 1.0) * power
+    peak = 1 / (1 + (2 * offset / max(lines, 1e-9)) ** 2)
+    return float(1 - (weight * peak).sum() / weight.sum())
 
 
 def _segments(record: TimeRecord, length: int) -> FloatArray:

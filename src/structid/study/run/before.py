@@ -14,6 +14,7 @@ from structid.identification.setups import AnySetup, Look
 from structid.observation import RecordProblem
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
+from structid.records.quality.spectral_checks import drifts
 from structid.records.quality.window_checks import leakage
 from structid.study.schema.record import RecordSource, read_histories
 from structid.study.schema.study import Study
@@ -33,7 +34,7 @@ class ResonanceCheck:
     measured, model : float
         Hz; NaN where one has no like.
     half_bandwidths : float
-        How far the model is above, by the model's damping.
+        How far the model is above, by the model's damping; NaN where it has none.
     mac : float
     """
 
@@ -81,7 +82,9 @@ def checked_record(
     warnings: list[str] = []
     histories = read_histories(source)
     for record in histories:
-        warnings += [one.words for one in signal_checks(record) if one.severity != "note"]
+        found = [one for one in signal_checks(record) if one.severity != "note"]
+        slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
+        warnings += [one.words for one in (*found, *slow)]
     warnings += _leaks(source, histories, problem, modes)
     return RecordCheck(title, _resonances(look, modes), tuple(warnings), _facts(setup))
 
@@ -99,8 +102,9 @@ def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
         distance = float("nan")
         if len(modes.frequency):
             near = int(np.abs(modes.frequency - np.nan_to_num(pair.model)).argmin())
-            half = max(float(modes.damping_ratio[near]), _LEAST_DAMPING) * pair.model
-            distance = (pair.model - pair.measured) / half
+            damping = float(modes.damping_ratio[near])
+            if damping > 0:
+                distance = (pair.model - pair.measured) / (max(damping, _LEAST_DAMPING) * pair.model)
         found.append(ResonanceCheck(pair.measured, pair.model, distance, pair.mac))
     return tuple(found)
 
