@@ -130,7 +130,9 @@ def test_reciprocity_needs_no_model():
     assert told(made) == ()
     [found] = told(with_values(made, times(1.2, 1)))
     assert "reciprocity: 5X under a load at 2X is 0.833 times 2X under a load at 5X" in found
-    assert any(words.startswith("reciprocity: 5X under a load at 2X is -") for words in told(with_values(made, times(-1, 1))))
+    assert any(
+        words.startswith("reciprocity: 5X under a load at 2X is -") for words in told(with_values(made, times(-1, 1)))
+    )
 
 
 def tower(force, stiffness, seed=0):
@@ -204,14 +206,18 @@ def test_resonances_are_paired_by_shape_and_the_missing_ones_left_alone():
 
 def test_beams_with_rotations_measured():
     nodes = {i: (i / 4, 0.0) for i in range(5)}
-    beam = Beam("beam", [[i, i + 1] for i in range(4)], mass=2.0, bending_stiffness=400.0, axial_stiffness=1e6, loss_factor=0.02)
+    beam = Beam(
+        "beam", [[i, i + 1] for i in range(4)], mass=2.0, bending_stiffness=400.0, axial_stiffness=1e6, loss_factor=0.02
+    )
     structure = Structure(nodes, [beam], ["0X", "0Y", "0RZ"])
     unknown = parameters(structure, [Unknown("bending_stiffness", "beam", each=True)])
     outputs = ("1Y", "2Y", "3Y", "4RZ")
     frequency = np.arange(2.0, 150.0, 0.5)
     blank = FrfRecord(frequency, np.zeros((len(frequency), 4, 1), complex), outputs, ("4Y",), "receptance")
     record = simulated_record(structure, unknown, blank)
-    made = FrfProblem(structure, unknown.started_at(np.array(unknown.start) * [1.2, 0.8, 1.1, 0.9]), record, model_error=0.1)
+    made = FrfProblem(
+        structure, unknown.started_at(np.array(unknown.start) * [1.2, 0.8, 1.1, 0.9]), record, model_error=0.1
+    )
     assert told(made) == ()
     [found] = told(with_values(made, times(180 / np.pi, 3)))
     assert found.startswith("sensor 4RZ+ reads")

@@ -1,5 +1,7 @@
 """Errors of meshes: against frequencies in closed form, silent where the mesh is fine, and said where it cannot be judged."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,10 @@ def test_errors_of_a_cantilever_are_those_of_the_closed_form():
     np.testing.assert_allclose(found.error, true, rtol=0.1, atol=1e-5)
     worst = int(np.argmax(true))
     assert true[worst] > 0.1
-    assert f"mode {worst + 1} at {found.frequency[worst]:.4g} Hz is {100 * found.error[worst]:.2g} % too high" in found.words
+    assert (
+        f"mode {worst + 1} at {found.frequency[worst]:.4g} Hz is {100 * found.error[worst]:.2g} % too high"
+        in found.words
+    )
 
 
 def test_the_pieces_asked_for_are_enough_and_hardly_more_than_needed():
@@ -93,7 +98,10 @@ def test_a_mode_that_the_elements_lack_is_named():
 @pytest.mark.parametrize(
     "element, words",
     [
-        (lambda: MatrixGroup("shell", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]]), "come from elsewhere"),
+        (
+            lambda: MatrixGroup("shell", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]]),
+            "come from elsewhere",
+        ),
         (lambda: Bar("brace", [[0, 1], [1, 2], [0, 2]], mass=1.0, axial_stiffness=1e4), "sideways without stiffness"),
     ],
 )
@@ -110,7 +118,12 @@ def test_masses_and_springs_have_no_mesh():
 
 def test_pieces_that_active_would_hold_inside_are_said():
     """A column that bends about X with no rotation about X: its inner nodes would be clamped."""
-    properties = {"bending_stiffness_y": 1.0, "bending_stiffness_z": 1.0, "axial_stiffness": 1e3, "torsional_stiffness": 1.0}
+    properties = {
+        "bending_stiffness_y": 1.0,
+        "bending_stiffness_z": 1.0,
+        "axial_stiffness": 1e3,
+        "torsional_stiffness": 1.0,
+    }
     column = SpaceBeam("column", [[1, 2]], mass=1.0, polar_inertia=0.1, **properties)
     nodes = {1: (0, 0, 0), 2: (0, 0, 1)}
     held = Structure(nodes, [column], ["1X", "1Y"], active=["X", "Y", "RY"])
@@ -184,7 +197,7 @@ def test_stiffeners_are_split_with_their_plate():
     nodes = {node: (*at, 0.0) for node, at in nodes.items()}
     plate = Plate("plate", quads, youngs_modulus=7e10, density=2700.0, thickness=0.003, poisson=0.3, loss_factor=0.02)
     axis = [11, 12, 13, 14, 15]
-    rows = [[a, b] for a, b in zip(axis, axis[1:], strict=False)]
+    rows = [[a, b] for a, b in pairwise(axis)]
     properties = {"bending_stiffness_y": 50.0, "bending_stiffness_z": 50.0, "torsional_stiffness": 5.0}
     rib = SpaceBeam("rib", rows, mass=0.5, axial_stiffness=1e6, polar_inertia=1e-4, **properties)
     structure = Structure(nodes, [plate, rib], [f"{n}Z" for n in rim], active=["Z", "RX", "RY"])

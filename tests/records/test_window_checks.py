@@ -82,7 +82,9 @@ def drifting(share, seed=0):
     slow = np.sin(np.pi * np.arange(len(y)) / len(y))
     slow -= slow.mean()
     y = y + slow * np.sqrt(share * y.var() / slow.var())
-    return TimeRecord(RATE, np.stack([y, shaken(noise(60, seed + 1)).values[:, 1]], axis=1), ("1X", "2X"), ("velocity",) * 2)
+    return TimeRecord(
+        RATE, np.stack([y, shaken(noise(60, seed + 1)).values[:, 1]], axis=1), ("1X", "2X"), ("velocity",) * 2
+    )
 
 
 def test_a_drift_is_told_with_its_share():

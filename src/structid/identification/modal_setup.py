@@ -10,10 +10,10 @@ import numpy as np
 from structid.declared import NotNegative, Positive
 from structid.dof import Dof
 from structid.errors import InputError
+from structid.identification.before.aligned import ResonancePair
 from structid.identification.modal_fit import ModalFit, modal_fit, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own
-from structid.identification.before.aligned import ResonancePair
 from structid.identification.setups import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
 from structid.observation import ChannelUnknown, ModalForm, ModalProblem

@@ -133,7 +133,9 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
     (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
     likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
     apart = np.log(f)[:, None] - np.log(g)
-    ways = [in_order(np.abs(apart - shift) + _UNLIKE * (1 - likeness), _ALONE, _COMMON * abs(shift)) for shift in _SHIFTS]
+    ways = [
+        in_order(np.abs(apart - shift) + _UNLIKE * (1 - likeness), _ALONE, _COMMON * abs(shift)) for shift in _SHIFTS
+    ]
     pairs, _ = min(ways, key=lambda way: way[1])
     return tuple(
         ResonancePair(

@@ -116,8 +116,9 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
             yield f"load {load} acts with the opposite sense at most sensors; check its sign, or relabel it"
         elif goes[i] >= _GOES and abs(loads[i] - reference) > _ABOUT_ONE and abs(loads[i]) > _ABOUT_ONE:
             size, unit = loads[i] - reference, _unit(loads[i] - reference, _FORCES)
-            yield f"load {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other loads: " + (
-                f"the force looks to be {unit}" if unit else "check the load cell's sensitivity"
+            yield (
+                f"load {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other loads: "
+                + (f"the force looks to be {unit}" if unit else "check the load cell's sensitivity")
             )
 
 

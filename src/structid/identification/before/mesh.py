@@ -96,7 +96,9 @@ class MeshErrors:
             if self.unit == "subdivide"
             else f"cells 1/{self.needed} as long bring"
         )
-        whom = "it" if not self.passed_over.size and np.count_nonzero(self.half_bandwidths > _PART) == 1 else "every mode"
+        whom = (
+            "it" if not self.passed_over.size and np.count_nonzero(self.half_bandwidths > _PART) == 1 else "every mode"
+        )
         return f"{found}; {remedy} {whom} below {100 * self.tolerance:.2g} % ({self.n_elements} elements)"
 
 
@@ -133,7 +135,7 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     frequency = own.frequency[looked]
     other: list[FloatArray] = []
     for made in finer:
-        found = structure_modes(made.structure, made.values, None if made.structure.n_dofs <= _ALL else count + 8)
+        found = structure_modes(made.structure, made.values, _ALL if made.structure.n_dofs <= _ALL else count + 8)
         if np.count_nonzero(found.frequency <= _RIGID * high) > np.count_nonzero(own.frequency <= _RIGID * high):
             return (
                 "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
@@ -173,7 +175,9 @@ def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, 
     last, change = finer[0], first
     if len(finer) == 2:
         second = finer[0] - finer[1]
-        is_clear = (np.abs(first) > _ROUNDING * frequency) & (np.abs(second) > _ROUNDING * frequency) & (first * second > 0)
+        is_clear = (
+            (np.abs(first) > _ROUNDING * frequency) & (np.abs(second) > _ROUNDING * frequency) & (first * second > 0)
+        )
         ratio = np.divide(first, second, out=np.full(len(frequency), 2**_USUAL), where=is_clear)
         order = np.clip(np.log2(np.maximum(ratio, 1.0)), *_ORDERS)
         last, change = finer[1], second

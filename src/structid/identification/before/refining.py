@@ -259,16 +259,16 @@ def _held(structure: Structure, middles: _Middles) -> list[Dof]:
                     corners = frozenset(int(row[i]) for i in side)
                     sides[corners] = sides.get(corners, 0) + 1
     at_rim: dict[int, list[frozenset[int]]] = {}
-    for side, count in sides.items():
+    for rim, count in sides.items():
         if count == 1:
-            for node in side:
-                at_rim.setdefault(node, []).append(side)
+            for node in rim:
+                at_rim.setdefault(node, []).append(rim)
     fixed: dict[int, set[str]] = {}
     for dof in structure.fixed:
         fixed.setdefault(dof.node, set()).add(dof.direction)
     found = []
     for corners, label in middles.labels.items():
         shared = set.intersection(*(fixed.get(node, set()) for node in corners))
-        if shared and any(corners <= side for side in at_rim.get(min(corners), ())):
+        if shared and any(corners <= rim for rim in at_rim.get(min(corners), ())):
             found += [Dof(label, direction) for direction in sorted(shared)]
     return found

@@ -115,7 +115,9 @@ def drifts(record: TimeRecord) -> tuple[Finding, ...]:
 
     Under a force, slow motion is that of the amplifier; ambient motion may have it of its own.
     """
-    motion = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0]
+    motion = [
+        i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0
+    ]
     if not motion or len(record.values) < 4 * (_SLOW + _BESIDE):
         return ()
     y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
@@ -129,9 +131,9 @@ def drifts(record: TimeRecord) -> tuple[Finding, ...]:
     for k in np.flatnonzero((share > _DRIFT) & (slow > _OVER * above) & ~decays).tolist():
         name = channel_name(record, motion[k])
         words = (
-            f"channel {name} drifts: {share[k]:.1%} of its power has periods of more than a {_SLOW}rd of the record"
-            f" ({len(record.values) / record.sampling_rate / _SLOW:.3g} s); check the amplifier and its temperature, and take it off"
-            " with `detrend` or a high-pass before use"
+            f"channel {name} drifts: {share[k]:.1%} of its power is slower than {_SLOW} periods a record, one of"
+            f" {len(record.values) / record.sampling_rate / _SLOW:.3g} s; check the amplifier and its temperature, and take it"
+            " off with `detrend` or a high-pass before use"
         )
         found.append(Finding("drift", words, "warning", name))
     return tuple(found)

@@ -56,8 +56,9 @@ def leakage(
     needed = int(np.ceil(length * enough))
     name = "no window, though segments neither repeat nor rest at their ends," if is_flat else f"window {window!r}"
     return (
-        f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers that"
-        f" peak by about {100 * lowered:.2g} % and shows more damping; take segments of {needed} samples, or fit the histories by [record.time]"
+        f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers"
+        f" that peak by about {100 * lowered:.2g} % and shows more damping; take segments of {needed} samples, or fit the"
+        " histories by [record.time]"
     )
 
 

@@ -123,9 +123,7 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
     )
 
 
-def _leaks(
-    source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
-) -> list[str]:
+def _leaks(source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes) -> list[str]:
     """Windows of averaged spectra that blur the resonances in the band."""
     if source.frf is None or source.time is not None or not histories:
         return []
