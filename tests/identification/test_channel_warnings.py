@@ -167,6 +167,14 @@ def test_a_dead_channel_and_a_single_sensor_are_no_crash():
     hidden = replace(made, record=replace(made.record, variance=np.full(made.record.values.shape, 1e12)))
     assert told(hidden) == ()
     assert told(problem(far(9), outputs=("1X",))) == ()
+    for keep in (0, 1):
+        of_load = np.full((*made.record.values.shape[:2], 2), 1e12)
+        of_load[..., keep] = 1e-12
+        two = problem(far(9), loads=("5X", "2X"))
+        assert told(replace(two, record=replace(two.record, variance=of_load))) == ()
+    alone = np.full(made.record.values.shape, 1e12)
+    alone[:, 2] = 1e-12
+    assert told(replace(made, record=replace(made.record, variance=alone))) == ()
 
 
 def test_things_in_order_are_paired_as_cheaply_as_can_be():

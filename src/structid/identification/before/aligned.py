@@ -84,10 +84,11 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 def median(values: FloatArray, axis: int) -> FloatArray:
     """Median along an axis of what is not NaN; NaN where nothing else is."""
     moved = np.moveaxis(values, axis, 0)
-    found: FloatArray = np.full(moved.shape[1:], np.nan)
-    some = ~np.isnan(moved).all(axis=0)
-    found[some] = np.nanmedian(moved[:, some], axis=0)
-    return found
+    flat = moved.reshape(len(moved), -1)
+    found: FloatArray = np.full(flat.shape[1], np.nan)
+    some = ~np.isnan(flat).all(axis=0)
+    found[some] = np.nanmedian(flat[:, some], axis=0)
+    return found.reshape(moved.shape[1:])
 
 
 def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:

@@ -109,8 +109,8 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
     loads, goes = median(level, 0), median(agreement, 0)
     for i, load in enumerate(record.inputs):
         others = np.delete(np.arange(len(loads)), i)
-        reference = float(np.nanmedian(loads[others])) if len(others) > 1 else 0.0
-        if np.nanmedian(goes[others]) < _GOES:
+        reference = float(median(loads[others], 0)) if len(others) > 1 else 0.0
+        if not float(median(goes[others], 0)) >= _GOES:
             continue
         if goes[i] <= _TURNED:
             yield f"load {load} acts with the opposite sense at most sensors; check its sign, or relabel it"
@@ -131,8 +131,8 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
     apart: list[tuple[int, str]] = []
     for o, sensor in enumerate(record.outputs):
         others = np.delete(goes, o)
-        rest = float(np.nanmedian(others))
-        size = float(own[o] - np.nanmedian(np.delete(own, o)))
+        rest = float(median(others, 0))
+        size = float(own[o] - median(np.delete(own, o), 0))
         if not (np.isfinite(goes[o]) and rest >= _GOES):
             continue
         if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
