@@ -189,12 +189,12 @@ def test_the_warning_of_units_comes_first_in_the_result(tmp_path):
     assert "different units" in result.identification.warnings[0]
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("scale", [1.0, 0.5, 2.0])
 def test_scales_that_the_start_may_explain_are_not_told(tmp_path, scale):
     assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings == ()
 
 
-@pytest.mark.parametrize("scale, words", [(2.0, "2.5 times what the record says"), (30.0, "37 times"), (0.2, "1/4")])
+@pytest.mark.parametrize("scale, words", [(3.0, "3.7 times what the record says"), (30.0, "37 times"), (0.2, "1/4")])
 def test_other_scales_are_told_of_the_load_and_not_of_units(tmp_path, scale, words):
     [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
     assert warning.startswith("load 3X+: the force is ")

@@ -21,6 +21,8 @@ from structid.study.schema.study import Study
 
 #: Damping ratio that half-bandwidths have at least.
 _LEAST_DAMPING = 0.001
+#: Part of its frequency within which a mode that shows no peak may belong to a measured one.
+_HIDDEN = 0.1
 #: Averages from which on the chi-square that their coherence leads to is not worth a word.
 _MANY = 100
 
@@ -97,15 +99,25 @@ def checked_mesh(setup: AnySetup, problem: RecordProblem) -> MeshErrors | str:
 
 
 def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
+    """In half-bandwidths; where the model shows no peak between lines, beside a mode that is near and has no other like."""
+    free = np.ones(len(modes.frequency), dtype=bool)
+    for pair in look.resonances:
+        if free.size and np.isfinite(pair.model):
+            free[np.abs(modes.frequency - pair.model).argmin()] = False
     found = []
     for pair in look.resonances:
-        distance = float("nan")
-        if len(modes.frequency):
-            near = int(np.abs(modes.frequency - np.nan_to_num(pair.model)).argmin())
+        model, distance = pair.model, float("nan")
+        apart = np.abs(modes.frequency - (pair.measured if np.isnan(model) else model))
+        if np.isnan(model):
+            apart = np.where(free & (apart <= _HIDDEN * pair.measured), apart, np.inf)
+        near = int(apart.argmin()) if apart.size else -1
+        if near >= 0 and np.isfinite(apart[near]):
+            if np.isnan(model):
+                model, free[near] = float(modes.frequency[near]), False
             damping = float(modes.damping_ratio[near])
             if damping > 0:
-                distance = (pair.model - pair.measured) / (max(damping, _LEAST_DAMPING) * pair.model)
-        found.append(ResonanceCheck(pair.measured, pair.model, distance, pair.mac))
+                distance = (model - pair.measured) / (max(damping, _LEAST_DAMPING) * model)
+        found.append(ResonanceCheck(pair.measured, model, distance, pair.mac))
     return tuple(found)
 
 

@@ -183,8 +183,8 @@ def check_study(study: Study) -> CheckResult:
         total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
         warnings=(
             *ready.channel_warnings,
-            *(one.title + words for one in beside for words in one.warnings),
             *([] if isinstance(mesh, str) or not mesh.words else [mesh.words]),
+            *(one.title + words for one in beside for words in one.warnings),
             *ready.warnings,
             *(
                 name + words
