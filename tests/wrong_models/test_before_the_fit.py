@@ -1,5 +1,7 @@
 """`check` on simulated studies: each fault of channels, samples, window and mesh is said, and right models are left alone."""
 
+from pathlib import Path
+
 import pytest
 from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
@@ -61,6 +63,18 @@ def test_the_mesh_is_judged_and_few_averages_are_told(tmp_path):
     hall = Case("hall-frf-before", "hall", "frf", (), "near")
     written(hall, tmp_path / "hall")
     assert "come from elsewhere" in check_study(load_study(tmp_path / "hall" / "study.toml")).mesh
+
+
+def test_the_first_structure_is_told_what_will_go_wrong():
+    """Its first mode lies between two lines of the model and has no peak there; the table finds it among the modes."""
+    study = Path(__file__).parents[2] / "examples" / "first_structure" / "study.toml"
+    result = check_study(load_study(study))
+    assert result.warnings[0].startswith("mode 3 at 133.3 Hz is 1.5 % too high with these elements")
+    assert any(words.startswith("leakage: window 'hann' at 0.26 lines") for words in result.warnings)
+    pairs = result.beside[0].resonances
+    assert [pair.model for pair in pairs] == pytest.approx([6.38, 44.7, 133.3], rel=2e-3)
+    assert pairs[0].mac != pairs[0].mac
+    assert pairs[1].mac > 0.95
 
 
 def test_measured_resonances_stand_beside_the_models(tmp_path):
