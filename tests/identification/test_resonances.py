@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
 from structid import FrfRecord
-from structid.identification.resonances import resonances
+from structid.identification.resonances import prominent, resonances
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 
@@ -27,3 +28,10 @@ def test_peaks_are_found_and_paired(kind):
 def test_a_smooth_record_has_none():
     record = FrfRecord(FREQUENCY, np.ones((len(FREQUENCY), 1, 1)) * (1 + 0.1j), ("1X",), ("1X",), "accelerance")
     assert resonances(record, record.values) == ()
+
+
+def test_prominent_maxima_are_those_of_scipy():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        level = np.cumsum(rng.standard_normal(120))
+        np.testing.assert_array_equal(prominent(level, 2.5), find_peaks(level, prominence=2.5)[0])

@@ -178,7 +178,7 @@ def test_a_truncated_or_empty_file_is_named(tmp_path, suffix, keep):
     ],
 )
 def test_units_that_contradict_the_model_are_told(tmp_path, scale, words):
-    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).unit_warnings
+    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
     for word in words:
         assert word in warning
 
@@ -189,9 +189,17 @@ def test_the_warning_of_units_comes_first_in_the_result(tmp_path):
     assert "different units" in result.identification.warnings[0]
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.5, 2.0, 4.0, 30.0])
-def test_other_scales_are_no_matter_of_units(tmp_path, scale):
-    assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).unit_warnings == ()
+@pytest.mark.parametrize("scale", [1.0, 0.5, 2.0])
+def test_scales_that_the_start_may_explain_are_not_told(tmp_path, scale):
+    assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings == ()
+
+
+@pytest.mark.parametrize("scale, words", [(3.0, "3.7 times what the record says"), (30.0, "37 times"), (0.2, "1/4")])
+def test_other_scales_are_told_of_the_load_and_not_of_units(tmp_path, scale, words):
+    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
+    assert warning.startswith("load 3X+: the force is ")
+    assert words in warning
+    assert "different units" not in warning
 
 
 def test_a_wrong_sign_at_the_driving_point_is_a_warning(tmp_path):

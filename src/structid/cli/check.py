@@ -14,6 +14,9 @@ from structid.estimation import Status
 from structid.study.run.check import CheckResult, check_study
 from structid.study.run.run import load_study
 
+#: Warnings that stand first; the others come last.
+_MOST_WARNINGS = 5
+
 
 def check(study: StudyPath) -> None:
     """Read all of a study and say what it can determine: units, sensors, coverage, rank, predicted accuracy.
@@ -38,17 +41,21 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
         f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
     ]
+    facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]
+    facts += [result.mesh] if isinstance(result.mesh, str) and result.mesh else []
     channels = new_table("channel", "role", "sees")
     for channel in result.channels:
         channels.add_row(channel.channel, channel.role, channel.seen)
-    modes = new_table("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
-    for i, mode in enumerate(result.modes):
-        inside = "yes" if mode.in_band else "no"
-        lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
-        modes.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines)
-    head = [*heading(study.title, result.warnings), *map(Text, facts), channels, modes]
+    head = [
+        *heading(study.title, result.warnings[:_MOST_WARNINGS]),
+        *map(Text, facts),
+        channels,
+        _modes(result),
+        *_resonances(result),
+    ]
+    more = [Text(f"also: {one}", style="yellow") for one in result.warnings[_MOST_WARNINGS:]]
     if not result.covariance.has_matrix:
-        return [*head, Text(_prediction(result))]
+        return [*head, Text(_prediction(result)), *more]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {number(found.condition, 3)}; predicted at the"
@@ -57,7 +64,40 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
-    return [*head, Text(rank), table, *groups(found)]
+    return [*head, Text(rank), table, *groups(found), *more]
+
+
+def _modes(result: CheckResult) -> RenderableType:
+    """The modes of the initial model, and how far its elements put them off."""
+    by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
+    columns = ("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
+    table = new_table(*columns, *(("off by the mesh %",) if by_mesh else ()))
+    for i, mode in enumerate(result.modes):
+        lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
+        off = ((f"{100 * by_mesh[i]:+.2g}" if i in by_mesh else "",)) if by_mesh else ()
+        inside = "yes" if mode.in_band else "no"
+        table.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines, *off)
+    return table
+
+
+def _resonances(result: CheckResult) -> list[RenderableType]:
+    """Measured resonances beside the initial model's, record by record."""
+    found: list[RenderableType] = []
+    for one in result.beside:
+        if not one.resonances:
+            continue
+        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half-bandwidths", "MAC")
+        for pair in one.resonances:
+            above = 100 * (pair.model / pair.measured - 1)
+            table.add_row(
+                number(pair.measured) if math.isfinite(pair.measured) else "none",
+                number(pair.model) if math.isfinite(pair.model) else "none",
+                f"{above:+.2g}" if math.isfinite(above) else "",
+                f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
+                number(pair.mac, 2) if math.isfinite(pair.mac) else "",
+            )
+        found.append(table)
+    return found
 
 
 def _prediction(result: CheckResult) -> str:

@@ -5,20 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import FloatArray
 from structid.errors import SingularModelError
 from structid.records import FrfRecord
 from structid.structure import Structure
 
 _DENSE_UP_TO = 600
 _NULL = 1e-12
-_UNIT_TOLERANCE = 0.2
-_GRAVITY_TOLERANCE = 0.15
-_GRAVITY = 9.80665
-_GRAVITY_CASES = (
-    (-1, "1/9.81", 'accelerations look to be in g and were read as m/s^2; give unit = "g/N" in [record]'),
-    (1, "9.81", "accelerations look to be in m/s^2 and were read as g; correct the unit in the file or in [record]"),
-)
 
 
 def record_warnings(structure: Structure, record: FrfRecord) -> tuple[str, ...]:
@@ -51,44 +44,6 @@ def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
         f"driving point {record.outputs[o]} / {record.inputs[i]}: the real part of mobility is negative at"
         f" {100 * negative:.0f} % of the lines; check the sense of the sensor, the load and the sign convention of the FRF"
     ]
-
-
-def unit_warnings(record: FrfRecord, predicted: ComplexArray) -> tuple[str, ...]:
-    """Units that contradict the initial model: measured values off by a power of ten, or by 9.81.
-
-    Parameters
-    ----------
-    record : FrfRecord
-    predicted : complex array
-        The initial model's FRF at the same lines, sensors and loads.
-    """
-    measured, model = np.abs(record.values), np.abs(predicted)
-    usable = (measured > 0) & (model > 0)
-    if not usable.any():
-        return ()
-    ratio = float(np.median(measured[usable] / model[usable]))
-    decades = float(np.log10(ratio))
-    nearest = round(decades)
-    found = f"the measured {record.kind} is {ratio:.3g} times the initial model's (median over lines and channels)"
-    if abs(nearest) >= 2 and abs(decades - nearest) <= _UNIT_TOLERANCE:
-        return (
-            f"{found}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and"
-            f" s. {_decade_remedy(nearest)}",
-        )
-    for sense, close, remedy in _GRAVITY_CASES:
-        if record.kind == "accelerance" and abs(decades - sense * np.log10(_GRAVITY)) <= _GRAVITY_TOLERANCE:
-            return (f"{found}, close to {close}: {remedy}",)
-    return ()
-
-
-def _decade_remedy(decades: int) -> str:
-    if decades == 3:
-        cause = "The record may be in mm (or per kN), or the model's masses in t and stiffnesses in kN/m"
-    elif decades == -3:
-        cause = "The record may be per mN or in km, or the model's stiffnesses in N/mm entered as N/m times 10^6"
-    else:
-        cause = "The record may be in other units than the file says, or a mass or stiffness of the model is"
-    return f'{cause}: give the file\'s unit in [record], as in unit = "mm/N", or correct the model'
 
 
 def require_sound_model(structure: Structure, values: FloatArray, lowest: float) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError, SingularModelError
-from structid.identification.checks import record_warnings, unit_warnings
+from structid.identification.checks import record_warnings
 from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
-from structid.identification.setups import Prepared, RecordSetup
+from structid.identification.setups import Look, Prepared, RecordSetup, look
 from structid.observation import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
 from structid.observation.channel_errors import channel_errors
 from structid.records import FrfRecord
@@ -104,14 +104,14 @@ class Setup(RecordSetup[FrfProblem]):
         judged = self.record.band(*options.evaluation_band) if options.evaluation_band else used
         return used.frequency, judged.frequency
 
-    def looked_at(self, prepared: Prepared[FrfProblem], options: IdentifyOptions) -> tuple[str, ...]:
+    def looked_at(self, prepared: Prepared[FrfProblem], options: IdentifyOptions) -> Look:
         problem = prepared.problem
         predicted = problem.predicted(problem.theta_start)
         if not np.isfinite(predicted).all():
             raise SingularModelError(
                 "the initial model's response is not finite; check its masses, stiffnesses and supports"
             )
-        return unit_warnings(problem.record, predicted)
+        return look(problem, predicted)
 
     def begun(self, problem: FrfProblem) -> FrfProblem:
         """From the one-step linear solve where everything is measured, as far as it gives values inside their ranges."""

@@ -10,10 +10,11 @@ import numpy as np
 from structid.declared import NotNegative, Positive
 from structid.dof import Dof
 from structid.errors import InputError
-from structid.identification.modal_fit import ModalFit, modal_fit
+from structid.identification.before.aligned import ResonancePair
+from structid.identification.modal_fit import ModalFit, modal_fit, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own
-from structid.identification.setups import Prepared, RecordSetup
+from structid.identification.setups import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
 from structid.observation import ChannelUnknown, ModalForm, ModalProblem
 from structid.structure import Structure
@@ -75,9 +76,14 @@ class ModalSetup(RecordSetup[ModalProblem]):
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
         return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors, {record.source}"
 
-    def looked_at(self, prepared: Prepared[ModalProblem], options: IdentifyOptions) -> tuple[str, ...]:
-        prepared.problem.residual(prepared.problem.theta_start)
-        return ()
+    def looked_at(self, prepared: Prepared[ModalProblem], options: IdentifyOptions) -> Look:
+        problem = prepared.problem
+        theta = np.asarray(problem.theta_start)
+        problem.residual(theta)
+        pairs = paired_modes(problem, theta)
+        own = (problem.data.frequency.tolist(), pairs.frequency.tolist(), pairs.mac.tolist())
+        found = [ResonancePair(*each) for each in zip(*own, strict=True)]
+        return Look((*found, *(ResonancePair(np.nan, f, np.nan) for f in pairs.passed_over.tolist())))
 
     def modal_fit(self, title: str, problem: ModalProblem, own: Own, options: IdentifyOptions) -> ModalFit:
         return modal_fit(title, problem, own, options.n_modes)

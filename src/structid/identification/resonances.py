@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.records import FrfRecord
+from structid.records.record import FrfKind
 
 _PROMINENCE = np.log(3.0)
 _FARTHEST = 0.15
@@ -41,11 +42,7 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     predicted : (n_frequencies, n_outputs, n_inputs) complex array
         The model at the same lines.
     """
-    quadrature = np.real if record.kind == "mobility" else np.imag
-    measured, model = (
-        _peaks(record.frequency, np.abs(quadrature(h)).sum(axis=(1, 2)), np.abs(h).sum(axis=(1, 2)))
-        for h in (record.values, predicted)
-    )
+    measured, model = (peaks(record.frequency, h, record.kind) for h in (record.values, predicted))
     found = []
     for peak in measured:
         near = model[np.abs(model - peak) <= _FARTHEST * peak]
@@ -54,17 +51,42 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     return tuple(found)
 
 
-def _peaks(frequency: FloatArray, indicator: FloatArray, size: FloatArray) -> FloatArray:
-    """Prominent peaks, each refined by a parabola through the logarithms at three lines."""
-    from scipy.signal import find_peaks
+def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
+    """Peaks that `resonances` counts, Hz, each refined by a parabola through the logarithms at three lines.
 
+    Parameters
+    ----------
+    frequency : (n_frequencies,) float array
+    values : (n_frequencies, n_outputs, n_inputs) complex array
+    kind : FrfKind
+    """
+    indicator = np.abs(values.real if kind == "mobility" else values.imag).sum(axis=(1, 2))
+    size = np.abs(values).sum(axis=(1, 2))
     if len(indicator) < 5:
         return np.zeros(0)
     level = np.log(np.maximum(np.maximum(indicator, 0.5 * size), np.finfo(float).tiny))
-    index, _ = find_peaks(level, prominence=_PROMINENCE)
+    index = prominent(level, _PROMINENCE)
     index = index[indicator[index] > 0.5 * size[index]]
     before, here, after = level[index - 1], level[index], level[index + 1]
     bend = before - 2 * here + after
     shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
     step = 0.5 * (frequency[index + 1] - frequency[index - 1])
     return frequency[index] + np.clip(shift, -0.5, 0.5) * step
+
+
+def prominent(level: FloatArray, least: float) -> IntArray:
+    """Where `level` has maxima from which it falls by at least `least` on both sides before it rises above them."""
+    found: list[int] = []
+    top = low = float(level[0])
+    at, rises = 0, False
+    for i, value in enumerate(level.tolist()):
+        if rises and value > top:
+            top, at = value, i
+        elif rises and top - value >= least:
+            found.append(at)
+            low, rises = value, False
+        elif not rises and value < low:
+            low = value
+        elif not rises and value - low >= least:
+            top, at, rises = value, i, True
+    return np.array(found, dtype=np.int64)

@@ -9,18 +9,35 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
+from structid.identification.before.aligned import ResonancePair, aligned
+from structid.identification.before.channels import channel_warnings
 from structid.identification.modal_fit import ModalFit
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit
-from structid.observation import ChannelUnknown, RecordProblem
+from structid.observation import ChannelUnknown, FrfProblem, RecordProblem
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
 P = TypeVar("P", bound=RecordProblem)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A record beside its initial model.
+
+    Attributes
+    ----------
+    resonances : tuple of ResonancePair
+    warnings : tuple of str
+        Senses, units and levels of channels that do not look right.
+    """
+
+    resonances: tuple[ResonancePair, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +93,15 @@ class RecordSetup(ABC, Generic[P]):
         """Frequencies that are used and that are judged, Hz; infinite where the model is not evaluated at lines."""
         return np.full(1, np.inf), np.full(1, np.inf)
 
-    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> tuple[str, ...]:
-        """The initial model evaluated: units that do not look right beside it.
+    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
+        """The initial model evaluated, and the record beside it.
 
         Raises
         ------
         SingularModelError, InputError
             If it cannot be evaluated.
         """
-        return ()
+        return Look()
 
     def begun(self, problem: P) -> P:
         """The problem from a better start, where the record alone gives one."""
@@ -106,6 +123,12 @@ class RecordSetup(ABC, Generic[P]):
     def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
         """The answer beside its modes, where it has some."""
         return None
+
+
+def look(problem: FrfProblem, predicted: ComplexArray) -> Look:
+    """FRFs beside the initial model, which gives `predicted` at their lines."""
+    beside = aligned(problem, predicted)
+    return Look(beside.pairs, channel_warnings(beside))
 
 
 #: A record of any kind; its problem is only handed back to it.

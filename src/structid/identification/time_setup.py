@@ -13,11 +13,11 @@ from structid.dof import Dof
 from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
-from structid.identification.checks import record_warnings, unit_warnings
+from structid.identification.checks import record_warnings
 from structid.identification.frf_setup import inside, used_lines
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
-from structid.identification.setups import Prepared, RecordSetup
+from structid.identification.setups import Look, Prepared, RecordSetup, look
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,
@@ -155,9 +155,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
         used = super().axes(options)[0] if self.own_estimator else self._spectra(options).frequency
         return used, judged.frequency
 
-    def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> tuple[str, ...]:
+    def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> Look:
         beside = self.shown_problem(options)
-        return unit_warnings(beside.record, beside.predicted(beside.theta_start))
+        return look(beside, beside.predicted(beside.theta_start))
 
     @property
     def own_estimator(self) -> str:

@@ -18,7 +18,7 @@ class Finding:
     ----------
     kind : str
         ``dead``, ``constant``, ``clipped``, ``drop_out``, ``late_start``, ``spikes``, ``level``, ``short``,
-        ``aliasing``, ``mains`` or, from `prepare`, ``filter``.
+        ``aliasing``, ``mains`` or, from `prepare`, ``filter``, from `drifts`, ``drift``.
     words : str
         What was found where, with numbers, and the remedy.
     severity : {"note", "warning", "unusable"}

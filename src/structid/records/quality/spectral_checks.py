@@ -16,6 +16,9 @@ _TOP = 0.9  # part of the Nyquist frequency above which an anti-alias filter lea
 _TOP_SHARE = 0.05  # of the power, from which it is called suspicious there
 _HARMONIC = 2.1  # kurtosis half way (by ratio) from 1.5 of a harmonic to 3 of a Gaussian process
 _LINE = 0.125  # Hz, spacing of spectral lines wanted to see the mains
+_SLOW, _BESIDE = 3, 20  # lines that a drift fills, and those above that it is held against
+_DRIFT, _OVER = 0.02, 30.0  # part of the power that is a drift, and times the median line above that it must reach
+_DECAY = 10.0  # times the power of the last quarter that the first has in a decay
 _RARE = 1e-6  # probability at which a spectral line of a smooth spectrum is called a peak
 
 
@@ -105,6 +108,35 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
     remedy += ", or take a drift off with `detrend`" if band is None else ", or raise the band"
     words = f"the record of {duration:.4g} s holds {periods:.3g} periods of {what}; {remedy}"
     return [Finding("short", words, "unusable" if band is not None and periods < _TOO_FEW else "warning")]
+
+
+def drifts(record: TimeRecord) -> tuple[Finding, ...]:
+    """Channels of motion with far more power in the first lines of the whole record than in those above; of no decays.
+
+    Under a force, slow motion is that of the amplifier; ambient motion may have it of its own.
+    """
+    motion = [
+        i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0
+    ]
+    if not motion or len(record.values) < 4 * (_SLOW + _BESIDE):
+        return ()
+    y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
+    power = np.abs(np.fft.rfft(y, axis=0)[1:]) ** 2
+    slow = power[:_SLOW].sum(axis=0)
+    share = slow / power.sum(axis=0)
+    above = np.median(power[_SLOW : _SLOW + _BESIDE], axis=0)
+    quarter = len(y) // 4
+    decays = (y[:quarter] ** 2).sum(axis=0) > _DECAY * (y[-quarter:] ** 2).sum(axis=0)
+    found = []
+    for k in np.flatnonzero((share > _DRIFT) & (slow > _OVER * above) & ~decays).tolist():
+        name = channel_name(record, motion[k])
+        words = (
+            f"channel {name} drifts: {share[k]:.1%} of its power is slower than {_SLOW} periods a record, one of"
+            f" {len(record.values) / record.sampling_rate / _SLOW:.3g} s; check the amplifier and its temperature, and take it"
+            " off with `detrend` or a high-pass before use"
+        )
+        found.append(Finding("drift", words, "warning", name))
+    return tuple(found)
 
 
 def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatArray, FloatArray]:

@@ -221,6 +221,8 @@ class ElementSet:
     follows: ClassVar[bool] = False
     #: Whether each element is straight between its two nodes, so that a joint may loosen its ends.
     is_line: ClassVar[bool] = False
+    #: Types of its cells by number of nodes; none where its elements are no cells of a mesh.
+    cells: ClassVar[Mapping[int, str]] = {}
 
     name: str = declared("Name of the set")
     nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")

@@ -13,6 +13,7 @@ from structid.estimation.covariance import inverse_information
 from structid.estimation.diagnostics.identifiability import identifiability
 from structid.estimation.posterior_draws import counted_draws, drawn_covariance
 from structid.estimation.uncertainty import relative_jacobian
+from structid.identification.before.mesh import MeshErrors
 from structid.identification.model_modes import rounding_warnings, structure_modes
 from structid.identification.ratios import common_scale, scale_words
 from structid.identification.regularizing import coupled, unit_penalties
@@ -20,6 +21,7 @@ from structid.identification.setups import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.observation import RecordProblem
 from structid.structure.mesh_point import MeshPoint
+from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import Start, is_matrix_free, started
 from structid.study.schema.study import Study
 from structid.unknowns import Regularization, term_name
@@ -96,6 +98,11 @@ class CheckResult:
     total_mass, total_mass_std : float
         Of the initial model, kg, and predicted.
     warnings : tuple of str
+        The gravest first.
+    beside : tuple of RecordCheck
+        Each record beside its initial model.
+    mesh : MeshErrors or str
+        Of the first set-up's structure; in words why it was not judged, "" where it has no elements with a size.
     """
 
     study: Study
@@ -109,6 +116,8 @@ class CheckResult:
     total_mass: float
     total_mass_std: float
     warnings: tuple[str, ...]
+    beside: tuple[RecordCheck, ...]
+    mesh: MeshErrors | str
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -149,6 +158,13 @@ def check_study(study: Study) -> CheckResult:
     checked = [_modes(setup, part, options.n_modes) for setup, part in zip(ready.setups, ready.problems, strict=True)]
     titled = prefixes(ready.setups)
     values = study.parameters.values(study.parameters.start)
+    beside = [
+        checked_record(title, study, source.record, setup, part, look)
+        for title, source, setup, part, look in zip(
+            titled, study.setups, ready.setups, ready.problems, ready.looks, strict=True
+        )
+    ]
+    mesh = checked_mesh(ready.setups[0], ready.problems[0])
     row = np.zeros((1, len(problem.names)))
     gradient = study.structure.mass_gradient(options.direction, values) @ study.parameters.design
     row[0, places(problem.names, study.parameters.names)] = gradient
@@ -166,7 +182,9 @@ def check_study(study: Study) -> CheckResult:
         total_mass=study.structure.mass_of(values, options.direction),
         total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
         warnings=(
-            *ready.unit_warnings,
+            *ready.channel_warnings,
+            *([] if isinstance(mesh, str) or not mesh.words else [mesh.words]),
+            *(one.title + words for one in beside for words in one.warnings),
             *ready.warnings,
             *(
                 name + words
@@ -175,6 +193,8 @@ def check_study(study: Study) -> CheckResult:
             ),
             *predicted.warnings,
         ),
+        beside=tuple(beside),
+        mesh=mesh,
     )
 
 
@@ -271,10 +291,13 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
     if not any(mode.in_band for mode in modes):
         return ["no mode of the initial model lies in the band: damping cannot be told from it; check band and model"]
     coarse = [mode for mode in modes if mode.in_band and 0 < mode.lines_per_bandwidth < 1]
+    if not coarse:
+        return []
+    least = min(coarse, key=lambda mode: mode.lines_per_bandwidth)
+    others = f", and {len(coarse) - 1} more have less than one" if len(coarse) > 1 else ""
     return [
-        f"the mode at {mode.frequency:.4g} Hz has {mode.lines_per_bandwidth:.2g} lines in its half-power bandwidth;"
+        f"the mode at {least.frequency:.4g} Hz has {least.lines_per_bandwidth:.2g} lines in its half-power bandwidth{others};"
         " measure with a finer frequency spacing to tell its damping"
-        for mode in coarse
     ]
 
 

@@ -15,7 +15,7 @@ from structid.identification.frf_setup import Setup
 from structid.identification.identify import identify_together
 from structid.identification.modal_setup import ModalSetup
 from structid.identification.search import chosen_method
-from structid.identification.setups import AnySetup, Prepared, prefixes
+from structid.identification.setups import AnySetup, Look, Prepared, prefixes
 from structid.identification.time_setup import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
@@ -54,15 +54,21 @@ class Start:
     problems : tuple of RecordProblem
         Of the lines in the band, one a record.
     warnings : tuple of str
-    unit_warnings : tuple of str
-        Those that only a comparison with the initial model gives.
+    looks : tuple of Look
+        Each record beside its initial model.
     """
 
     study: Study
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
     warnings: tuple[str, ...]
-    unit_warnings: tuple[str, ...]
+    looks: tuple[Look, ...]
+
+    @property
+    def channel_warnings(self) -> tuple[str, ...]:
+        """Those that only a comparison with the initial models gives."""
+        titled = zip(prefixes(self.setups), self.looks, strict=True)
+        return tuple(name + words for name, look in titled for words in look.warnings)
 
 
 def started(study: Study) -> Start:
@@ -80,16 +86,16 @@ def started(study: Study) -> Start:
     setups = tuple(loaded(source, models) for source in study.setups)
     problems: list[RecordProblem] = []
     warnings: list[str] = []
-    units: list[str] = []
+    looks: list[Look] = []
     for prefix, setup, source in zip(prefixes(setups), setups, study.setups, strict=True):
         prepared, own = _prepared(study, source, setup)
         problems.append(prepared.problem)
         warnings += [prefix + warning for warning in prepared.warnings]
-        units += [prefix + warning for warning in own]
+        looks.append(own)
     with study.root.located():
         same = alike(problems)
         together(same)
-    return Start(study, setups, same, tuple(warnings), tuple(units))
+    return Start(study, setups, same, tuple(warnings), tuple(looks))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
@@ -151,8 +157,8 @@ def _channel_key(section: Section, key: str) -> str:
     return key
 
 
-def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepared[RecordProblem], tuple[str, ...]]:
-    """The problem of one record, its model looked at first, and what the initial model says of its units."""
+def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepared[RecordProblem], Look]:
+    """The problem of one record, its model looked at first, and the record beside it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
     with method.located("band" if "band" in method.table else None):
@@ -215,7 +221,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
             " the band"
         ) from error
-    found = replace(found, warnings=(*ready.unit_warnings, *found.warnings))
+    found = replace(found, warnings=(*ready.channel_warnings, *found.warnings))
     return StudyResult(study, found, provenance(study))
 
 

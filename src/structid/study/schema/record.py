@@ -204,6 +204,13 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
     )
 
 
+def read_histories(source: RecordSource) -> list[TimeRecord]:
+    """The time histories of a source as they are in its files; none where it holds responses or modes."""
+    if source.modes is not None or (source.frf is None and source.time is None):
+        return []
+    return [record for record in _read(source) if isinstance(record, TimeRecord)]
+
+
 def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):

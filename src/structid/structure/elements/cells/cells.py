@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,9 +45,6 @@ def cell_table(cells: Mapping[int, str]) -> Store:
 @element
 class CellSet(ElementSet):
     """Cells of a mesh, possibly of several types, whose nodes all move alike."""
-
-    #: Types by number of nodes.
-    cells: ClassVar[Mapping[int, str]]
 
     def layer(
         self, corners: FloatArray, made: CellMatrices, power: int = 0, directions: Sequence[str] | None = None

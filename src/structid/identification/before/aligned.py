@@ -1,0 +1,194 @@
+"""A record beside the initial model whose resonances are drawn onto the measured ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray
+from structid.identification.resonances import peaks
+from structid.observation import FrfProblem
+from structid.records import FrfRecord
+from structid.records.record import DERIVATIVES
+from structid.similarity import mac
+
+#: What a resonance without a like costs, and what a shape without likeness does; both in the logarithm of frequency.
+_ALONE, _UNLIKE = 0.25, 0.3
+#: Common factors of all frequencies that are tried, as logarithms, and what they cost.
+_SHIFTS, _COMMON = sorted(np.linspace(-0.7, 0.7, 15).tolist(), key=abs), 0.5
+#: Lines that channels are looked at on, and standard deviations that a value has to be above its noise.
+_MOST_LINES, _CLEAR = 400, 3.0
+
+
+@dataclass(frozen=True)
+class ResonancePair:
+    """A measured resonance and that of the initial model, in order.
+
+    Attributes
+    ----------
+    measured, model : float
+        Hz; NaN where one has no like.
+    mac : float
+        Of their shapes at sensors and loads; NaN where one is missing.
+    """
+
+    measured: float
+    model: float
+    mac: float
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Measured FRFs in parts of the model's, resonance upon resonance.
+
+    Attributes
+    ----------
+    record : FrfRecord
+        Some of its lines.
+    pairs : tuple of ResonancePair
+    model : (n_lines, n_outputs, n_inputs) complex array
+        Accelerances of the model, each line taken from the model's frequency that belongs to it.
+    measured : the same
+        Accelerances; NaN where noise hides them.
+    """
+
+    record: FrfRecord
+    pairs: tuple[ResonancePair, ...]
+    model: ComplexArray
+    measured: ComplexArray
+
+    @property
+    def factor(self) -> FloatArray:
+        """Measured over model, medians of magnitudes over the lines, (n_outputs, n_inputs); NaN where there are none."""
+        size = np.abs(self.measured) / np.maximum(np.abs(self.model), np.finfo(float).tiny)
+        found: FloatArray = np.exp(median(np.log(np.maximum(size, np.finfo(float).tiny)), 0))
+        return found
+
+    @property
+    def accord(self) -> FloatArray:
+        """Mean cosine of the angle between the two, (n_outputs, n_inputs): 1 where they agree, -1 where one is turned round."""
+        return accord(self.measured, self.model)
+
+
+def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
+    """Mean cosine of the angle between two arrays over the first axis; NaN where there are no values."""
+    product = measured * model.conj()
+    cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
+    count = (~np.isnan(cosine)).sum(axis=0)
+    found: FloatArray = np.where(count > 0, np.nansum(cosine, axis=0) / np.maximum(count, 1), np.nan)
+    return found
+
+
+def median(values: FloatArray, axis: int) -> FloatArray:
+    """Median along an axis of what is not NaN; NaN where nothing else is."""
+    moved = np.moveaxis(values, axis, 0)
+    flat = moved.reshape(len(moved), -1)
+    found: FloatArray = np.full(flat.shape[1], np.nan)
+    some = ~np.isnan(flat).all(axis=0)
+    found[some] = np.nanmedian(flat[:, some], axis=0)
+    return found.reshape(moved.shape[1:])
+
+
+def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
+    """A record beside the initial model with its frequency axis bent so that resonances meet.
+
+    What is then left in the magnitudes is the level of the mass lines between resonances, which stiffness has no part
+    in, and the gains of the channels.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+    predicted : (n_lines, n_outputs, n_inputs) complex array
+        The initial model on the problem's lines.
+    """
+    record = problem.record
+    pairs = resonance_pairs(record, predicted)
+    both = [(one.measured, one.model) for one in pairs if np.isfinite(one.measured) and np.isfinite(one.model)]
+    keep = np.flatnonzero(record.frequency > 0)
+    if len(keep) > _MOST_LINES:
+        keep = keep[np.linspace(0, len(keep) - 1, _MOST_LINES).round().astype(int)]
+    if not len(keep):
+        empty: ComplexArray = np.zeros((0, *record.values.shape[1:]), complex)
+        return Aligned(record, pairs, empty, empty)
+    own = record.lines(keep)
+    axis = own.frequency
+    if both:
+        at, to = np.array(both).T
+        axis = axis * np.exp(np.interp(np.log(axis), np.log(at), np.log(to / at)))
+        bent = replace(own, frequency=axis)
+        found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))
+    else:
+        bent, found = own, predicted[keep]
+    power = DERIVATIVES["accelerance"] - DERIVATIVES[record.kind]
+    model = found * (bent.laplace**power)[:, None, None]
+    measured = own.values * (own.laplace**power)[:, None, None]
+    if own.variance is not None:
+        measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
+    return Aligned(own, pairs, model, measured)
+
+
+def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[ResonancePair, ...]:
+    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency."""
+    (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
+    likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
+    apart = np.log(f)[:, None] - np.log(g)
+    ways = [
+        in_order(np.abs(apart - shift) + _UNLIKE * (1 - likeness), _ALONE, _COMMON * abs(shift)) for shift in _SHIFTS
+    ]
+    pairs, _ = min(ways, key=lambda way: way[1])
+    return tuple(
+        ResonancePair(
+            float(f[i]) if i is not None else float("nan"),
+            float(g[j]) if j is not None else float("nan"),
+            float(likeness[i, j]) if i is not None and j is not None else float("nan"),
+        )
+        for i, j in pairs
+    )
+
+
+def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Frequencies of the peaks, and the quadrature parts there, (n_peaks,) and (n_peaks, n_channels)."""
+    found = peaks(record.frequency, values, record.kind)
+    near = np.abs(record.frequency[:, None] - found).argmin(axis=0)
+    part = values.real if record.kind == "mobility" else values.imag
+    return found, part[near].reshape(len(found), -1)
+
+
+def in_order(
+    cost: FloatArray, alone: float, begun: float = 0.0
+) -> tuple[Sequence[tuple[int | None, int | None]], float]:
+    """The cheapest way to pair two rows of things in their order, where one without a like costs `alone`, and its cost.
+
+    Parameters
+    ----------
+    cost : (n, m) float array
+        Of each pair.
+    alone : float
+    begun : float
+        Cost to begin with.
+
+    References
+    ----------
+    Needleman and Wunsch (1970), J. Mol. Biol. 48, 443-453.
+    """
+    n, m = cost.shape
+    total = np.zeros((n + 1, m + 1))
+    total[:, 0], total[0] = begun + alone * np.arange(n + 1), begun + alone * np.arange(m + 1)
+    for i in range(n):
+        for j in range(m):
+            total[i + 1, j + 1] = min(total[i, j] + cost[i, j], total[i, j + 1] + alone, total[i + 1, j] + alone)
+    i, j = n, m
+    found: list[tuple[int | None, int | None]] = []
+    while i or j:
+        if i and j and total[i, j] == total[i - 1, j - 1] + cost[i - 1, j - 1]:
+            i, j = i - 1, j - 1
+            found.append((i, j))
+        elif i and total[i, j] == total[i - 1, j] + alone:
+            i -= 1
+            found.append((i, None))
+        else:
+            j -= 1
+            found.append((None, j))
+    return found[::-1], float(total[n, m])

@@ -1,0 +1,216 @@
+"""Sense, unit and level of every sensor and load, told from a record beside the initial model and from reciprocity.
+
+All is told relative to the other channels: parameters that start far off move all channels alike, or by little.
+Limits are set on right models whose parameters start 15 to 30 % off, each on its own: 220 studies of eight structures, 300
+of a shear frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.identification.before.aligned import Aligned, accord, median
+from structid.records import FrfRecord
+from structid.units import STANDARD_GRAVITY
+
+#: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
+_GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
+#: Factors, as logarithms: by which a channel may be off, and beyond which its level, and its unit, is wrong.
+_ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
+#: Factor of all channels that is told, as a logarithm: where all sensors agree on it within so much, and where they differ.
+_SHARED, _ALIKE, _SHARED_BY_MOST = np.log(1.6), 0.25, np.log(2.5)
+#: Sensors that can agree, accord that they must reach, and part of the resonances with a like.
+_FEWEST, _AGREE, _PAIRED = 3, 0.85, 0.6
+#: How far from a unit's factor a level may be, as a logarithm.
+_NEAR = 0.35
+#: Powers of ten from which on units differ, and how near they must be.
+_DECADES, _NEAR_DECADE = 2, 0.2
+#: What reciprocity may miss by, and standard errors of that.
+_RECIPROCAL, _ERRORS = 0.05, 6.0
+
+#: What a sensor shows too much of, with the unit that it is in and the one that it is read as.
+_MOTIONS = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
+_TURNS = ((180 / np.pi, "deg", "rad"), (1e3, "mrad", "rad"))
+#: What a force is more than the record says, likewise.
+_FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, "kN", "N"))
+
+
+def channel_warnings(found: Aligned) -> tuple[str, ...]:
+    """What does not look right in the channels of a record beside its initial model, the gravest first."""
+    record, factor, agreement = found.record, found.factor, found.accord
+    if not np.isfinite(factor).any():
+        return tuple(_reciprocity(record))
+    level = np.log(np.where(factor > 0, factor, np.nan))
+    return (
+        *_whole_record(found, level, agreement),
+        *_single_loads(record, level, agreement),
+        *_sensors(found, level, agreement),
+        *_reciprocity(record),
+    )
+
+
+def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """A factor or a sense that all channels share."""
+    record = found.record
+    common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))
+    told = (
+        f"the measured {record.kind} is {np.exp(common):.3g} times the initial model's (median over lines and channels,"
+        " resonance upon resonance)"
+    )
+    decades = common / np.log(10)
+    nearest = round(decades)
+    if abs(nearest) >= _DECADES and abs(decades - nearest) <= _NEAR_DECADE:
+        yield (
+            f"{told}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and s."
+            f" {_decade_remedy(nearest)}"
+        )
+        return
+    is_driven = any(sensor.unsigned == load.unsigned for sensor in record.outputs for load in record.inputs)
+    if goes <= -_GOES and not is_driven:
+        yield (
+            f"all sensors move against the model: the load {_listed(record.inputs)} acts with the opposite sense, or the"
+            ' FRF has another sign convention; relabel the load, as in relabel = {"load 3X" = "3X-"}'
+        )
+    loads = median(level, 0)
+    alike = bool((np.abs(loads - common) < _NEAR).all())
+    paired = [np.isfinite(one.mac) for one in found.pairs]
+    agree = len(level) >= _FEWEST and float(np.nanmax(level) - np.nanmin(level)) < _ALIKE
+    is_clear = abs(common) > (_SHARED if agree else _SHARED_BY_MOST) and abs(goes) >= _AGREE
+    if not (alike and is_clear and any(paired) and np.mean(paired) >= _PAIRED):
+        return
+    if record.kind == "accelerance" and abs(abs(common) - np.log(STANDARD_GRAVITY)) <= _NEAR:
+        yield (
+            f"{told}, close to 9.81: accelerations look to be in m/s^2 and were read as g, or forces in kgf and read as N;"
+            " correct the unit in the file or in [record]"
+            if common > 0
+            else f"{told}, close to 1/9.81: accelerations look to be in g and were read as m/s^2; give"
+            ' unit = "g/N" in [record]'
+        )
+        return
+    unit = _unit(common, _FORCES) if agree else ""
+    cause = (
+        f"the force is {np.exp(common):.2g} times what the record says, or the model's masses are too large by that"
+        if common > 0
+        else f"the force is 1/{np.exp(-common):.2g} of what the record says, or the model's masses are too small by that"
+    )
+    remedy = f", as if it were {unit}" if unit else "; check the load cell's sensitivity"
+    yield f"load {_listed(record.inputs)}: {cause}: {told}{remedy}"
+
+
+def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Loads whose level or sense differs from the others'."""
+    if len(record.inputs) < 2:
+        return
+    loads, goes = median(level, 0), median(agreement, 0)
+    for i, load in enumerate(record.inputs):
+        others = np.delete(np.arange(len(loads)), i)
+        reference = float(median(loads[others], 0)) if len(others) > 1 else 0.0
+        if not float(median(goes[others], 0)) >= _GOES:
+            continue
+        if goes[i] <= _TURNED:
+            yield f"load {load} acts with the opposite sense at most sensors; check its sign, or relabel it"
+        elif goes[i] >= _GOES and abs(loads[i] - reference) > _ABOUT_ONE and abs(loads[i]) > _ABOUT_ONE:
+            size, unit = loads[i] - reference, _unit(loads[i] - reference, _FORCES)
+            yield (
+                f"load {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other loads: "
+                + (f"the force looks to be {unit}" if unit else "check the load cell's sensitivity")
+            )
+
+
+def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Sensors whose level or sense differs from the others'."""
+    record = found.record
+    own, goes = median(level - median(level, 0), 1), median(agreement, 1)
+    if len(own) < 3:
+        return
+    apart: list[tuple[int, str]] = []
+    for o, sensor in enumerate(record.outputs):
+        others = np.delete(goes, o)
+        rest = float(median(others, 0))
+        size = float(own[o] - median(np.delete(own, o), 0))
+        if not (np.isfinite(goes[o]) and rest >= _GOES):
+            continue
+        if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
+            yield (
+                f"sensor {sensor} reads with the opposite sense (beside the model and the other sensors); check its sign, or"
+                f' write relabel = {{"{sensor.place}" = "{sensor.place}{"-" if sensor.sign > 0 else "+"}"}}'
+            )
+        elif abs(size) > _FAR and goes[o] >= _APART:
+            table = _TURNS if sensor.is_rotation else _MOTIONS if record.kind == "accelerance" else _MOTIONS[1:]
+            unit = _unit(size, table)
+            times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
+            yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (
+                f"it looks to be {unit}; correct its unit" if unit else "check its sensitivity and unit"
+            )
+        elif rest >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
+            apart.append((o, f"sensor {sensor} does not go with the model as the others do"))
+    yield from _misplaced(found, apart)
+
+
+def _misplaced(found: Aligned, apart: Sequence[tuple[int, str]]) -> Iterator[str]:
+    """Sensors that stand apart, exchanged where that mends two."""
+    outputs = found.record.outputs
+    left = dict(apart)
+    for a, b in combinations([o for o, _ in apart], 2):
+        changed = accord(found.measured[:, [a, b]], found.model[:, [b, a]])
+        if a in left and b in left and np.nanmin(median(changed, 1)) >= _GOES:
+            yield f"sensors {outputs[a]} and {outputs[b]} look exchanged: each moves as the model does at the other"
+            del left[a], left[b]
+    for words in left.values():
+        yield f"{words}: check its direction, place and cable"
+
+
+def _reciprocity(record: FrfRecord) -> Iterator[str]:
+    """Pairs of places that were each driven and measured, where the two FRFs differ."""
+    sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
+    loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}
+    for one, other in combinations([dof for dof in loads if dof in sensors], 2):
+        there = _signed(record, sensors[one], loads[other])
+        back = _signed(record, sensors[other], loads[one])
+        ratio = there / np.where(back == 0, np.nan, back)
+        ratio = ratio[np.isfinite(ratio) & (ratio != 0)]
+        if len(ratio) < 8:
+            continue
+        size = np.log(np.abs(ratio))
+        middle = float(np.median(size))
+        spread = 1.4826 * float(np.median(np.abs(size - middle))) * 1.2533 / np.sqrt(len(size))
+        turned = float(np.mean(np.cos(np.angle(ratio)))) < _TURNED
+        if turned or abs(middle) > max(_RECIPROCAL, _ERRORS * spread):
+            times = f"{'-' if turned else ''}{np.exp(middle):.3g}"
+            yield (
+                f"reciprocity: {one.place} under a load at {other.place} is {times} times {other.place} under a load at"
+                f" {one.place}, and should be the same: check sense and sensitivity of these sensors and loads"
+            )
+
+
+def _signed(record: FrfRecord, o: int, i: int) -> np.ndarray:
+    return record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
+
+
+def _unit(size: float, units: Sequence[tuple[float, str, str]]) -> str:
+    """The units whose ratio is nearest, as ``in g and read as m/s^2``; "" where none is near."""
+    distance = [abs(abs(size) - np.log(factor)) for factor, _, _ in units]
+    best = int(np.argmin(distance))
+    if distance[best] > _NEAR:
+        return ""
+    _, smaller, larger = units[best]
+    return f"in {smaller} and read as {larger}" if size > 0 else f"in {larger} and read as {smaller}"
+
+
+def _decade_remedy(decades: int) -> str:
+    if decades == 3:
+        cause = "The record may be in mm (or per kN), or the model's masses in t and stiffnesses in kN/m"
+    elif decades == -3:
+        cause = "The record may be per mN or in km, or the model's stiffnesses in N/mm entered as N/m times 10^6"
+    else:
+        cause = "The record may be in other units than the file says, or a mass or stiffness of the model is"
+    return f'{cause}: give the file\'s unit in [record], as in unit = "mm/N", or correct the model'
+
+
+def _listed(dofs: Sequence[Dof]) -> str:
+    return ", ".join(map(str, dofs))

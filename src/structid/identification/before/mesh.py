@@ -1,0 +1,207 @@
+"""How far off the frequencies of a model are by the size of its elements: held against refined ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from structid.arrays import FloatArray, IntArray
+from structid.dynamics import Modes
+from structid.identification.before.refining import Refined, n_split, obstacle, refined, split_power
+from structid.identification.model_modes import structure_modes
+from structid.structure import Structure
+
+#: Degrees of freedom of the finest model that is solved, and modes that are looked at.
+_MOST_DOFS, _MOST_MODES = 20_000, 40
+#: Degrees of freedom up to which all modes come at once.
+_ALL = 600
+#: Damping ratio that half-bandwidths have at least, and where there is none.
+_LEAST_DAMPING, _USUAL_DAMPING = 0.001, 0.01
+#: Pieces from which on smaller elements are no remedy.
+_MOST_PIECES = 16
+#: Part of a half-bandwidth by which a mode may be off by its mesh, and relative change of a frequency that is rounding.
+_PART, _ROUNDING = 0.1, 1e-6
+#: Powers of the element length that errors go with; the usual one where only one refinement can be solved.
+_ORDERS, _USUAL = (1.0, 6.0), 2.0
+#: Parts of the band's end up to which modes are looked at, below which they are a rigid body's, and up to which one is lost.
+_LOOKED, _RIGID, _LOST = 1.3, 1e-3, 0.97
+#: Likeness from which on a mode of the refined model is one of the coarse model's, and how far apart they may be.
+_ALIKE, _FARTHEST = 0.5, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshErrors:
+    """Modes of a model beside those that it would have with elements of no size.
+
+    Attributes
+    ----------
+    number : (n_judged,) int array
+        Of each mode in the band, from 0.
+    frequency, damping_ratio : (n_judged,) float arrays
+        With the elements as they are, Hz and 1; ratios are at least 0.001, and 0.01 where there is no damping.
+    error : (n_judged,) float array
+        Relative: positive where the frequency is too high.
+    passed_over : (n_lost,) float array
+        Hz: modes of the refined model in the band that these elements do not have.
+    unit : str
+        What is made smaller: ``subdivide`` of lines, or ``cells``.
+    needed : int
+        Pieces that each element is to be cut into (along each of its edges) so that no mode in the band is off by more
+        than `tolerance`; 0 where these are enough.
+    n_elements : int
+        So many elements that then are.
+    subdivide : int
+        Pieces of each line that the structure then has.
+    tolerance : float
+        Relative, a tenth of the narrowest half-bandwidth.
+    """
+
+    number: IntArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    error: FloatArray
+    passed_over: FloatArray
+    unit: str
+    needed: int
+    n_elements: int
+    subdivide: int
+    tolerance: float
+
+    @property
+    def half_bandwidths(self) -> FloatArray:
+        """Errors in half-bandwidths, without sign."""
+        return np.abs(self.error) / self.damping_ratio
+
+    @property
+    def words(self) -> str:
+        """The mode that is farthest off, and what would mend it; "" where none is."""
+        if not self.needed and not self.passed_over.size:
+            return ""
+        if self.passed_over.size:
+            listed = ", ".join(f"{value:.4g}" for value in self.passed_over[:3])
+            found = f"with smaller elements the model has modes at {listed} Hz that it lacks with these"
+        else:
+            worst = int(self.half_bandwidths.argmax())
+            sense = "high" if self.error[worst] > 0 else "low"
+            found = (
+                f"mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is {100 * abs(self.error[worst]):.2g} % too"
+                f" {sense} with these elements, {self.half_bandwidths[worst]:.2g} half-bandwidths"
+            )
+        if not self.needed or self.needed > _MOST_PIECES:
+            return f"{found}; refine the mesh, or take elements of higher order"
+        remedy = (
+            f"`subdivide = {self.subdivide}` in [structure] brings"
+            if self.unit == "subdivide"
+            else f"cells 1/{self.needed} as long bring"
+        )
+        whom = (
+            "it" if not self.passed_over.size and np.count_nonzero(self.half_bandwidths > _PART) == 1 else "every mode"
+        )
+        return f"{found}; {remedy} {whom} below {100 * self.tolerance:.2g} % ({self.n_elements} elements)"
+
+
+def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, float]) -> MeshErrors | str:
+    """How far off the modes in `band` are, or in words why that is not known; "" where there is nothing to refine.
+
+    The model is solved with elements a half and a quarter as long; what is left goes with a power of the length that the
+    three show (Richardson).
+
+    Parameters
+    ----------
+    structure : Structure
+    values : (n_values,) float array
+        Property values.
+    band : (float, float)
+        Hz.
+
+    References
+    ----------
+    Roache (1994), Perspective: a method for uniform reporting of grid refinement studies, J. Fluids Eng. 116, 405-413.
+    """
+    why = obstacle(structure)
+    if why is not None:
+        return why
+    finer = [made for made in (refined(structure, values, times, _MOST_DOFS) for times in (2, 4)) if made is not None]
+    if not finer:
+        return f"the mesh was not judged: twice as fine, the model has more than {_MOST_DOFS} degrees of freedom"
+    low, high = band
+    own = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs))
+    looked = np.flatnonzero((own.frequency <= _LOOKED * high) & (own.frequency > _RIGID * high))
+    if not looked.size:
+        return "the mesh was not judged: the initial model has no mode in the band"
+    count = len(looked) + int(looked[0])
+    frequency = own.frequency[looked]
+    other: list[FloatArray] = []
+    for made in finer:
+        found = structure_modes(made.structure, made.values, _ALL if made.structure.n_dofs <= _ALL else count + 8)
+        if np.count_nonzero(found.frequency <= _RIGID * high) > np.count_nonzero(own.frequency <= _RIGID * high):
+            return (
+                "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
+                " have it judged"
+            )
+        pairs = _paired(structure, values, own, looked, made, found)
+        other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
+        lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
+    limit, order = _limit(frequency, other)
+    kept = np.isfinite(limit) & (np.maximum(limit, frequency) >= low) & (np.minimum(limit, frequency) <= high)
+    error = frequency[kept] / limit[kept] - 1
+    ratio = own.damping_ratio[looked[kept]]
+    damping = np.where(ratio > 0, np.maximum(ratio, _LEAST_DAMPING), _USUAL_DAMPING)
+    tolerance = _PART * float(damping.min(initial=_USUAL_DAMPING))
+    lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
+    is_off = bool((np.abs(error) > _PART * damping).any())
+    needed = _pieces(np.abs(error), order[kept], tolerance) if is_off else 0
+    has_cells = any(made.cells for made in structure.elements)
+    return MeshErrors(
+        number=looked[kept],
+        frequency=frequency[kept],
+        damping_ratio=damping,
+        error=error,
+        passed_over=lost,
+        unit="cells" if has_cells else "subdivide",
+        needed=needed,
+        n_elements=n_split(structure) * max(needed, 1) ** split_power(structure),
+        subdivide=structure.subdivide * max(needed, 1),
+        tolerance=tolerance,
+    )
+
+
+def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Frequencies with elements of no size, and the powers of the length that errors go with, (n,) each."""
+    first = frequency - finer[0]
+    order = np.full(len(frequency), _USUAL)
+    last, change = finer[0], first
+    if len(finer) == 2:
+        second = finer[0] - finer[1]
+        is_clear = (
+            (np.abs(first) > _ROUNDING * frequency) & (np.abs(second) > _ROUNDING * frequency) & (first * second > 0)
+        )
+        ratio = np.divide(first, second, out=np.full(len(frequency), 2**_USUAL), where=is_clear)
+        order = np.clip(np.log2(np.maximum(ratio, 1.0)), *_ORDERS)
+        last, change = finer[1], second
+    return last - change / (2**order - 1), order
+
+
+def _pieces(error: FloatArray, order: FloatArray, tolerance: float) -> int:
+    """Pieces that bring every error below `tolerance`."""
+    return int(np.ceil(np.max((error / tolerance) ** (1 / order)) - 1e-9))
+
+
+def _paired(
+    structure: Structure, values: FloatArray, own: Modes, looked: IntArray, made: Refined, found: Modes
+) -> IntArray:
+    """Which mode of the refined model is each of the modes `looked`; -1 where none is."""
+    rows = made.places(structure)
+    mass = structure.matrix("inertia", values)
+    coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]
+    size = np.einsum("dm,dm->m", fine, mass @ fine)
+    likeness = (coarse.T @ (mass @ fine)) ** 2 / np.where(size > 0, size, 1.0)
+    near = np.abs(np.log(np.maximum(found.frequency, 1e-300) / own.frequency[looked][:, None])) < _FARTHEST
+    likeness = np.where(near, likeness, 0.0)
+    pairs: IntArray = np.full(len(looked), -1)
+    left, right = optimize.linear_sum_assignment(-likeness)
+    good = likeness[left, right] >= _ALIKE
+    pairs[left[good]] = right[good]
+    return pairs

@@ -1,0 +1,274 @@
+"""A structure with smaller elements: lines cut into pieces, cells split along all of their edges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.dof import DIRECTIONS, Dof
+from structid.structure import Structure
+from structid.structure.elements import ElementSet
+from structid.structure.elements.element import declarations
+from structid.structure.mesh_point import MeshPoint
+from structid.structure.structure import MOST_PIECES
+
+#: Nodes of a child by the corners of its parent that each lies in the middle of.
+Child = tuple[tuple[int, ...], ...]
+
+
+def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
+    """One child at each corner of a line, quadrilateral or hexahedron, numbered as its parent."""
+
+    def middle_of(at: tuple[int, ...], to: tuple[int, ...]) -> tuple[int, ...]:
+        stays = [a == b for a, b in zip(at, to, strict=True)]
+        return tuple(
+            i
+            for i, corner in enumerate(corners)
+            if all(own == a for own, a, stay in zip(corner, at, stays, strict=True) if stay)
+        )
+
+    return tuple(tuple(middle_of(at, to) for to in corners) for at in corners)
+
+
+def _at_corners(n: int) -> tuple[Child, ...]:
+    """One child at each corner of a triangle or tetrahedron, numbered as its parent."""
+    return tuple(tuple((at,) if at == to else (min(at, to), max(at, to)) for to in range(n)) for at in range(n))
+
+
+_RING = [(0, 0), (1, 0), (1, 1), (0, 1)]
+#: How each kind of cell is split; a tetrahedron's inner octahedron about its diagonal from the middle of 0-2 to that of 1-3.
+_CHILDREN: dict[str, tuple[Child, ...]] = {
+    "line": _boxes([(0,), (1,)]),
+    "triangle": (*_at_corners(3), ((0, 1), (1, 2), (0, 2))),
+    "quad": _boxes(_RING),
+    "tetra": (
+        *_at_corners(4),
+        *(((0, 2), (1, 3), a, b) for a, b in (((0, 1), (1, 2)), ((1, 2), (2, 3)), ((2, 3), (0, 3)), ((0, 3), (0, 1)))),
+    ),
+    "hexahedron": _boxes([(*at, z) for z, at in product((0, 1), _RING)]),
+}
+#: Part of a matrix's largest entry below which an entry is rounding.
+_ROUNDING = 1e-9
+_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+#: Corners of each side, by which rims are known.
+_SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "triangle": ((0, 1), (1, 2), (0, 2)),
+    "quad": ((0, 1), (1, 2), (2, 3), (0, 3)),
+    "tetra": ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 4, 5), (1, 2, 5, 6), (2, 3, 6, 7), (0, 3, 4, 7)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A structure with smaller elements.
+
+    Attributes
+    ----------
+    structure : Structure
+    values : (n_values,) float array
+        Of its properties.
+    inside : mapping of int to int
+        What it calls the nodes inside the elements of the structure that it was made from; others keep their labels.
+    """
+
+    structure: Structure
+    values: FloatArray
+    inside: Mapping[int, int]
+
+    def places(self, structure: Structure) -> IntArray:
+        """Where the degrees of freedom of the structure that it was made from are among its own."""
+        place = {code: i for i, code in enumerate(self.structure.numbering.free)}
+        own = (divmod(code, 6) for code in structure.numbering.free)
+        return np.array([place[6 * self.inside.get(node, node) + axis] for node, axis in own])
+
+
+def split_power(structure: Structure) -> int:
+    """Power of the pieces of an edge that the number of elements goes with: 1 of lines, 2 of plane cells, 3 of solid ones."""
+    return max((_DIMENSION[kind] for made in structure.elements for kind in _kinds(made)), default=1)
+
+
+def n_split(structure: Structure) -> int:
+    """Elements that are made smaller: cells, or pieces of lines where there are no cells."""
+    cells = [made for made in structure.elements if made.cells]
+    lines = [made for made in structure.elements if made.is_line]
+    return sum(len(made.nodes) for made in cells or lines) * structure.subdivide
+
+
+def obstacle(structure: Structure) -> str | None:
+    """Why a structure cannot be refined, in words; "" where nothing of it has a size, None where it can."""
+    whole = {p.element for p in structure.properties for layer in p.term.layers if layer.whole is not None}
+    if whole:
+        return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere and cannot be refined"
+    cells = [made for made in structure.elements if made.cells]
+    if not cells and not any(made.is_line for made in structure.elements):
+        return ""
+    inside = _held_inside(structure)
+    if inside:
+        return (
+            f"the mesh was not judged: {_listed(inside)} turn in directions that `active` leaves out, and pieces would be held"
+            " in them between their ends; add these directions to `active`"
+        )
+    if not cells:
+        return None
+    odd = [made.name for made in cells if any(kind not in _CHILDREN for kind in _kinds(made))]
+    if odd:
+        return f"the mesh was not judged: cells of the kinds of {_listed(odd)} are not split"
+    if structure.subdivide > 1 or any(made.loosened is not None for made in structure.elements):
+        return "the mesh was not judged: cells beside lines with joints or `subdivide` are not split"
+    if any(not isinstance(tie, MeshPoint) for tie in structure.ties):
+        return "the mesh was not judged: cells with rigid links or constraints are not split"
+    return None
+
+
+def refined(structure: Structure, values: FloatArray, times: int, most: int) -> Refined | None:
+    """`structure` with elements 1/`times` as long; None where it then has more than `most` degrees of freedom.
+
+    A node amid supported ones of a side at the rim is supported as they are.
+
+    Parameters
+    ----------
+    structure : Structure
+        Without `obstacle`.
+    values : (n_values,) float array
+        Property values.
+    times : int
+        A power of 2 where there are cells.
+    most : int
+    """
+    if not any(made.cells for made in structure.elements):
+        more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)
+        if structure.n_dofs + more > most or structure.subdivide * times > MOST_PIECES:
+            return None
+        return Refined(replace(structure, subdivide=structure.subdivide * times), values, _inside(structure, times))
+    if structure.n_dofs * times ** split_power(structure) > most:
+        return None
+    found = Refined(structure, values, {})
+    for _ in range(times.bit_length() - 1):
+        found = _split(found)
+    return found
+
+
+def _held_inside(structure: Structure) -> list[str]:
+    """Sets of lines whose stiffness couples directions that move with some that are held everywhere."""
+    lines = {made.name for made in structure.elements if made.is_line}
+    moving = [DIRECTIONS.index(direction) for direction in structure.active or ()]
+    found = []
+    for p in structure.properties:
+        if p.element not in lines or p.term.kind != "stiffness":
+            continue
+        for layer in p.term.layers:
+            moves = np.isin(layer.codes % 6, moving)
+            coupled = np.abs(layer.local) * (moves[:, :, None] & ~moves[:, None, :])
+            if coupled.max(initial=0.0) > _ROUNDING * np.abs(layer.local).max(initial=0.0):
+                found.append(p.element)
+    return list(dict.fromkeys(found))
+
+
+def _inside(structure: Structure, times: int) -> dict[int, int]:
+    """Labels of the nodes between pieces, and of ends let go, once each piece is cut into `times`."""
+    first = max(structure.nodes) + 1
+    pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.elements if made.is_line)
+    found = {
+        first + line * (pieces - 1) + piece - 1: first + line * (pieces * times - 1) + piece * times - 1
+        for line in range(n_lines)
+        for piece in range(1, pieces)
+    }
+    before, after = first + n_lines * (pieces - 1), first + n_lines * (pieces * times - 1)
+    loosened = sum(made.loosened is not None for made in structure.elements)
+    return found | {before + joint: after + joint for joint in range(loosened)}
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+
+
+def _kinds(made: ElementSet) -> list[str]:
+    return [made.cells[count] for count in np.unique((made.nodes >= 0).sum(axis=1)).tolist()] if made.cells else []
+
+
+def _kind_of(made: ElementSet, row: IntArray) -> str:
+    return made.cells[int((row >= 0).sum())] if made.cells else "line"
+
+
+class _Middles:
+    """Labels of the nodes amid others, each made when it is first asked for."""
+
+    def __init__(self, structure: Structure) -> None:
+        self.positions = dict(structure.nodes)
+        self.labels: dict[frozenset[int], int] = {}
+        ties = [tie.label for tie in structure.ties if isinstance(tie, MeshPoint)]
+        self.next = max([*self.positions, *ties]) + 1
+
+    def label(self, corners: frozenset[int]) -> int:
+        if len(corners) == 1:
+            return next(iter(corners))
+        if corners not in self.labels:
+            self.labels[corners] = self.next
+            self.positions[self.next] = np.mean([self.positions[node] for node in sorted(corners)], axis=0)
+            self.next += 1
+        return self.labels[corners]
+
+
+def _split(given: Refined) -> Refined:
+    """Every cell and line in two along each edge."""
+    structure = given.structure
+    middles = _Middles(structure)
+    elements: list[ElementSet] = []
+    parents: dict[str, IntArray] = {}
+    for made in structure.elements:
+        if not (made.cells or made.is_line):
+            elements.append(made)
+            continue
+        rows, parent = [], []
+        for e, row in enumerate(made.nodes):
+            for child in _CHILDREN[_kind_of(made, row)]:
+                nodes = [middles.label(frozenset(int(row[i]) for i in corners)) for corners in child]
+                rows.append(nodes + [-1] * (made.nodes.shape[1] - len(nodes)))
+                parent.append(e)
+        own = np.array(parent)
+        each = {
+            name: getattr(made, name)[own]
+            for name, what in declarations(made).items()
+            if what.kind is not None and getattr(made, name) is not None
+        }
+        elements.append(replace(made, nodes=np.array(rows), **each))
+        parents[made.name] = own
+    finer = Structure(
+        middles.positions, elements, (*structure.fixed, *_held(structure, middles)), structure.ties, structure.active
+    )
+    old = {(p.element, p.term.property): given.values[p.values] for p in structure.properties}
+    parts = []
+    for p in finer.properties:
+        own_values = old[p.element, p.term.property]
+        parts.append(own_values[parents[p.element]] if p.element in parents else own_values)
+    return Refined(finer, np.concatenate(parts), {})
+
+
+def _held(structure: Structure, middles: _Middles) -> list[Dof]:
+    """Supports of the new nodes amid supported ones of a side at the rim."""
+    sides: dict[frozenset[int], int] = {}
+    for made in structure.elements:
+        if made.cells:
+            for row in made.nodes:
+                for side in _SIDES[_kind_of(made, row)]:
+                    corners = frozenset(int(row[i]) for i in side)
+                    sides[corners] = sides.get(corners, 0) + 1
+    at_rim: dict[int, list[frozenset[int]]] = {}
+    for rim, count in sides.items():
+        if count == 1:
+            for node in rim:
+                at_rim.setdefault(node, []).append(rim)
+    fixed: dict[int, set[str]] = {}
+    for dof in structure.fixed:
+        fixed.setdefault(dof.node, set()).add(dof.direction)
+    found = []
+    for corners, label in middles.labels.items():
+        shared = set.intersection(*(fixed.get(node, set()) for node in corners))
+        if shared and any(corners <= rim for rim in at_rim.get(min(corners), ())):
+            found += [Dof(label, direction) for direction in sorted(shared)]
+    return found

@@ -1,0 +1,94 @@
+"""Whether segments and window of averaged spectra leave leakage at resonances."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.records.record import TimeRecord
+from structid.records.transforms.spectra import window_weights
+
+#: Part of a peak that a window may take off; and part of the motion's power that segments may differ by, or end with.
+_LOWERED, _DIFFERS, _AT_REST = 0.05, 0.02, 0.01
+#: Points between two lines of a window's spectrum; times longer segments that are looked for.
+_FINE, _MOST = 8, 1e4
+#: Part of a segment at either end that shows whether it is at rest there.
+_END = 0.02
+
+
+def leakage(
+    record: TimeRecord, length: int, window: str | tuple[Any, ...], frequency: FloatArray, damping_ratio: FloatArray
+) -> str:
+    """How far segments of `length` samples lower the peaks of modes, in words; "" where they hardly do.
+
+    Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the
+    power spectrum of a mode is smoothed by that of the window.
+
+    Parameters
+    ----------
+    record : TimeRecord
+    length : int
+    window : str or tuple
+        As `frf_from_time` takes it.
+    frequency, damping_ratio : (n_modes,) float arrays
+        Of the modes in the band.
+
+    References
+    ----------
+    Bendat and Piersol (2010), Random Data, 4th ed., section 8.5.
+    """
+    weights = window_weights(window, length)
+    is_flat = float(np.ptp(weights)) < 1e-9
+    is_decay = isinstance(window, tuple) and window[0] == "exponential"
+    if is_decay or not frequency.size:
+        return ""
+    if is_flat and (len(record.values) < 2 * length or _repeats(record, length) or _rests(record, length)):
+        return ""
+    lines = 2 * damping_ratio * frequency * length / record.sampling_rate
+    worst = int(lines.argmin())
+    power = np.abs(np.fft.rfft(weights, _FINE * length)) ** 2
+    lowered = _lowered(power, float(lines[worst]))
+    if lowered <= _LOWERED:
+        return ""
+    enough = next(k for k in 1.1 ** np.arange(200) if _lowered(power, float(lines[worst]) * k) <= _LOWERED or k > _MOST)
+    needed = int(np.ceil(length * enough))
+    name = "no window, though segments neither repeat nor rest at their ends," if is_flat else f"window {window!r}"
+    return (
+        f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers"
+        f" that peak by about {100 * lowered:.2g} % and shows more damping; take segments of {needed} samples, or fit the"
+        " histories by [record.time]"
+    )
+
+
+def _lowered(power: FloatArray, lines: float) -> float:
+    """Part that a window of this `power` spectrum takes off the peak of a mode with so many lines in its bandwidth."""
+    offset = np.arange(len(power)) / _FINE
+    weight = np.where(offset > 0, 2.0, 1.0) * power
+    peak = 1 / (1 + (2 * offset / max(lines, 1e-9)) ** 2)
+    return float(1 - (weight * peak).sum() / weight.sum())
+
+
+def _segments(record: TimeRecord, length: int) -> FloatArray:
+    """Whole segments side by side, (n_segments, length, n_channels), each channel of unit power."""
+    count = len(record.values) // length
+    values = record.values - record.values.mean(axis=0)
+    size = np.sqrt((values**2).mean(axis=0))
+    scaled = values / np.where(size > 0, size, 1.0)
+    found: FloatArray = scaled[: count * length].reshape(count, length, -1)
+    return found
+
+
+def _repeats(record: TimeRecord, length: int) -> bool:
+    parts = _segments(record, length)
+    return len(parts) > 1 and bool(np.median((np.diff(parts, axis=0) ** 2).mean(axis=1)) < 2 * _DIFFERS)
+
+
+def _rests(record: TimeRecord, length: int) -> bool:
+    parts = _segments(record, length)
+    end = max(int(_END * length), 1)
+    if not len(parts):
+        return False
+    level = [float((part[:, :end] ** 2).mean()) for part in (parts, parts[:, ::-1])]
+    return max(level) < _AT_REST

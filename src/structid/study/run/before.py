@@ -1,0 +1,148 @@
+"""What a study's model and records tell before anything is fitted: mesh, resonances, samples, windows, coherence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dynamics import Modes
+from structid.identification.before.mesh import MeshErrors, mesh_errors
+from structid.identification.model_modes import structure_modes
+from structid.identification.setups import AnySetup, Look
+from structid.observation import RecordProblem
+from structid.records import FrfRecord, TimeRecord
+from structid.records.quality.signal_checks import signal_checks
+from structid.records.quality.spectral_checks import drifts
+from structid.records.quality.window_checks import leakage
+from structid.study.schema.record import RecordSource, read_histories
+from structid.study.schema.study import Study
+
+#: Damping ratio that half-bandwidths have at least.
+_LEAST_DAMPING = 0.001
+#: Part of its frequency within which a mode that shows no peak may belong to a measured one.
+_HIDDEN = 0.1
+#: Averages from which on the chi-square that their coherence leads to is not worth a word.
+_MANY = 100
+
+
+@dataclass(frozen=True)
+class ResonanceCheck:
+    """A measured resonance beside that of the initial model.
+
+    Attributes
+    ----------
+    measured, model : float
+        Hz; NaN where one has no like.
+    half_bandwidths : float
+        How far the model is above, by the model's damping; NaN where it has none.
+    mac : float
+    """
+
+    measured: float
+    model: float
+    half_bandwidths: float
+    mac: float
+
+
+@dataclass(frozen=True, eq=False)
+class RecordCheck:
+    """One record beside its model, before a fit.
+
+    Attributes
+    ----------
+    title : str
+    resonances : tuple of ResonanceCheck
+    warnings : tuple of str
+        Of samples and windows.
+    facts : tuple of str
+    """
+
+    title: str
+    resonances: tuple[ResonanceCheck, ...]
+    warnings: tuple[str, ...]
+    facts: tuple[str, ...]
+
+
+def checked_record(
+    title: str, study: Study, source: RecordSource, setup: AnySetup, problem: RecordProblem, look: Look
+) -> RecordCheck:
+    """What is to be said of one record.
+
+    Parameters
+    ----------
+    title : str
+    study : Study
+    source : RecordSource
+    setup : RecordSetup
+    problem : RecordProblem
+        Of the lines in the band.
+    look : Look
+    """
+    modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), study.options.n_modes)
+    warnings: list[str] = []
+    histories = read_histories(source)
+    for record in histories:
+        found = [one for one in signal_checks(record) if one.severity != "note"]
+        slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
+        warnings += [one.words for one in (*found, *slow)]
+    warnings += _leaks(source, histories, problem, modes)
+    return RecordCheck(title, _resonances(look, modes), tuple(warnings), _facts(setup))
+
+
+def checked_mesh(setup: AnySetup, problem: RecordProblem) -> MeshErrors | str:
+    """The mesh of a set-up's structure, for the band of its record."""
+    axis: FloatArray = problem.frequency
+    values = setup.parameters.values(setup.parameters.start)
+    return mesh_errors(setup.structure, values, (float(axis.min()), float(axis.max())))
+
+
+def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
+    """In half-bandwidths; where the model shows no peak between lines, beside a mode that is near and has no other like."""
+    free = np.ones(len(modes.frequency), dtype=bool)
+    for pair in look.resonances:
+        if free.size and np.isfinite(pair.model):
+            free[np.abs(modes.frequency - pair.model).argmin()] = False
+    found = []
+    for pair in look.resonances:
+        model, distance = pair.model, float("nan")
+        apart = np.abs(modes.frequency - (pair.measured if np.isnan(model) else model))
+        if np.isnan(model):
+            apart = np.where(free & (apart <= _HIDDEN * pair.measured), apart, np.inf)
+        near = int(apart.argmin()) if apart.size else -1
+        if near >= 0 and np.isfinite(apart[near]):
+            if np.isnan(model):
+                model, free[near] = float(modes.frequency[near]), False
+            damping = float(modes.damping_ratio[near])
+            if damping > 0:
+                distance = (model - pair.measured) / (max(damping, _LEAST_DAMPING) * model)
+        found.append(ResonanceCheck(pair.measured, model, distance, pair.mac))
+    return tuple(found)
+
+
+def _facts(setup: AnySetup) -> tuple[str, ...]:
+    record = setup.measured
+    if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
+        return ()
+    n = record.averages
+    if n > _MANY:
+        return ()
+    if n <= 2:
+        return (f"coherence from {n} averages does not tell the noise; state it in [record.noise]",)
+    return (
+        f"coherence from {n} averages: a chi-square of {n / (n - 2):.3g} per degree of freedom is expected where all is right",
+    )
+
+
+def _leaks(source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes) -> list[str]:
+    """Windows of averaged spectra that blur the resonances in the band."""
+    if source.frf is None or source.time is not None or not histories:
+        return []
+    settings = source.frf.others
+    length = settings.get("segment_length") or len(histories[0].values)
+    window = settings.get("window", "hann")
+    axis: FloatArray = problem.frequency
+    inside = (modes.frequency >= axis[0]) & (modes.frequency <= axis[-1])
+    words = leakage(histories[0], length, window, modes.frequency[inside], modes.damping_ratio[inside])
+    return [words] if words else []
