@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy import sparse
@@ -15,26 +14,32 @@ from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
+from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.response import Models, Response, response
-from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
+from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns
 
 #: Columns of the transients with singular values below this part of the largest count as dependent.
 _DEPENDENT = 1e-10
+#: Highest power of s in the polynomial of each output, and where a channel may be late: up to two samples are taken.
+_ORDER, _LATE_ORDER = 4, 8
 #: Modes up to this multiple of the highest line take part in the transient.
 _REACH = 2.0
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
+NO_WINDOW = (
+    "a window's decay is no error of histories that are fitted themselves, which need no window; take the windowed record's"
+    " FRFs, or undo the window"
+)
 
 
 @dataclass(frozen=True, eq=False)
-class SpectraProblem(RecordProblem):
+class SpectraProblem(ResponseProblem):
     """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
 
     A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
@@ -47,6 +52,9 @@ class SpectraProblem(RecordProblem):
     with e = H u + t - y and C = cov(y) + H cov(u) H', the sum of e' C^-1 e is the likelihood of forces and motions
     together, which is unbiased where H1 is not.
 
+    Where sensors read a and load cells b times the truth, H becomes diag(a) H diag(1 / b), and the transient is read
+    through a; a delay takes what enters and leaves at the ends of the record for part of the transient.
+
     Parameters
     ----------
     structure : Structure
@@ -57,16 +65,19 @@ class SpectraProblem(RecordProblem):
         Off: the record is periodic, or starts and ends at rest.
     order : int
         Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
-        the modes above the band, and the alias of the jump between the end and the start of the record.
+        the modes above the band, the alias of the jump between the end and the start of the record, and what a late
+        channel holds of the time before it instead of its end; see `transient_order`.
     record : TimeRecord, optional
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
+    channels : ChannelErrors, optional
+        Errors of the record's channels; their parameters follow those of the structure.
     models : Models
         What it has in common with the problems that are made from it.
 
     Raises
     ------
     InputError
-        If the structure has friction, or sensors and loads are not part of it.
+        If the structure has friction, sensors and loads are not part of it, or a window's decay is unknown.
 
     References
     ----------
@@ -79,8 +90,9 @@ class SpectraProblem(RecordProblem):
     parameters: Parameters
     spectra: FiniteSpectra
     transient: bool = True
-    order: int = 4
+    order: int = _ORDER
     record: TimeRecord | None = None
+    channels: ChannelErrors | None = None
     models: Models = field(default_factory=Models, repr=False)
 
     def __post_init__(self) -> None:
@@ -90,9 +102,15 @@ class SpectraProblem(RecordProblem):
                 f"friction {friction[0]!r} has no linear response to a general force; take it out of the structure, or"
                 " use FRFs of a stepped sine"
             )
+        if self.channels is not None and self.channels.decay(self.channels.start) is not None:
+            raise InputError(NO_WINDOW)
 
-    def with_parts(self, parts: Sequence[NamedUnknowns]) -> SpectraProblem:
-        return replace(self, parameters=cast(Parameters, parts[0]))
+    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> SpectraProblem:
+        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
+
+    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Cross spectra of every line, and the model's FRFs: over all lines other forces leave no sign."""
+        return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
     def sources(self) -> tuple[object, ...]:
@@ -161,7 +179,7 @@ class SpectraProblem(RecordProblem):
 
     def predicted(self, theta: FloatArray) -> ComplexArray:
         """The model's FRFs, each in the kind of its sensor, (n_frequencies, n_outputs, n_inputs)."""
-        return self._state(self.physical(theta))[2]
+        return self._state(*self._split(self.physical(theta)))[2]
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._evaluated(theta, False).residual
@@ -169,21 +187,34 @@ class SpectraProblem(RecordProblem):
     def linearize(self, theta: FloatArray) -> Linearization:
         return self._evaluated(theta, True)
 
-    def _state(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transient forces, motions under unit sensor forces, and H."""
+    def _state(
+        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Motions under loads and transient forces, motions under unit sensor forces, and H with errors of channels."""
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        fields = self.model.fields_at(physical, self._columns)
+        fields = self.model.fields_at(own, self._columns)
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
         loads = self._columns[:, :n_in]
         h = np.swapaxes((loads.T @ np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)).reshape(n_in, -1, n_out), 0, 1)
-        return x, y, np.swapaxes(h, 1, 2) * self._powers[:, :, None]
+        return x, y, np.swapaxes(h, 1, 2) * read[:, :, None] / stated[:, None, :]
 
-    def _transient_columns(self, y: ComplexArray) -> ComplexArray:
+    def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+        """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
+
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """
+        own, rest = np.split(physical, [self.parameters.n_params])
+        if self.channels is None:
+            return own, self._powers, np.ones((len(self.frequency), len(self.spectra.inputs)), dtype=np.complex128)
+        sensors, loads = self.channels.readings(rest, self.spectra.laplace)
+        return own, self._powers * sensors, loads
+
+    def _transient_columns(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
         """How each linear unknown of the transient shows in the motions, (n_frequencies, n_outputs, n_unknowns)."""
         if not self.transient:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
-        reach = np.einsum("fdo,dq->foq", y, self._transient_forces, optimize=True) * self._powers[:, :, None]
+        reach = np.einsum("fdo,dq->foq", y, self._transient_forces, optimize=True) * read[:, :, None]
         s = self._relative_laplace
         n_lines, n_out = self.spectra.motion.shape
         powers = s[:, None] ** np.arange(self.order + 1)
@@ -193,13 +224,14 @@ class SpectraProblem(RecordProblem):
 
     def _evaluated(self, theta: FloatArray, wanted: bool) -> Linearization:
         physical, spectra = self.physical(theta), self.spectra
-        x, y, h = self._state(physical)
+        own, read, stated = self._split(physical)
+        x, y, h = self._state(own, read, stated)
         noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
         diagonal = np.arange(len(spectra.outputs))
         noise[:, diagonal, diagonal] += spectra.motion_variance
         factor = np.linalg.cholesky(noise) / np.sqrt(2)
         error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
-        columns = self._transient_columns(y)
+        columns = self._transient_columns(y, read)
         whitened = np.linalg.solve(factor, np.concatenate([error[:, :, None], columns], axis=2))
         stacked = stack_real(whitened.reshape(error.size, -1))
         basis, unknowns, scale = _orthonormal(stacked[:, 1:])
@@ -208,21 +240,45 @@ class SpectraProblem(RecordProblem):
             residual = self._residual(theta, data)
             return Linearization(residual, np.zeros((len(residual), 0)), basis.shape[1])
         coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
-        drive = self._drive(h, noise, error + columns @ coefficients, coefficients)
-        motion = (x @ drive[:, :, None])[:, :, :1]
-        change = self.model.sensitivity_at(physical, motion, y)[:, :, 0] * self._powers[:, :, None]
+        force = self._likeliest_force(h, noise, error + columns @ coefficients)
+        left = self._left(coefficients)
+        motion = (x @ np.concatenate([force / stated, left], axis=1)[:, :, None])[:, :, :1]
+        change = self.model.sensitivity_at(own, motion, y)[:, :, 0] * read[:, :, None]
+        if self.channels is not None:
+            change = np.concatenate(
+                [change, self._channel_changes(physical, h * force[:, None, :], columns, coefficients)], 2
+            )
         rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
         rows -= basis @ (basis.T @ rows)
         return self._linearized(theta, data, rows * self.slope(theta), basis.shape[1])
 
-    def _drive(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray, given: FloatArray) -> ComplexArray:
-        """The likeliest forces, u - cov(u) H' C^-1 e, and after them the amplitudes of the transient's forces."""
-        spectra = self.spectra
+    def _likeliest_force(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray) -> ComplexArray:
+        """u - cov(u) H' C^-1 e, as the load cells would read it, (n_frequencies, n_inputs)."""
         weighed = np.linalg.solve(noise, error[:, :, None])
         pull = (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
+        likeliest: ComplexArray = self.spectra.force - self.spectra.force_variance * pull
+        return likeliest
+
+    def _left(self, given: FloatArray) -> ComplexArray:
+        """Amplitudes of the transient's forces, (n_frequencies, n)."""
         n = self._transient_forces.shape[1]
-        s = self._relative_laplace[:, None]
-        return np.concatenate([spectra.force - spectra.force_variance * pull, given[:n] + s * given[n : 2 * n]], axis=1)
+        left: ComplexArray = given[:n] + self._relative_laplace[:, None] * given[n : 2 * n]
+        return left
+
+    def _channel_changes(
+        self, physical: FloatArray, forced: ComplexArray, columns: ComplexArray, coefficients: FloatArray
+    ) -> ComplexArray:
+        """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
+
+        `forced` is the part of each load in each motion; that of the transient is read with the sensor's error alone.
+        """
+        assert self.channels is not None
+        rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
+        n = 2 * self._transient_forces.shape[1]
+        of_loads = np.einsum("foik,foi->fok", self.channels.log_slopes(rest, laplace), forced)
+        free = (columns[:, :, :n] @ coefficients[:n])[:, :, None]
+        changes: ComplexArray = of_loads + self.channels.output_slopes(rest, laplace) * free
+        return changes
 
 
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -258,6 +314,11 @@ def spectra_problem(
     return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient, record=record)
 
 
+def transient_order(channels: ChannelErrors | None) -> int:
+    """Highest power of s in the polynomials of records whose channels have these errors."""
+    return _LATE_ORDER if channels is not None and "delay" in channels.kinds else _ORDER
+
+
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, ...]:
     """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
 
@@ -277,7 +338,7 @@ def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, 
     Shin and Cha (2009), Geophys. J. Int. 177, 1067-1079 (waveform inversion in the Laplace-Fourier domain).
     """
     top = 2 * np.pi * problem.spectra.frequency[-1]
-    near = replace(problem, parameters=problem.parameters.kept_near_start(_START_ERROR))
+    near = problem.with_parts([part.kept_near_start(_START_ERROR) for part in problem.parts])
     band = (problem.spectra.frequency[0], problem.spectra.frequency[-1])
     ways = []
     for decays, order in _WAYS:
