@@ -339,6 +339,7 @@ def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, 
     """
     top = 2 * np.pi * problem.spectra.frequency[-1]
     near = problem.with_parts([part.kept_near_start(_START_ERROR) for part in problem.parts])
+    near = replace(near, transient=True)  # of a periodic record too, once it fades
     band = (problem.spectra.frequency[0], problem.spectra.frequency[-1])
     ways = []
     for decays, order in _WAYS:
