@@ -17,13 +17,12 @@ from structid.estimation.problem import Stages
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
+from structid.observation.time.eliminated import Evaluation, Latest, orthonormal
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
-#: Columns of the transients with singular values below this part of the largest count as dependent.
-_DEPENDENT = 1e-10
 #: Highest power of s in the polynomial of each output, and where a channel may be late: up to two samples are taken.
 _ORDER, _LATE_ORDER = 4, 8
 #: Modes up to this multiple of the highest line take part in the transient.
@@ -182,10 +181,22 @@ class SpectraProblem(ResponseProblem):
         return self._state(*self._split(self.physical(theta)))[2]
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._evaluated(theta, False).residual
+        at = self._evaluated(theta)
+        self._latest.keep(theta, at)
+        return self._residual(theta, at.data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        return self._evaluated(theta, True)
+        at, physical = self._latest.taken(theta) or self._evaluated(theta), self.physical(theta)
+        own = physical[: self.parameters.n_params]
+        change = self.model.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        change = at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+        rows = stack_real(change.reshape(-1, change.shape[2]))
+        rows -= at.basis @ (at.basis.T @ rows)
+        return self._linearized(theta, at.data, rows * self.slope(theta), at.basis.shape[1])
+
+    @cached_property
+    def _latest(self) -> Latest:
+        return Latest()
 
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
@@ -210,85 +221,60 @@ class SpectraProblem(ResponseProblem):
         sensors, loads = self.channels.readings(rest, self.spectra.laplace)
         return own, self._powers * sensors, loads
 
-    def _transient_columns(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
-        """How each linear unknown of the transient shows in the motions, (n_frequencies, n_outputs, n_unknowns)."""
-        if not self.transient:
-            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
-        reach = np.einsum("fdo,dq->foq", y, self._transient_forces, optimize=True) * read[:, :, None]
-        s = self._relative_laplace
-        n_lines, n_out = self.spectra.motion.shape
-        powers = s[:, None] ** np.arange(self.order + 1)
-        poly = np.zeros((n_lines, n_out, n_out, self.order + 1), dtype=np.complex128)
-        poly[:, np.arange(n_out), np.arange(n_out)] = powers[:, None, :]
-        return np.concatenate([reach, s[:, None, None] * reach, poly.reshape(n_lines, n_out, -1)], axis=2)
-
-    def _evaluated(self, theta: FloatArray, wanted: bool) -> Linearization:
+    def _evaluated(self, theta: FloatArray) -> Evaluation:
         physical, spectra = self.physical(theta), self.spectra
         own, read, stated = self._split(physical)
         x, y, h = self._state(own, read, stated)
         noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
         diagonal = np.arange(len(spectra.outputs))
         noise[:, diagonal, diagonal] += spectra.motion_variance
-        factor = np.linalg.cholesky(noise) / np.sqrt(2)
+        whitening = np.linalg.inv(np.linalg.cholesky(noise) / np.sqrt(2))
         error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
-        columns = self._transient_columns(y, read)
-        whitened = np.linalg.solve(factor, np.concatenate([error[:, :, None], columns], axis=2))
-        stacked = stack_real(whitened.reshape(error.size, -1))
-        basis, unknowns, scale = _orthonormal(stacked[:, 1:])
-        data = stacked[:, 0] - basis @ (basis.T @ stacked[:, 0])
-        if not wanted:
-            residual = self._residual(theta, data)
-            return Linearization(residual, np.zeros((len(residual), 0)), basis.shape[1])
-        coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
-        force = self._likeliest_force(h, noise, error + columns @ coefficients)
-        left = self._left(coefficients)
-        motion = (x @ np.concatenate([force / stated, left], axis=1)[:, :, None])[:, :, :1]
-        change = self.model.sensitivity_at(own, motion, y)[:, :, 0] * read[:, :, None]
-        if self.channels is not None:
-            change = np.concatenate(
-                [change, self._channel_changes(physical, h * force[:, None, :], columns, coefficients)], 2
-            )
-        rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
-        rows -= basis @ (basis.T @ rows)
-        return self._linearized(theta, data, rows * self.slope(theta), basis.shape[1])
-
-    def _likeliest_force(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray) -> ComplexArray:
-        """u - cov(u) H' C^-1 e, as the load cells would read it, (n_frequencies, n_inputs)."""
-        weighed = np.linalg.solve(noise, error[:, :, None])
-        pull = (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
-        likeliest: ComplexArray = self.spectra.force - self.spectra.force_variance * pull
-        return likeliest
-
-    def _left(self, given: FloatArray) -> ComplexArray:
-        """Amplitudes of the transient's forces, (n_frequencies, n)."""
+        reach = self._reach(y, read)
+        whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
+        basis, unknowns, scale = orthonormal(stack_real(self._whitened_columns(whitening, whitened[:, :, 1:])))
+        misfit = stack_real(whitened[:, :, 0].reshape(-1))
+        given = basis.T @ misfit
+        data = misfit - basis @ given
+        coefficients = -scale * (unknowns @ given)
+        # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
+        own_data = data[: error.size] + 1j * data[error.size :]
+        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ own_data.reshape(*error.shape, 1) / 2
+        force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
         n = self._transient_forces.shape[1]
-        left: ComplexArray = given[:n] + self._relative_laplace[:, None] * given[n : 2 * n]
-        return left
+        left = coefficients[:n] + self._relative_laplace[:, None] * coefficients[n : 2 * n]
+        motion = x @ np.concatenate([force / stated, left], axis=1)[:, :, None]
+        free = (reach @ left[:, :n, None])[:, :, 0]
+        return Evaluation(y, read, h * force[:, None, :], free, motion, whitening, basis, data)
 
-    def _channel_changes(
-        self, physical: FloatArray, forced: ComplexArray, columns: ComplexArray, coefficients: FloatArray
-    ) -> ComplexArray:
+    def _reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
+        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
+        return np.swapaxes(y, 1, 2) @ self._transient_forces * read[:, :, None]
+
+    def _whitened_columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
+        """Every linear unknown of the transient in the whitened motions: jumps of each mode, then each output's polynomial.
+
+        Shape (n_frequencies * n_outputs, n_unknowns).
+        """
+        n_lines, n_out = self.spectra.motion.shape
+        if not self.transient:
+            return np.zeros((n_lines * n_out, 0), dtype=np.complex128)
+        s = self._relative_laplace[:, None, None]
+        powers = s[..., None] ** np.arange(self.order + 1)
+        poly = (whitening[..., None] * powers).reshape(n_lines, n_out, -1)
+        return np.concatenate([reach, s * reach, poly], axis=2).reshape(n_lines * n_out, -1)
+
+    def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
 
-        `forced` is the part of each load in each motion; that of the transient is read with the sensor's error alone.
+        That of the transient is read with the sensor's error alone.
         """
-        assert self.channels is not None
+        if self.channels is None:
+            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
         rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
-        n = 2 * self._transient_forces.shape[1]
-        of_loads = np.einsum("foik,foi->fok", self.channels.log_slopes(rest, laplace), forced)
-        free = (columns[:, :, :n] @ coefficients[:n])[:, :, None]
-        changes: ComplexArray = of_loads + self.channels.output_slopes(rest, laplace) * free
+        of_loads = np.einsum("foik,foi->fok", self.channels.log_slopes(rest, laplace), at.forced)
+        changes: ComplexArray = of_loads + self.channels.output_slopes(rest, laplace) * at.free[:, :, None]
         return changes
-
-
-def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a."""
-    scale = np.linalg.norm(columns, axis=0)
-    safe = np.where(scale > 0, scale, 1.0)
-    orthogonal, triangle = np.linalg.qr(columns / safe)
-    left, singular, right = np.linalg.svd(triangle)
-    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
-    return orthogonal @ left[:, :rank], right[:rank].T / singular[:rank], 1 / safe
 
 
 def spectra_problem(
