@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, stack_real
+from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
 from structid.observation.channel_errors import ChannelErrors
+from structid.observation.frf.continuation import thinned_lines
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
 from structid.observation.time.eliminated import Evaluation, Latest, orthonormal
@@ -29,6 +30,8 @@ _ORDER, _LATE_ORDER = 4, 8
 _REACH = 2.0
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
+#: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
+_WORTH_THINNING = 2.5
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 NO_WINDOW = (
@@ -126,6 +129,16 @@ class SpectraProblem(ResponseProblem):
     @property
     def n_channels(self) -> int:
         return len(self.spectra.outputs)
+
+    def with_lines(self, keep: IntArray) -> SpectraProblem:
+        chosen = np.zeros(len(self.frequency), dtype=bool)
+        chosen[keep] = True
+        return replace(self, spectra=self.spectra.lines(chosen))
+
+    def thinned(self) -> SpectraProblem | None:
+        """The problem on lines closer together at low frequencies, as those of FRFs, where they are much fewer."""
+        keep = thinned_lines(2 * np.pi * self.frequency)
+        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
     @cached_property
     def rows(self) -> DataRows:
