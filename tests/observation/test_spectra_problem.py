@@ -139,6 +139,28 @@ def test_the_stages_of_a_periodic_record_are_exact_though_it_fades():
         assert np.sqrt(np.mean(stage.residual(stage.theta_start) ** 2)) < 1e-3, name
 
 
+def test_a_kept_evaluation_and_a_part_of_the_lines_are_those_of_the_whole():
+    structure = chain()
+    unknown = unknowns(structure)
+    noisy = record(structure, unknown.values(unknown.start), np.random.default_rng(7), force_noise=0.05)
+    problem = spectra_problem(structure, unknown, noisy, band=(0.1, 12.0))
+    theta, other = problem.theta_start + 0.01, problem.theta_start - 0.01
+    plain = problem.linearize(theta)
+    problem.residual(theta)
+    kept = problem.linearize(theta)
+    problem.residual(other)
+    after = problem.linearize(theta)  # what was kept is of another point
+    for at in (kept, after):
+        np.testing.assert_array_equal(at.residual, plain.residual)
+        np.testing.assert_array_equal(at.jacobian, plain.jacobian)
+    assert problem.thinned() is None  # too few to be worth it
+    lines = np.arange(0, len(problem.frequency), 3)
+    part = problem.with_lines(lines)
+    np.testing.assert_array_equal(part.frequency, problem.frequency[lines])
+    np.testing.assert_allclose(part.predicted(theta), problem.predicted(theta)[lines], rtol=1e-12)
+    np.testing.assert_array_equal(part.spectra.motion_variance, problem.spectra.motion_variance[lines])
+
+
 def test_spectra_problem_refuses_friction_and_silence_on_noise():
     structure = chain(friction=True)
     unknown = unknowns(structure)
