@@ -46,7 +46,7 @@ from structid.observation import least_squares_bias as least_squares_bias
 from structid.observation import recorded_motion as recorded_motion
 from structid.observation import simulated_record as simulated_record
 from structid.observation import simulated_time_record as simulated_time_record
-from structid.observation.channel_errors import channel_errors as channel_errors
+from structid.observation.channel_unknowns import channel_errors as channel_errors
 from structid.observation.motion.fit import motion_fit as motion_fit
 from structid.observation.time.identify_time import identify_time as identify_time
 from structid.observation.time.spectra import spectra_problem as spectra_problem

@@ -1,4 +1,4 @@
-"""A portal frame with a part of every kind of change that can be written in a study, and its record."""
+"""A portal frame with a part of every kind of change that can be written in a study, and its FRFs or histories."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.records import FrfRecord
+from structid.records import FrfRecord, TimeRecord
 from structid.records.io import write_record
 from structid.study.run.run import load_study, study_problems
 
@@ -102,3 +102,45 @@ def written(folder: Path, text: str = STUDY, truth: str = STUDY, seed: int | Non
 def off(text: str = STUDY) -> str:
     """The study with starts that are some percent off."""
     return text.replace("bending_stiffness = 600.0", "bending_stiffness = 660.0").replace("= 800.0", "= 750.0")
+
+
+def of_histories(text: str = STUDY) -> str:
+    """The study with histories in place of FRFs."""
+    noise = text[text.index("[record.noise]") : text.index("[method]")]
+    timed = "[record.time]\nrelative_noise = 0.01\ntransient = false\n\n"
+    return text.replace('path = "frf.npz"', 'path = "time.npz"').replace(noise, timed).replace(
+        "restarts = 0", "restarts = 0\nband = [2.0, 60.0]"
+    )  # fmt: skip
+
+
+def written_histories(
+    folder: Path,
+    text: str | None = None,
+    truth: str = STUDY,
+    seed: int | None = 1,
+    gains: dict[int, float] | None = None,
+) -> Path:
+    """The same with one period of accelerations and a random force at 4Y; `gains` are those of its columns, the force first."""
+    rate, n_times = 150.0, 1500
+    frequency = np.fft.rfftfreq(n_times, 1 / rate)[1:-1]
+    outputs, inputs = ["2X", "3X", "4Y", "5Y"], ["4Y"]
+    blank = np.ones((len(frequency), len(outputs), 1), complex)
+    write_record(folder / "frf.npz", FrfRecord(frequency, blank, outputs, inputs, "accelerance"))
+    path = folder / "study.toml"
+    path.write_text(truth, encoding="utf-8")
+    [problem] = study_problems(load_study(path))
+    h = problem.predicted(problem.theta_start)[:, :, 0]
+    rng = np.random.default_rng(0)
+    force = np.where(frequency < 65.0, np.exp(2j * np.pi * rng.uniform(size=len(frequency))), 0.0)
+    lines = np.zeros((n_times // 2 + 1, 5), complex)
+    lines[1:-1] = np.column_stack([force, h * force[:, None]])
+    values = np.fft.irfft(lines, n_times, axis=0)
+    if seed is not None:
+        noise = np.random.default_rng(seed).standard_normal(values.shape)
+        values = values + 0.01 * np.sqrt((values**2).mean(axis=0)) * noise
+    for column, gain in (gains or {}).items():
+        values[:, column] *= gain
+    kinds = ("force", *["acceleration"] * 4)
+    write_record(folder / "time.npz", TimeRecord(rate, values, (*inputs, *outputs), kinds))
+    path.write_text(of_histories() if text is None else text, encoding="utf-8")
+    return path

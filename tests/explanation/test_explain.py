@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from frame_cases import STUDY, off, written
+from frame_cases import STUDY, of_histories, off, written, written_histories
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
@@ -71,6 +71,30 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
 def by_name(found):
     """95 % intervals of an identification."""
     return dict(zip(found.estimate.names, found.intervals.ends.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("column", "gain", "kind", "where"), [(2, 0.85, "sensor_gain", "3X"), (4, 1 / 9.80665, "unit", "5Y")]
+)
+def test_a_gain_or_unit_in_histories_is_named_first_and_its_study_is_right(tmp_path, column, gain, kind, where):
+    result, fits = answered(written_histories(tmp_path, of_histories(off()), gains={column: gain}))
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == (kind, (where,))
+    assert not [cause for cause in result.criticism.causes[1:] if cause.is_alike]
+    text, _ = suggestion_text(result.study, fits[0].trial.changes)
+    again = tmp_path / "again.toml"
+    again.write_text(text, encoding="utf-8")
+    better, _ = answered(again)
+    assert better.criticism.judgement.verdict == "sound"
+    value, std = better.identification.estimate[f"gain[{where}+]"]
+    assert value == pytest.approx(gain, abs=4 * std)
+
+
+def test_a_right_model_of_histories_is_sound_and_has_no_cause(tmp_path):
+    result, _ = answered(written_histories(tmp_path, of_histories(off())), explain=True)
+    assert result.criticism.judgement.verdict == "sound"
+    assert result.criticism.causes == ()
 
 
 def test_a_right_model_is_sound_and_has_no_cause(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from short_record_cases import chain, record, unknowns
+from short_record_cases import RATE, chain, record, unknowns
 from structid import InputError, Prior, Search, Status, estimate
 from structid.observation import SpectraProblem, damped_stages
 from structid.observation.time.spectra import spectra_problem
@@ -115,6 +115,50 @@ def test_spectra_are_identified_from_a_poor_start_through_faded_records():
     assert found.status is Status.CONVERGED
     assert found.covariance_basis == "noise"
     assert (np.abs(found.values - truth.start) < 4 * found.std).all()
+
+
+def test_the_stages_of_a_periodic_record_are_exact_though_it_fades():
+    # one period of a steady motion: the record needs no transient, its faded copies do
+    structure = chain()
+    unknown = unknowns(structure)
+    n_times = 800
+    clean = record(structure, unknown.values(unknown.start), np.random.default_rng(5), noise=0.0, force_noise=0.0)
+    lines = np.fft.rfftfreq(n_times, 1 / RATE)[1:240]
+    spectra = finite_spectra(replace(clean, variance=np.ones(3)), band=(lines[0], lines[-1]))
+    h = SpectraProblem(structure, unknown, spectra).predicted(unknown.theta_start)[:, :, 0]
+    rng = np.random.default_rng(6)
+    force = np.exp(2j * np.pi * rng.uniform(size=len(lines)))
+    table = np.zeros((n_times // 2 + 1, 3), complex)
+    table[1:240] = np.column_stack([force, force[:, None] * h])
+    values = np.fft.irfft(table, n_times, axis=0)
+    periodic = replace(clean, values=values, variance=1e-12 * (values**2).mean(axis=0))
+    problem = spectra_problem(structure, unknown, periodic, band=(0.1, 12.0), transient=False)
+    assert np.sqrt(np.mean(problem.residual(problem.theta_start) ** 2)) < 1e-3
+    for name, stage in damped_stages(problem, periodic)[0]:
+        # each value counts with an error of a tenth of itself in a stage; without the transient the first misses by five
+        assert np.sqrt(np.mean(stage.residual(stage.theta_start) ** 2)) < 1e-3, name
+
+
+def test_a_kept_evaluation_and_a_part_of_the_lines_are_those_of_the_whole():
+    structure = chain()
+    unknown = unknowns(structure)
+    noisy = record(structure, unknown.values(unknown.start), np.random.default_rng(7), force_noise=0.05)
+    problem = spectra_problem(structure, unknown, noisy, band=(0.1, 12.0))
+    theta, other = problem.theta_start + 0.01, problem.theta_start - 0.01
+    plain = problem.linearize(theta)
+    problem.residual(theta)
+    kept = problem.linearize(theta)
+    problem.residual(other)
+    after = problem.linearize(theta)  # what was kept is of another point
+    for at in (kept, after):
+        np.testing.assert_array_equal(at.residual, plain.residual)
+        np.testing.assert_array_equal(at.jacobian, plain.jacobian)
+    assert problem.thinned() is None  # too few to be worth it
+    lines = np.arange(0, len(problem.frequency), 3)
+    part = problem.with_lines(lines)
+    np.testing.assert_array_equal(part.frequency, problem.frequency[lines])
+    np.testing.assert_allclose(part.predicted(theta), problem.predicted(theta)[lines], rtol=1e-12)
+    np.testing.assert_array_equal(part.spectra.motion_variance, problem.spectra.motion_variance[lines])
 
 
 def test_spectra_problem_refuses_friction_and_silence_on_noise():

@@ -164,12 +164,64 @@ def test_a_time_section_on_frfs_is_refused(tmp_path):
         started(load_study(path))
 
 
-def test_channel_errors_and_histories_are_refused_together(tmp_path):
-    text = CHAIN.replace("[method]", '[[record.channel_error]]\nproperty = "gain"\noutputs = "2X"\n[method]')
-    path, _ = write_study(tmp_path, text)
+GAIN = '[[record.channel_error]]\nproperty = "gain"\noutputs = "2X"\n'
+
+
+def with_error(error, text=CHAIN):
+    return text.replace("[method]", f"{error}[method]")
+
+
+def test_a_sensors_gain_is_identified_with_the_structure_and_told_everywhere(tmp_path):
+    structure = chain()
+    truth = unknowns(structure)
+    histories = record(structure, truth.values(truth.start), np.random.default_rng(0))
+    read = replace(histories, values=histories.values * [1.0, 1.0, 0.9])  # force, 4X, 2X
+    plain, _ = write_study(tmp_path, histories=read)
+    assert run_study(load_study(plain)).identification.estimate.chi_square_per_dof > 5
+    path, _ = write_study(tmp_path, with_error(GAIN), read)
+    ran = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 0, ran.output
+    assert "gain[2X+]" in ran.output
+    summary = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    [gain] = [entry for entry in summary["parameters"] if entry["name"] == "gain[2X+]"]
+    assert gain["value"] == pytest.approx(0.9, abs=4 * gain["std"])
+    assert gain["std"] < 0.005
+    assert summary["verdict"] == "sound"
+    assert "gain[2X+]" in (tmp_path / "out" / "report.html").read_text()
+    fit = run_study(load_study(path)).identification.fits[0]
+    assert np.median(fit.relative_error[:, 1]) < 0.5 * np.median(fit.initial_relative_error[:, 1])
+
+
+def test_one_sensor_of_histories_and_frfs_has_one_gain(tmp_path):
+    structure = chain()
+    truth = unknowns(structure)
+    like = FrfRecord(np.linspace(0.5, 8.0, 60), np.zeros((60, 1, 1)), ("2X",), ("4X",), "receptance")
+    frf = simulated_record(structure, truth, like, 0.01, np.random.default_rng(1))
+    write_record(tmp_path / "frf.npz", replace(frf, values=0.9 * frf.values))
+    histories = record(structure, truth.values(truth.start), np.random.default_rng(0))
+    read = replace(histories, values=histories.values * [1.0, 1.0, 0.9])
+    several = CHAIN.replace("[record]", "[[record]]").replace(
+        "[method]", GAIN + f'[[record]]\npath = "frf.npz"\nnoise = {{ relative = 0.01 }}\n{GAIN}[method]'
+    )
+    found = run_study(load_study(write_study(tmp_path, several, read)[0])).identification.estimate
+    assert [name for name in found.names if name.startswith("gain")] == ["gain[2X+]"]
+    assert found["gain[2X+]"][0] == pytest.approx(0.9, abs=4 * found["gain[2X+]"][1])
+
+
+@pytest.mark.parametrize(
+    ("error", "fit", "words"),
+    [
+        (GAIN.replace("2X", "3X"), "", "must name channels of the record, got '3X'"),
+        ('[[record.channel_error]]\nproperty = "window_decay"\nstart = 1.0\n', "", "is no error of histories"),
+        (GAIN, 'fit = "output_error"\n', "fit 'output_error' takes no errors of channels; take fit = 'spectra'"),
+    ],
+)
+def test_errors_of_channels_that_histories_do_not_have_are_told_with_their_line(tmp_path, error, fit, words):
+    path, _ = write_study(tmp_path, with_error(error, CHAIN.replace("relative_noise", f"{fit}relative_noise")))
     ran = CliRunner().invoke(app, ["identify", str(path)])
     assert ran.exit_code == 2
-    assert "errors of channels cannot be identified from the histories" in ran.output
+    assert words in " ".join(ran.output.split())
+    assert "[[record.channel_error]]" in ran.output
 
 
 def test_output_error_refuses_a_band(tmp_path):

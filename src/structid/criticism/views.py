@@ -36,7 +36,7 @@ def views(
         if isinstance(problem, FrfProblem):
             found.append(problem)
         elif isinstance(setup, TimeSetup):
-            found.append(setup.shown_problem(options))
+            found.append(setup.shown_problem(options, problem.channels))
         elif isinstance(problem, ModalProblem):
             found.append(modal_view(problem, own))
     return tuple(found)

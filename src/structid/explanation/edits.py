@@ -217,8 +217,10 @@ def _record(study: Tables, candidate: Candidate) -> Tables:
 def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float], None]:
     def make(study: Tables, candidate: Candidate, strength: float) -> None:
         record = _record(study, candidate)
-        if "time" in record or "modes" in record:
-            raise NoEditError("errors of channels are parameters of frequency responses only")
+        if "modes" in record:
+            raise NoEditError("modes have no errors of channels")
+        if record.get("time", {}).get("fit", "spectra") != "spectra":
+            raise NoEditError("errors of channels are parameters of histories only where they are fitted as spectra")
         start = np.exp(strength) if prop == "gain" else strength
         start = start if side == "outputs" else (1 / start if prop == "gain" else -start)
         _append(record, "channel_error", {"property": prop, side: list(candidate.where), "start": _round(float(start))})

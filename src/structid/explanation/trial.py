@@ -193,8 +193,9 @@ def read_study(
 
 
 def view_of(problem: RecordProblem, view: FrfProblem) -> FrfProblem:
-    """A view with the model of a problem."""
-    return replace(view, structure=problem.structure, parameters=problem.parameters, channels=None)
+    """A view with the model of a problem, and its errors of channels."""
+    channels = None if problem.channels is None else problem.channels.seen_by(view.record)
+    return replace(view, structure=problem.structure, parameters=problem.parameters, channels=channels)
 
 
 def _same_view(

@@ -15,7 +15,8 @@ from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
 from structid.identification.setups import Look, Prepared, RecordSetup, look
 from structid.observation import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
-from structid.observation.channel_errors import channel_errors
+from structid.observation.channel_errors import ChannelErrors, Measured
+from structid.observation.channel_unknowns import channel_errors
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -71,12 +72,15 @@ class Setup(RecordSetup[FrfProblem]):
             used,
             options.residual,
             model_error,
-            channels=channel_errors(used, self.channel_unknowns) if self.channel_unknowns else None,
+            channels=self.channel_errors(self.channel_unknowns, used),
             start_error=options.start_error if options.start == "continuation" else None,
             reduced=options.reduced,
             models=self.models,
         )
         return Prepared(problem, tuple(warnings))
+
+    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+        return channel_errors(lines or self.record, unknowns) if unknowns else None
 
     @property
     def measured(self) -> object:

@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
+from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.before.aligned import ResonancePair, aligned
@@ -18,7 +19,8 @@ from structid.identification.before.channels import channel_warnings
 from structid.identification.modal_fit import ModalFit
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit
-from structid.observation import ChannelUnknown, FrfProblem, RecordProblem
+from structid.observation import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
+from structid.observation.channel_errors import Measured
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -79,6 +81,18 @@ class RecordSetup(ABC, Generic[P]):
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> RecordSetup[P]:
         """The same record with another model, and other errors of channels where the record can have some."""
+
+    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+        """What is unknown of its sensors and loads, of all lines or those given; None where nothing is declared.
+
+        Raises
+        ------
+        InputError
+            If the record has no such channel or error, or two of them claim the same.
+        """
+        if unknowns:
+            raise InputError("the record has no errors of channels; leave them out")
+        return None
 
     @property
     @abstractmethod

@@ -25,10 +25,13 @@ from structid.observation import (
     RecordProblem,
     SpectraProblem,
     TimeOptions,
+    channel_errors,
     identify_time,
     output_error_problem,
 )
+from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.time.options import Hold, Initial, TimeMethod
+from structid.observation.time.spectra import NO_WINDOW, transient_order
 from structid.records import FrfRecord, TimeRecord, frf_from_time
 from structid.records.record import Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
@@ -86,6 +89,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     record : TimeRecord
         With the noise variance of every channel.
     settings : TimeFit
+    channel_unknowns : sequence of ChannelUnknown
+        Errors of this record's sensors and loads that are identified too, of ``spectra``; no window's decay.
     name : str
     shown : FrfRecord, optional
         FRFs of the same test, beside which the fitted model is drawn and judged; by default those of estimator Hv from
@@ -98,6 +103,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     parameters: Parameters
     record: TimeRecord
     settings: TimeFit = TimeFit()
+    channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     shown: FrfRecord | None = None
     models: Models = field(default_factory=Models, repr=False)
@@ -109,10 +115,13 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """
         problem: RecordProblem
         if self.settings.fit == "output_error":
+            self.channel_errors(self.channel_unknowns)
             problem = output_error_problem(self.structure, self.parameters, self.record, self._options(options))
         else:
             problem = self._spectra(options)
-        averaged = replace(self.shown_problem(options).record, coherence=None)  # leakage, which the fit has none of
+        averaged = replace(
+            self.shown_problem(options, None).record, coherence=None
+        )  # leakage, which the fit has none of
         return Prepared(problem, record_warnings(self.structure, averaged))
 
     def _spectra(self, options: IdentifyOptions) -> SpectraProblem:
@@ -124,8 +133,26 @@ class TimeSetup(RecordSetup[RecordProblem]):
             record = replace(record, variance=np.maximum(record.variance, least**2))
         spectra = finite_spectra(record, band=options.band)
         spectra = spectra.lines(inside(spectra.frequency, options))
-        transient = self.settings.transient
-        return SpectraProblem(self.structure, self.parameters, spectra, transient, record=record, models=self.models)
+        channels = self.channel_errors(self.channel_unknowns, spectra)
+        return SpectraProblem(
+            self.structure,
+            self.parameters,
+            spectra,
+            self.settings.transient,
+            transient_order(channels),
+            record=record,
+            channels=channels,
+            models=self.models,
+        )
+
+    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+        if not unknowns:
+            return None
+        if self.own_estimator:
+            raise InputError(f"{self.own_estimator} takes no errors of channels; take fit = 'spectra' for this record")
+        if any(unknown.property == "window_decay" for unknown in unknowns):
+            raise InputError(NO_WINDOW)
+        return channel_errors(lines or finite_spectra(self.record), unknowns)
 
     @property
     def measured(self) -> object:
@@ -134,7 +161,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> TimeSetup:
-        return replace(self, structure=structure, parameters=parameters)
+        return replace(self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns)
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
@@ -156,7 +183,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return used, judged.frequency
 
     def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> Look:
-        beside = self.shown_problem(options)
+        beside = self.shown_problem(options, prepared.problem.channels)
         return look(beside, beside.predicted(beside.theta_start))
 
     @property
@@ -168,7 +195,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
-        return record_fit(title, self._averaged(), self.shown_problem(options), own, options)
+        return record_fit(title, self._averaged(), self.shown_problem(options, problem.channels), own, options)
 
     def _options(self, options: IdentifyOptions) -> TimeOptions:
         method = self.settings.fit
@@ -185,11 +212,14 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def _averaged(self) -> FrfRecord:
         return self.shown or averaged_frfs(self.record)
 
-    def shown_problem(self, options: IdentifyOptions) -> FrfProblem:
-        """The problem of averaged FRFs, which only shows the fit."""
+    def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
+        """The problem of averaged FRFs, which only shows the fit, with errors of the record's channels."""
         used = used_lines(self._averaged(), options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
-        return FrfProblem(self.structure, self.parameters, used, options.residual, error, models=self.models)
+        seen = None if channels is None else channels.seen_by(used)
+        return FrfProblem(
+            self.structure, self.parameters, used, options.residual, error, channels=seen, models=self.models
+        )
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:

@@ -1,6 +1,7 @@
 """Parameters and a record become a least-squares problem: whitened residual and its derivatives."""
 
-from structid.observation.channel_errors import ChannelErrors, ChannelUnknown, channel_errors
+from structid.observation.channel_errors import ChannelErrors
+from structid.observation.channel_unknowns import ChannelUnknown, channel_errors
 from structid.observation.frf.equations import measures_everything, one_step_values
 from structid.observation.frf.forms import Form
 from structid.observation.frf.problem import FrfProblem, frequency_continuation

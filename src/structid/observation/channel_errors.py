@@ -1,107 +1,87 @@
-"""Errors of sensors and load cells as parameters of a record: gain, delay, polarity, and the decay of its window."""
+"""What errors of sensors and load cells make of responses: gain, delay, polarity, and the decay of a window."""
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Protocol
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked
-from structid.dof import Dof, parse_dof
-from structid.errors import InputError
-from structid.records import FrfRecord
+from structid.dof import Dof
 from structid.unknowns.named_unknowns import NamedUnknowns
-from structid.unknowns.priors import Prior
-from structid.unknowns.transforms import Transform, Transforms
-
-ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
-
-#: Unit, start and transform of each kind of channel error; polarity is not continuous and has none.
-_CONTINUOUS: dict[str, tuple[str, float, Transform]] = {
-    "gain": ("1", 1.0, "log"),
-    "delay": ("s", 0.0, "linear"),
-    "window_decay": ("1/s", 1.0, "log"),
-}
-_ALL = "all"
 
 
-@dataclass(frozen=True)
-class ChannelUnknown:
-    """A declaration: this error of these channels of a record is unknown.
+class Measured(Protocol):
+    """What errors of channels are declared on: the sensors, loads and lines of a record of any kind."""
 
-    A channel's reading is ``polarity * gain * exp(-s delay)`` times the truth. A measured FRF is the reading of its
-    sensor over that of its load, so an error of a load enters it inverted.
+    @property
+    def outputs(self) -> tuple[Dof, ...]: ...
 
-    Parameters
-    ----------
-    property : {"gain", "delay", "polarity", "window_decay"}
-        ``gain`` (1): reading over truth, positive. ``delay`` (s): how late the channel is. ``polarity``: +1 or -1,
-        decided by the data. ``window_decay`` (1/s): of an exponential window on all channels, which has no channels
-        of its own: the measured FRF is H at s = decay + i omega. It adds to a decay that the record states.
-    outputs, inputs : str or sequence of str
-        Sensors and loads; ``"all"`` for all of them.
-    each : bool
-        One parameter a channel instead of one for all; always so for polarity.
-    start : float, optional
-        Initial value: 1 for a gain, 0 s for a delay; a window's decay needs one.
-    name : str, optional
-        What stands in the brackets of the parameter's name, so that records of one fit share an error; the channels
-        by default.
-    bounds : (float, float), optional
-        The parameter stays strictly between them.
-    prior : Prior, optional
-        Such as a calibration's mean and standard deviation, in the parameter's unit.
-    """
+    @property
+    def inputs(self) -> tuple[Dof, ...]: ...
 
-    property: ChannelProperty
-    outputs: str | Sequence[str] = ()
-    inputs: str | Sequence[str] = ()
-    each: bool = False
-    start: float | None = None
-    name: str | None = None
-    bounds: tuple[float, float] | None = None
-    prior: Prior | None = None
+    @property
+    def frequency(self) -> FloatArray:
+        """Hz, ascending."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelErrors(NamedUnknowns):
-    """Errors of the channels of one record, as named parameters; made by `channel_errors`.
+    """Errors of the channels of one record, as named parameters; made by `channel_unknowns.channel_errors`.
 
-    The logarithm of the factor on the FRF of output o and input i is
-    ``sum over gains exponents[k, o, i] log(p[k]) - s sum over delays exponents[k, o, i] p[k]``.
-
-    A delay is judged against one radian at the highest line.
+    The logarithm of a channel's reading over the truth is the sum of the logarithms of its gains, less s times the sum
+    of its delays. A delay is judged against one radian at the highest line.
 
     Attributes
     ----------
-    exponents : (n_params, n_outputs, n_inputs) float array
-        +1 where the parameter belongs to the output, -1 where to the input, 0 where to neither or both.
+    outputs, inputs : tuple of Dof
+        Sensors and loads of the record.
+    of_outputs, of_inputs : (n_params, n_outputs), (n_params, n_inputs) bool arrays
+        Channels that each parameter belongs to.
     polarity_names : tuple of str
-    polarity_members : (n_polarities, n_outputs, n_inputs) bool array
-        FRFs whose sign each polarity turns.
+    polarity_outputs, polarity_inputs : (n_polarities, n_outputs), (n_polarities, n_inputs) bool arrays
+        The channel that each polarity turns.
     polarities : (n_polarities,) float array
         +1 or -1.
     """
 
-    exponents: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    of_outputs: np.ndarray
+    of_inputs: np.ndarray
     polarity_names: tuple[str, ...]
-    polarity_members: np.ndarray
+    polarity_outputs: np.ndarray
+    polarity_inputs: np.ndarray
     polarities: FloatArray
 
     @property
-    def sign(self) -> FloatArray:
-        """Polarity of every FRF, (n_outputs, n_inputs)."""
-        return np.where(self.polarity_members, self.polarities[:, None, None], 1.0).prod(axis=0)
+    def exponents(self) -> FloatArray:
+        """Power of each parameter in the factor on each FRF, (n_params, n_outputs, n_inputs)."""
+        return self.of_outputs[:, :, None].astype(float) - self.of_inputs[:, None, :]
+
+    @property
+    def polarity_members(self) -> np.ndarray:
+        """FRFs whose sign each polarity turns, (n_polarities, n_outputs, n_inputs) bool."""
+        members: np.ndarray = self.polarity_outputs[:, :, None] | self.polarity_inputs[:, None, :]
+        return members
+
+    def seen_by(self, record: Measured) -> ChannelErrors:
+        """The same parameters beside another record of the same test, which may lack channels."""
+        outputs, inputs = (_places(own, other) for own, other in
+                           ((self.outputs, record.outputs), (self.inputs, record.inputs)))  # fmt: skip
+        return replace(
+            self, outputs=record.outputs, inputs=record.inputs,
+            of_outputs=_taken(self.of_outputs, outputs), of_inputs=_taken(self.of_inputs, inputs),
+            polarity_outputs=_taken(self.polarity_outputs, outputs), polarity_inputs=_taken(self.polarity_inputs, inputs),
+        )  # fmt: skip
 
     def rows(self, kind: str) -> IntArray:
         """Which parameters are of that kind."""
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
-    def factor(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """What the channels make of every FRF, (n_frequencies, n_outputs, n_inputs).
+    def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """What sensors, and what load cells, read over the truth, (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
 
         Parameters
         ----------
@@ -109,9 +89,19 @@ class ChannelErrors(NamedUnknowns):
         laplace : (n_frequencies,) complex array
             s, 1/s.
         """
-        gains = self.rows("gain")
-        size = np.exp(np.tensordot(np.log(physical[gains]), self.exponents[gains], 1))
-        return self.sign * size * np.exp(-laplace[:, None, None] * self.lateness(physical))
+        gains, delays = self.rows("gain"), self.rows("delay")
+        sides = (self.of_outputs, self.polarity_outputs), (self.of_inputs, self.polarity_inputs)
+        output, input_ = (
+            np.where(turned, self.polarities[:, None], 1.0).prod(axis=0)
+            * np.exp(np.log(physical[gains]) @ of[gains] - laplace[:, None] * (physical[delays] @ of[delays]))
+            for of, turned in sides
+        )
+        return output, input_
+
+    def factor(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
+        """What the channels make of every FRF, (n_frequencies, n_outputs, n_inputs); see `readings`."""
+        output, input_ = self.readings(physical, laplace)
+        return output[:, :, None] / input_[:, None, :]
 
     def lateness(self, physical: FloatArray) -> FloatArray:
         """Delay of every FRF, s, (n_outputs, n_inputs)."""
@@ -124,12 +114,17 @@ class ChannelErrors(NamedUnknowns):
 
         A window's decay, which moves s itself, is left at 0.
         """
-        slopes = np.zeros((len(laplace), *self.exponents.shape[1:], self.n_params), dtype=np.complex128)
-        for k, kind in enumerate(self.kinds):
-            if kind == "gain":
-                slopes[..., k] = self.exponents[k] / physical[k]
-            elif kind == "delay":
-                slopes[..., k] = -laplace[:, None, None] * self.exponents[k]
+        return np.einsum("fk,koi->foik", self._each_slope(physical, laplace), self.exponents)
+
+    def output_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
+        """The same of the logarithm of what the sensors read, (n_frequencies, n_outputs, n_params)."""
+        return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
+
+    def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
+        slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
+        gains = self.rows("gain")
+        slopes[:, gains] = 1 / physical[gains]
+        slopes[:, self.rows("delay")] = -laplace[:, None]
         return slopes
 
     def decay(self, physical: FloatArray) -> float | None:
@@ -149,167 +144,27 @@ class ChannelErrors(NamedUnknowns):
             The record, and the model with the present polarities.
         """
         size = np.maximum(np.abs(measured) * np.abs(predicted), np.finfo(float).tiny)
-        votes = ((np.conj(predicted) * measured).real / size).sum(axis=0) * self.sign
+        every = self.polarity_members
+        sign = np.where(every, self.polarities[:, None, None], 1.0).prod(axis=0)
+        votes = ((np.conj(predicted) * measured).real / size).sum(axis=0) * sign
         polarities = np.array(self.polarities)
         for _ in range(1 + len(polarities)):
             before = polarities.copy()
-            for k, members in enumerate(self.polarity_members):
-                others = np.where(self.polarity_members, polarities[:, None, None], 1.0).prod(axis=0) * polarities[k]
+            for k, members in enumerate(every):
+                others = np.where(every, polarities[:, None, None], 1.0).prod(axis=0) * polarities[k]
                 polarities[k] = 1.0 if (votes * others)[members].sum() >= 0 else -1.0
             if (before == polarities).all():
                 break
         return replace(self, polarities=locked(polarities))
 
 
-@dataclass(frozen=True)
-class _Group:
-    """One parameter in the making: which outputs and inputs it belongs to."""
-
-    unknown: ChannelUnknown
-    label: str
-    outputs: tuple[int, ...]
-    inputs: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        return f"{self.unknown.property}[{self.label}]"
-
-    def exponents(self, record: FrfRecord) -> FloatArray:
-        power = np.zeros((len(record.outputs), len(record.inputs)))
-        power[list(self.outputs), :] += 1
-        power[:, list(self.inputs)] -= 1
-        return power
+def _places(own: tuple[Dof, ...], others: tuple[Dof, ...]) -> list[int]:
+    """Where each of `others` is among `own`, whatever its sense; -1 where it is not."""
+    places = {dof.unsigned: i for i, dof in enumerate(own)}
+    return [places.get(dof.unsigned, -1) for dof in others]
 
 
-def channel_errors(record: FrfRecord, unknowns: Iterable[ChannelUnknown]) -> ChannelErrors:
-    """The named channel errors that `unknowns` declare on `record`.
-
-    Raises
-    ------
-    InputError
-        If a declaration names a channel that the record lacks or no channel, two declarations claim the same error of
-        a channel, a start lies outside its range, or a prior is not one.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> record = FrfRecord(np.array([1.0]), np.ones((1, 2, 1)), ("1X", "2X"), ("1X",), "accelerance")
-    >>> channel_errors(record, [ChannelUnknown("gain", "all", each=True), ChannelUnknown("delay", inputs="1X")]).names
-    ('gain[1X+]', 'gain[2X+]', 'delay[load 1X+]')
-    """
-    groups = [group for unknown in unknowns for group in _groups(record, unknown)]
-    _require_distinct(groups)
-    free = [group for group in groups if group.unknown.property != "polarity"]
-    poles = [group for group in groups if group.unknown.property == "polarity"]
-    shape = (0, len(record.outputs), len(record.inputs))
-    limits = [_limits(group) for group in free]
-    radian = 1 / max(float(record.omega[-1]), np.finfo(float).tiny)
-    made = ChannelErrors(
-        names=tuple(group.name for group in free),
-        kinds=tuple(group.unknown.property for group in free),
-        units=tuple(_CONTINUOUS[group.unknown.property][0] for group in free),
-        start=locked([_start(group) for group in free], float),
-        transforms=Transforms(
-            tuple("interval" if g.unknown.bounds else _CONTINUOUS[g.unknown.property][2] for g in free),
-            locked([low for low, _ in limits], float),
-            locked([high for _, high in limits], float),
-        ),
-        prior_mean=locked([g.unknown.prior.mean if g.unknown.prior else np.nan for g in free], float),
-        prior_std=locked([g.unknown.prior.std if g.unknown.prior else np.nan for g in free], float),
-        prior_lognormal=locked(
-            [g.unknown.prior is not None and g.unknown.prior.kind == "lognormal" for g in free], bool
-        ),
-        scale=locked([radian if g.unknown.property == "delay" else 0.0 for g in free], float),
-        exponents=locked(np.array([g.exponents(record) for g in free]).reshape(len(free), *shape[1:])),
-        polarity_names=tuple(group.name for group in poles),
-        polarity_members=locked(np.array([g.exponents(record) != 0 for g in poles], bool).reshape(-1, *shape[1:])),
-        polarities=locked(np.ones(len(poles))),
-    )
-    _require_ranges(free, made)
-    return made
-
-
-def _groups(record: FrfRecord, unknown: ChannelUnknown) -> list[_Group]:
-    if unknown.property not in (*_CONTINUOUS, "polarity"):
-        known = ", ".join((*_CONTINUOUS, "polarity"))
-        raise InputError(f"channel error `property` must be one of {known}, got {unknown.property!r}")
-    outputs = _chosen("outputs", unknown.outputs, record.outputs)
-    inputs = _chosen("inputs", unknown.inputs, record.inputs)
-    if unknown.property == "window_decay":
-        if outputs or inputs:
-            raise InputError("a window's decay belongs to all channels; leave `outputs` and `inputs` out")
-        if unknown.start is None:
-            raise InputError("a window's decay needs a `start` in 1/s, such as the one set at the analyser")
-        return [_Group(unknown, unknown.name or "all channels", (), ())]
-    if not outputs and not inputs:
-        raise InputError(f'{unknown.property} names no channel; give `outputs` or `inputs`, or outputs = "all"')
-    if unknown.property == "polarity" and (unknown.prior or unknown.bounds or unknown.start is not None):
-        raise InputError("a polarity is +1 or -1 and takes no `start`, `bounds` or `prior`; leave them out")
-    labels = [str(record.outputs[o]) for o in outputs] + [f"load {record.inputs[i]}" for i in inputs]
-    if not unknown.each and unknown.property != "polarity":
-        return [_Group(unknown, unknown.name or ", ".join(labels), outputs, inputs)]
-    ends = [((o,), ()) for o in outputs] + [((), (i,)) for i in inputs]
-    single = len(ends) == 1
-    prefix = "" if unknown.name is None else f"{unknown.name}:"
-    named = [unknown.name if single and unknown.name else prefix + label for label in labels]
-    return [_Group(unknown, label, *end) for label, end in zip(named, ends, strict=True)]
-
-
-def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
-    """Positions among `channels` of those named, whatever their sense."""
-    texts = (given,) if isinstance(given, str) else tuple(given)
-    if texts == (_ALL,):
-        return tuple(range(len(channels)))
-    own = [dof.unsigned for dof in channels]
-    found = []
-    for text in texts:
-        dof = parse_dof(text).unsigned
-        if dof not in own:
-            words = [str(channel) for channel in channels]
-            near = difflib.get_close_matches(str(text), words, 1, 0.0)
-            raise InputError(
-                f"`{key}` must name channels of the record, got {text!r}"
-                + (f"; the nearest is {near[0]}" if near else "")
-            )
-        found.append(own.index(dof))
-    return tuple(dict.fromkeys(found))
-
-
-def _require_distinct(groups: list[_Group]) -> None:
-    names: set[str] = set()
-    owner: dict[tuple[str, str, int], str] = {}
-    for group in groups:
-        if group.name in names:
-            raise InputError(f"two channel errors are called {group.name}; give one of them a `name`")
-        names.add(group.name)
-        ends = [("output", o) for o in group.outputs] + [("input", i) for i in group.inputs]
-        for end, index in ends or [("window", 0)]:
-            key = (group.unknown.property, end, index)
-            if key in owner:
-                raise InputError(f"{owner[key]} and {group.name} claim the same channel; take it out of one of them")
-            owner[key] = group.name
-
-
-def _start(group: _Group) -> float:
-    return float(_CONTINUOUS[group.unknown.property][1] if group.unknown.start is None else group.unknown.start)
-
-
-def _limits(group: _Group) -> tuple[float, float]:
-    if group.unknown.bounds is not None:
-        low, high = group.unknown.bounds
-        if not low < high or (group.unknown.property != "delay" and low < 0):
-            raise InputError(f"bounds of {group.name} must increase, from 0 unless a delay, got {group.unknown.bounds}")
-        return float(low), float(high)
-    return (0.0, np.inf) if group.unknown.property != "delay" else (-np.inf, np.inf)
-
-
-def _require_ranges(groups: list[_Group], made: ChannelErrors) -> None:
-    rows = zip(groups, made.names, made.start, made.transforms.lower, made.transforms.upper, strict=True)
-    for group, name, value, low, high in rows:
-        prior = group.unknown.prior
-        if not low < value < high:
-            raise InputError(f"initial value of {name} must lie between {low:g} and {high:g}, got {value:g}")
-        if prior is not None and prior.problem:
-            raise InputError(f"prior of {name} {prior.problem}")
-        if prior is not None and prior.kind == "lognormal" and low < 0:
-            raise InputError(f"{name} can be negative and takes no log-normal prior; give it `bounds` or a normal one")
+def _taken(members: np.ndarray, places: list[int]) -> np.ndarray:
+    """Columns of `members`; nothing belongs to those at -1."""
+    wider = np.concatenate([members, np.zeros((len(members), 1), dtype=bool)], axis=1)
+    return locked(wider[:, places])

@@ -5,17 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
+from typing import Self, cast
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray, locked
+from structid.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import BaseProblem
+from structid.observation.channel_errors import ChannelErrors
 from structid.structure import Structure
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import NamedUnknowns, joined
 
 
 class ParameterProblem(BaseProblem):
@@ -173,6 +175,11 @@ class RecordProblem(ParameterProblem, ABC):
         return self.with_parts([replace(part, held=(m, s)) for part, m, s in own])
 
     @property
+    def channels(self) -> ChannelErrors | None:
+        """Errors of its channels, where they are unknown."""
+        return None
+
+    @property
     def polarities(self) -> FloatArray:
         """+1 or -1 of all that no continuous search can decide."""
         return locked(np.zeros(0))
@@ -208,3 +215,46 @@ class RecordProblem(ParameterProblem, ABC):
     def with_lines(self, keep: IntArray) -> Self:
         """The same on some of its lines, to measure what they cost; the whole where there is no such part."""
         return self
+
+
+class ResponseProblem(RecordProblem):
+    """The problem of a record of responses, whose sensors and load cells may have unknown errors.
+
+    The parameters of its `channels`, where it has some, follow those of the structure.
+    """
+
+    @cached_property
+    def unknowns(self) -> NamedUnknowns:
+        """Parameters of the structure, then those of the record's channels."""
+        return self.parameters if self.channels is None else joined(self.parameters, self.channels)
+
+    @property
+    def parts(self) -> tuple[NamedUnknowns, ...]:
+        return (self.parameters,) if self.channels is None else (self.parameters, self.channels)
+
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> Self:
+        parameters, *channels = parts
+        errors = cast(ChannelErrors, channels[0]) if channels else None
+        return self.with_errors(errors, cast(Parameters, parameters))
+
+    @abstractmethod
+    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> Self:
+        """The same data with other errors of channels, and other parameters of the structure where they are given."""
+
+    @property
+    def polarities(self) -> FloatArray:
+        return super().polarities if self.channels is None else self.channels.polarities
+
+    def decided(self, theta: FloatArray) -> Self:
+        if self.channels is None or not self.channels.polarity_names:
+            return self
+        return self.with_errors(self.channels.decided(*self.compared(theta)))
+
+    @abstractmethod
+    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Measured and predicted responses by which polarities are decided, (n_frequencies, n_outputs, n_inputs)."""
+
+    def with_polarities(self, signs: Sequence[float]) -> Self:
+        if self.channels is None:
+            return self
+        return self.with_errors(replace(self.channels, polarities=locked(signs, float)))

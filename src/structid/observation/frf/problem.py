@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import cast
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, locked, stack_real
+from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization, OperatorLinearization
 from structid.estimation.problem import Way
@@ -25,11 +24,10 @@ from structid.observation.frf.forms import Form, WhitenedFrf
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Models, Response, response
-from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
+from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns, joined
 
 #: Standard deviations of the starts, and errors of the values, of two ways by the pole-free residual.
 _PLANS = ((0.3, (0.5,)), (0.25, (3.0, 1.0, 0.3, 0.1)))
@@ -43,7 +41,7 @@ FrfStages = tuple[tuple[str, "FrfProblem"], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class FrfProblem(RecordProblem):
+class FrfProblem(ResponseProblem):
     """Parameters of a structure from measured FRFs.
 
     Forms of the residual between model h and measurement m, whose noise has standard deviation s:
@@ -121,36 +119,11 @@ class FrfProblem(RecordProblem):
     def _has_friction(self) -> bool:
         return any(isinstance(element, Friction) for element in self.structure.elements)
 
-    @cached_property
-    def unknowns(self) -> NamedUnknowns:
-        """Parameters of the structure, then those of the record's channels."""
-        return self.parameters if self.channels is None else joined(self.parameters, self.channels)
+    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> FrfProblem:
+        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
 
-    @property
-    def parts(self) -> tuple[NamedUnknowns, ...]:
-        return (self.parameters,) if self.channels is None else (self.parameters, self.channels)
-
-    def with_parts(self, parts: Sequence[NamedUnknowns]) -> FrfProblem:
-        parameters, *channels = parts
-        return replace(
-            self,
-            parameters=cast(Parameters, parameters),
-            channels=cast(ChannelErrors, channels[0]) if channels else None,
-        )
-
-    @property
-    def polarities(self) -> FloatArray:
-        return locked(np.zeros(0)) if self.channels is None else self.channels.polarities
-
-    def decided(self, theta: FloatArray) -> FrfProblem:
-        if self.channels is None or not self.channels.polarity_names:
-            return self
-        return replace(self, channels=self.channels.decided(self.record.values, self.predicted(theta)))
-
-    def with_polarities(self, signs: Sequence[float]) -> FrfProblem:
-        if self.channels is None:
-            return self
-        return replace(self, channels=replace(self.channels, polarities=locked(signs, float)))
+    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        return self.record.values, self.predicted(theta)
 
     @property
     def frequency(self) -> FloatArray:

@@ -5,36 +5,43 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, stack_real
+from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
+from structid.observation.channel_errors import ChannelErrors
+from structid.observation.frf.continuation import thinned_lines
 from structid.observation.frf.response import Models, Response, response
-from structid.observation.record_problem import DataRows, RecordProblem, complex_rows
+from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
+from structid.observation.time.eliminated import Evaluation, Latest, orthonormal
 from structid.records import FrfRecord, TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns
 
-#: Columns of the transients with singular values below this part of the largest count as dependent.
-_DEPENDENT = 1e-10
+#: Highest power of s in the polynomial of each output, and where a channel may be late: up to two samples are taken.
+_ORDER, _LATE_ORDER = 4, 8
 #: Modes up to this multiple of the highest line take part in the transient.
 _REACH = 2.0
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
+#: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
+_WORTH_THINNING = 2.5
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
+NO_WINDOW = (
+    "a window's decay is no error of histories that are fitted themselves, which need no window; take the windowed record's"
+    " FRFs, or undo the window"
+)
 
 
 @dataclass(frozen=True, eq=False)
-class SpectraProblem(RecordProblem):
+class SpectraProblem(ResponseProblem):
     """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
 
     A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
@@ -47,6 +54,9 @@ class SpectraProblem(RecordProblem):
     with e = H u + t - y and C = cov(y) + H cov(u) H', the sum of e' C^-1 e is the likelihood of forces and motions
     together, which is unbiased where H1 is not.
 
+    Where sensors read a and load cells b times the truth, H becomes diag(a) H diag(1 / b), and the transient is read
+    through a; a delay takes what enters and leaves at the ends of the record for part of the transient.
+
     Parameters
     ----------
     structure : Structure
@@ -57,16 +67,19 @@ class SpectraProblem(RecordProblem):
         Off: the record is periodic, or starts and ends at rest.
     order : int
         Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
-        the modes above the band, and the alias of the jump between the end and the start of the record.
+        the modes above the band, the alias of the jump between the end and the start of the record, and what a late
+        channel holds of the time before it instead of its end; see `transient_order`.
     record : TimeRecord, optional
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
+    channels : ChannelErrors, optional
+        Errors of the record's channels; their parameters follow those of the structure.
     models : Models
         What it has in common with the problems that are made from it.
 
     Raises
     ------
     InputError
-        If the structure has friction, or sensors and loads are not part of it.
+        If the structure has friction, sensors and loads are not part of it, or a window's decay is unknown.
 
     References
     ----------
@@ -79,8 +92,9 @@ class SpectraProblem(RecordProblem):
     parameters: Parameters
     spectra: FiniteSpectra
     transient: bool = True
-    order: int = 4
+    order: int = _ORDER
     record: TimeRecord | None = None
+    channels: ChannelErrors | None = None
     models: Models = field(default_factory=Models, repr=False)
 
     def __post_init__(self) -> None:
@@ -90,9 +104,15 @@ class SpectraProblem(RecordProblem):
                 f"friction {friction[0]!r} has no linear response to a general force; take it out of the structure, or"
                 " use FRFs of a stepped sine"
             )
+        if self.channels is not None and self.channels.decay(self.channels.start) is not None:
+            raise InputError(NO_WINDOW)
 
-    def with_parts(self, parts: Sequence[NamedUnknowns]) -> SpectraProblem:
-        return replace(self, parameters=cast(Parameters, parts[0]))
+    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> SpectraProblem:
+        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
+
+    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Cross spectra of every line, and the model's FRFs: over all lines other forces leave no sign."""
+        return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
     def sources(self) -> tuple[object, ...]:
@@ -109,6 +129,16 @@ class SpectraProblem(RecordProblem):
     @property
     def n_channels(self) -> int:
         return len(self.spectra.outputs)
+
+    def with_lines(self, keep: IntArray) -> SpectraProblem:
+        chosen = np.zeros(len(self.frequency), dtype=bool)
+        chosen[keep] = True
+        return replace(self, spectra=self.spectra.lines(chosen))
+
+    def thinned(self) -> SpectraProblem | None:
+        """The problem on lines closer together at low frequencies, as those of FRFs, where they are much fewer."""
+        keep = thinned_lines(2 * np.pi * self.frequency)
+        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
     @cached_property
     def rows(self) -> DataRows:
@@ -161,78 +191,103 @@ class SpectraProblem(RecordProblem):
 
     def predicted(self, theta: FloatArray) -> ComplexArray:
         """The model's FRFs, each in the kind of its sensor, (n_frequencies, n_outputs, n_inputs)."""
-        return self._state(self.physical(theta))[2]
+        return self._state(*self._split(self.physical(theta)))[2]
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._evaluated(theta, False).residual
+        at = self._evaluated(theta)
+        self._latest.keep(theta, at)
+        return self._residual(theta, at.data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        return self._evaluated(theta, True)
+        at, physical = self._latest.taken(theta) or self._evaluated(theta), self.physical(theta)
+        own = physical[: self.parameters.n_params]
+        change = self.model.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        change = at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+        rows = stack_real(change.reshape(-1, change.shape[2]))
+        rows -= at.basis @ (at.basis.T @ rows)
+        return self._linearized(theta, at.data, rows * self.slope(theta), at.basis.shape[1])
 
-    def _state(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transient forces, motions under unit sensor forces, and H."""
+    @cached_property
+    def _latest(self) -> Latest:
+        return Latest()
+
+    def _state(
+        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Motions under loads and transient forces, motions under unit sensor forces, and H with errors of channels."""
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        fields = self.model.fields_at(physical, self._columns)
+        fields = self.model.fields_at(own, self._columns)
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
         loads = self._columns[:, :n_in]
         h = np.swapaxes((loads.T @ np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)).reshape(n_in, -1, n_out), 0, 1)
-        return x, y, np.swapaxes(h, 1, 2) * self._powers[:, :, None]
+        return x, y, np.swapaxes(h, 1, 2) * read[:, :, None] / stated[:, None, :]
 
-    def _transient_columns(self, y: ComplexArray) -> ComplexArray:
-        """How each linear unknown of the transient shows in the motions, (n_frequencies, n_outputs, n_unknowns)."""
-        if not self.transient:
-            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
-        reach = np.einsum("fdo,dq->foq", y, self._transient_forces, optimize=True) * self._powers[:, :, None]
-        s = self._relative_laplace
-        n_lines, n_out = self.spectra.motion.shape
-        powers = s[:, None] ** np.arange(self.order + 1)
-        poly = np.zeros((n_lines, n_out, n_out, self.order + 1), dtype=np.complex128)
-        poly[:, np.arange(n_out), np.arange(n_out)] = powers[:, None, :]
-        return np.concatenate([reach, s[:, None, None] * reach, poly.reshape(n_lines, n_out, -1)], axis=2)
+    def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+        """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
 
-    def _evaluated(self, theta: FloatArray, wanted: bool) -> Linearization:
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """
+        own, rest = np.split(physical, [self.parameters.n_params])
+        if self.channels is None:
+            return own, self._powers, np.ones((len(self.frequency), len(self.spectra.inputs)), dtype=np.complex128)
+        sensors, loads = self.channels.readings(rest, self.spectra.laplace)
+        return own, self._powers * sensors, loads
+
+    def _evaluated(self, theta: FloatArray) -> Evaluation:
         physical, spectra = self.physical(theta), self.spectra
-        x, y, h = self._state(physical)
+        own, read, stated = self._split(physical)
+        x, y, h = self._state(own, read, stated)
         noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
         diagonal = np.arange(len(spectra.outputs))
         noise[:, diagonal, diagonal] += spectra.motion_variance
-        factor = np.linalg.cholesky(noise) / np.sqrt(2)
+        whitening = np.linalg.inv(np.linalg.cholesky(noise) / np.sqrt(2))
         error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
-        columns = self._transient_columns(y)
-        whitened = np.linalg.solve(factor, np.concatenate([error[:, :, None], columns], axis=2))
-        stacked = stack_real(whitened.reshape(error.size, -1))
-        basis, unknowns, scale = _orthonormal(stacked[:, 1:])
-        data = stacked[:, 0] - basis @ (basis.T @ stacked[:, 0])
-        if not wanted:
-            residual = self._residual(theta, data)
-            return Linearization(residual, np.zeros((len(residual), 0)), basis.shape[1])
-        coefficients = -scale * (unknowns @ (basis.T @ stacked[:, 0]))
-        drive = self._drive(h, noise, error + columns @ coefficients, coefficients)
-        motion = (x @ drive[:, :, None])[:, :, :1]
-        change = self.model.sensitivity_at(physical, motion, y)[:, :, 0] * self._powers[:, :, None]
-        rows = stack_real(np.linalg.solve(factor, change).reshape(error.size, -1))
-        rows -= basis @ (basis.T @ rows)
-        return self._linearized(theta, data, rows * self.slope(theta), basis.shape[1])
-
-    def _drive(self, h: ComplexArray, noise: ComplexArray, error: ComplexArray, given: FloatArray) -> ComplexArray:
-        """The likeliest forces, u - cov(u) H' C^-1 e, and after them the amplitudes of the transient's forces."""
-        spectra = self.spectra
-        weighed = np.linalg.solve(noise, error[:, :, None])
-        pull = (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
+        reach = self._reach(y, read)
+        whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
+        basis, unknowns, scale = orthonormal(stack_real(self._whitened_columns(whitening, whitened[:, :, 1:])))
+        misfit = stack_real(whitened[:, :, 0].reshape(-1))
+        given = basis.T @ misfit
+        data = misfit - basis @ given
+        coefficients = -scale * (unknowns @ given)
+        # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
+        own_data = data[: error.size] + 1j * data[error.size :]
+        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ own_data.reshape(*error.shape, 1) / 2
+        force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
         n = self._transient_forces.shape[1]
-        s = self._relative_laplace[:, None]
-        return np.concatenate([spectra.force - spectra.force_variance * pull, given[:n] + s * given[n : 2 * n]], axis=1)
+        left = coefficients[:n] + self._relative_laplace[:, None] * coefficients[n : 2 * n]
+        motion = x @ np.concatenate([force / stated, left], axis=1)[:, :, None]
+        free = (reach @ left[:, :n, None])[:, :, 0]
+        return Evaluation(y, read, h * force[:, None, :], free, motion, whitening, basis, data)
 
+    def _reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
+        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
+        return np.swapaxes(y, 1, 2) @ self._transient_forces * read[:, :, None]
 
-def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a."""
-    scale = np.linalg.norm(columns, axis=0)
-    safe = np.where(scale > 0, scale, 1.0)
-    orthogonal, triangle = np.linalg.qr(columns / safe)
-    left, singular, right = np.linalg.svd(triangle)
-    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
-    return orthogonal @ left[:, :rank], right[:rank].T / singular[:rank], 1 / safe
+    def _whitened_columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
+        """Every linear unknown of the transient in the whitened motions: jumps of each mode, then each output's polynomial.
+
+        Shape (n_frequencies * n_outputs, n_unknowns).
+        """
+        n_lines, n_out = self.spectra.motion.shape
+        if not self.transient:
+            return np.zeros((n_lines * n_out, 0), dtype=np.complex128)
+        s = self._relative_laplace[:, None, None]
+        powers = s[..., None] ** np.arange(self.order + 1)
+        poly = (whitening[..., None] * powers).reshape(n_lines, n_out, -1)
+        return np.concatenate([reach, s * reach, poly], axis=2).reshape(n_lines * n_out, -1)
+
+    def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
+        """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
+
+        That of the transient is read with the sensor's error alone.
+        """
+        if self.channels is None:
+            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
+        rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
+        of_loads = np.einsum("foik,foi->fok", self.channels.log_slopes(rest, laplace), at.forced)
+        changes: ComplexArray = of_loads + self.channels.output_slopes(rest, laplace) * at.free[:, :, None]
+        return changes
 
 
 def spectra_problem(
@@ -258,6 +313,11 @@ def spectra_problem(
     return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient, record=record)
 
 
+def transient_order(channels: ChannelErrors | None) -> int:
+    """Highest power of s in the polynomials of records whose channels have these errors."""
+    return _LATE_ORDER if channels is not None and "delay" in channels.kinds else _ORDER
+
+
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, ...]:
     """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
 
@@ -277,7 +337,8 @@ def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, 
     Shin and Cha (2009), Geophys. J. Int. 177, 1067-1079 (waveform inversion in the Laplace-Fourier domain).
     """
     top = 2 * np.pi * problem.spectra.frequency[-1]
-    near = replace(problem, parameters=problem.parameters.kept_near_start(_START_ERROR))
+    near = problem.with_parts([part.kept_near_start(_START_ERROR) for part in problem.parts])
+    near = replace(near, transient=True)  # of a periodic record too, once it fades
     band = (problem.spectra.frequency[0], problem.spectra.frequency[-1])
     ways = []
     for decays, order in _WAYS:

@@ -132,17 +132,12 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
     elif source.record.time is not None:
         time = source.record.time
         shown = None if source.record.frf is None else load_record(source.record)
-        setup = TimeSetup(
-            structure, parameters, load_histories(source.record, time), time.settings, name, shown, models
-        )
-        if source.channel_unknowns:
-            raise section.error(
-                "errors of channels cannot be identified from the histories themselves; use [record.frf] for this record",
-                "channel_error",
-            )
+        histories = load_histories(source.record, time)
+        setup = TimeSetup(structure, parameters, histories, time.settings, source.channel_unknowns, name, shown, models)
     else:
         setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name, models=models)
-        source.require_channels(setup.record)
+    if measured is None:
+        source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
             structure.selection(dofs)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from structid.identification.setups import AnySetup
 from structid.observation import ChannelUnknown
-from structid.observation.channel_errors import channel_errors
-from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.study.schema.record import RecordSource, read_source
 from structid.study.schema.root import InputFiles
@@ -44,11 +43,11 @@ class SetupSource:
         """``[record]``."""
         return self.record.section
 
-    def require_channels(self, record: FrfRecord) -> None:
-        """Raise a `StudyError` at the channel error that `record` does not have, or that repeats another."""
+    def require_channels(self, setup: AnySetup) -> None:
+        """Raise a `StudyError` at the channel error that the record of `setup` does not have, or that repeats another."""
         for count, entry in enumerate(self.section.sections("channel_error"), 1):
             with entry.located():
-                channel_errors(record, self.channel_unknowns[:count])
+                setup.channel_errors(self.channel_unknowns[:count])
 
 
 def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
