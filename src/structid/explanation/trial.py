@@ -19,7 +19,7 @@ from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups import AnySetup
+from structid.identification.setups import AnySetup, titles
 from structid.identification.together import alike, together
 from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.observation.frf.continuation import LEVELS, smoothed_records
@@ -188,7 +188,7 @@ def read_study(
     for source, (table, measured) in zip(edited.setups, before, strict=True):
         is_same = _of_record(source.section.table) == _of_record(table)
         setups.append(loaded(source, models, measured if is_same else None))
-    problems = alike([setup.prepared(edited.options).problem for setup in setups])
+    problems = alike([setup.prepared(edited.options).problem for setup in setups], titles(setups))
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 

@@ -15,6 +15,7 @@ from structid.identification.record_fit import RecordFit
 from structid.identification.regularizing import Held
 from structid.identification.resonances import Resonance
 from structid.identification.together import places
+from structid.identification.varying import Varied
 from structid.observation import FrfProblem, RecordProblem
 from structid.records import FrfRecord
 from structid.shown import Overview, Shown
@@ -104,12 +105,15 @@ class Known:
         matrix-free search.
     held : tuple of Held
         Regularizations and their strengths.
+    varied : tuple of Varied
+        What differs from record to record, and by how much.
     """
 
     prior_mean: FloatArray
     prior_std: FloatArray
     prior_share: FloatArray | None = None
     held: tuple[Held, ...] = ()
+    varied: tuple[Varied, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
