@@ -154,6 +154,12 @@ class Identification(Shown, Known, Fits):
         """What its estimate shows."""
         return self.estimate.overview()
 
+    @property
+    def listed(self) -> tuple[int, ...]:
+        """Positions of all parameters but the values that single records have of what varies."""
+        own = {name for one in self.varied for name in one.own}
+        return tuple(i for i, name in enumerate(self.estimate.names) if name not in own)
+
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))

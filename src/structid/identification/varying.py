@@ -66,6 +66,14 @@ class Varied:
         return tuple(np.flatnonzero(np.nan_to_num(self.p_values, nan=1.0) < _RISK).tolist())
 
     @property
+    def parts(self) -> tuple[tuple[str, str, str, float, float, bool], ...]:
+        """Record, common and own name, deviation, p-value and whether it stands out, of each value."""
+        outlying = self.outlying
+        marks = (k in outlying for k in range(len(self.own)))
+        rows = zip(self.records, self.common, self.own, self.deviations.tolist(), self.p_values.tolist(), marks, strict=True)
+        return tuple(rows)
+
+    @property
     def words(self) -> str:
         """How much it differs, in a sentence."""
         many = len(dict.fromkeys(self.records))

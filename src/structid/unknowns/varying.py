@@ -59,10 +59,10 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
         return parameters
     place = {name: i for i, name in enumerate(parameters.names)}
     columns, n, m = np.array([place[name] for name in common]), parameters.n_params, len(common)
-    design = parameters.design.tocsc()
-    kept = np.ones(n)
+    design, kept, ranges = parameters.design.tocsc(), np.ones(n), parameters.transforms
     kept[columns] = 0.0
-    is_log = parameters.transforms
+    design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(kept), design[:, columns]]))
+    design.eliminate_zeros()
     none = np.full(m, np.nan)
     return replace(
         parameters,
@@ -72,16 +72,16 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
         elements=(*parameters.elements, *(parameters.elements[i] for i in columns)),
         start=locked(np.concatenate([parameters.start, parameters.start[columns]])),
         transforms=Transforms(
-            (*is_log.kinds, *(is_log.kinds[i] for i in columns)),
-            locked(np.concatenate([is_log.lower, is_log.lower[columns]])),
-            locked(np.concatenate([is_log.upper, is_log.upper[columns]])),
+            (*ranges.kinds, *(ranges.kinds[i] for i in columns)),
+            locked(np.concatenate([ranges.lower, ranges.lower[columns]])),
+            locked(np.concatenate([ranges.upper, ranges.upper[columns]])),
         ),
         prior_mean=locked(np.concatenate([parameters.prior_mean, none])),
         prior_std=locked(np.concatenate([parameters.prior_std, none])),
         prior_lognormal=locked(np.concatenate([parameters.prior_lognormal, np.zeros(m, bool)]), bool),
         scale=locked(np.concatenate([parameters.scale, parameters.scale[columns]])),
         couplings=tuple(coupling.among(n + m, 0) for coupling in parameters.couplings),
-        design=sparse.csc_array(sparse.hstack([design @ sparse.diags_array(kept), design[:, columns]])),
+        design=design,
         scatters=tuple(
             replace(scatter, own=tuple(own_name(name, title) for name in scatter.common))
             for scatter in parameters.scatters
