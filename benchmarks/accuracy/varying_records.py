@@ -41,9 +41,7 @@ def setups(clamps: np.ndarray, rng: np.random.Generator, unknown: list[sid.Unkno
     ends = [["1X", "2X"], ["2X", "3X"], ["3X", "4X"], ["4X", "5X"]]
     elements = [sid.PointMass(f"m{k}", [k], m, directions=["X"]) for k, m in enumerate(MASSES, 1)]
     elements.append(sid.Spring("clamp", "1X", stiffness=5.0e3, loss_factor=LOSS))
-    elements += [
-        sid.Spring(f"s{k}", a, b, stiffness=1e4, loss_factor=LOSS) for k, (a, b) in enumerate(ends, 1)
-    ]
+    elements += [sid.Spring(f"s{k}", a, b, stiffness=1e4, loss_factor=LOSS) for k, (a, b) in enumerate(ends, 1)]
     structure = sid.Structure({k: float(k) for k in range(1, 6)}, elements)
     made = []
     for clamp in clamps:
@@ -112,7 +110,12 @@ def main() -> None:
     parser.add_argument("--scatter", type=float, default=0.05)
     chosen = parser.parse_args()
     print("              | clamp | springs | scatter, median | its interval | called outlying | error / std, rms")
-    cases = {"one unknown": (False, 0.0), "varies = true": (True, 0.0), "given": (chosen.scatter, 0.0), "third + 6 s": (True, 6.0)}
+    cases = {
+        "one unknown": (False, 0.0),
+        "varies = true": (True, 0.0),
+        "given": (chosen.scatter, 0.0),
+        "third + 6 s": (True, 6.0),
+    }
     for name, (varies, moved) in cases.items():
         found = [repeat(seed, chosen.setups, chosen.scatter, varies, moved) for seed in range(chosen.repeats)]
         wrong = np.mean([any(r != "record 3" or not moved for r in one.outlying) for one in found])

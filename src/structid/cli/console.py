@@ -52,7 +52,11 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         *_fit_facts(found.fits),
     ]
     facts += found.intervals.notes
-    facts += [words for one in found.varied for words in (f"{one.words}; each record's own in the results", *one.outlying_words)]
+    facts += [
+        words
+        for one in found.varied
+        for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
+    ]
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)

@@ -75,9 +75,9 @@ def identify_together(
     Records of responses (`Setup`), of modes (`ModalSetup`) and of time histories (`TimeSetup`) go together as they come.
     Very many parameters are searched for without a Jacobian; see `IdentifyOptions.matrix_free`.
 
-    Parameters of the same name are one unknown, but for those that vary (see `Unknown`); errors of channels too: give those a `name` where two records have
-    different sensors at the same place. Such a parameter begins where the first set-up has it; a prior that any of
-    them states counts once.
+    Parameters of the same name are one unknown (but for those that vary, see `Unknown`), errors of channels too: give those
+    a `name` where two records have different sensors at the same place. Such a parameter begins where the first set-up has
+    it; a prior that any of them states counts once.
 
     Parameters
     ----------

@@ -9,9 +9,9 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation import JointProblem, Problem
+from structid.identification.varying import varying
 from structid.observation import RecordProblem
 from structid.observation.scatter import scatter_problems
-from structid.identification.varying import varying
 from structid.unknowns.named_unknowns import NamedUnknowns, StatedPrior
 
 

@@ -19,7 +19,7 @@ from structid.observation.scatter import ScatterProblem, scatter_problems
 from structid.unknowns import own_values, with_scatter
 
 #: Fewer records say nothing of a scatter.
-_FEWEST = 3
+FEWEST_RECORDS = 3
 #: Family-wise risk that a record is called outlying where none is.
 _RISK = 0.05
 #: Scatters between which the posterior is looked at: parts of what makes data and scatter weigh the same, and parts.
@@ -70,7 +70,9 @@ class Varied:
         """Record, common and own name, deviation, p-value and whether it stands out, of each value."""
         outlying = self.outlying
         marks = (k in outlying for k in range(len(self.own)))
-        rows = zip(self.records, self.common, self.own, self.deviations.tolist(), self.p_values.tolist(), marks, strict=True)
+        rows = zip(
+            self.records, self.common, self.own, self.deviations.tolist(), self.p_values.tolist(), marks, strict=True
+        )
         return tuple(rows)
 
     @property
@@ -125,9 +127,9 @@ def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[R
             if given.setdefault(scatter.name, scatter.given) != scatter.given:
                 raise InputError(f"`varies` of {scatter.name} must be the same in all set-ups, got two; state it alike")
     for name, count in counts.items():
-        if count < _FEWEST:
+        if count < FEWEST_RECORDS:
             raise InputError(
-                f"{name} cannot vary over {count} record{'' if count == 1 else 's'}: a scatter takes at least {_FEWEST};"
+                f"{name} cannot vary over {count} record{'' if count == 1 else 's'}: a scatter takes at least {FEWEST_RECORDS};"
                 " leave `varies` out, or add records"
             )
     if not counts:
@@ -208,7 +210,6 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
     if not groups:
         return ()
     place = {name: i for i, name in enumerate(found.names)}
-    slope = np.ones(len(found.names)) if found.slope is None else found.slope
     made, chances = [], []
     for group in groups:
         used = np.array([place[name] for name in group.names])

@@ -109,7 +109,9 @@ def varied_table(identification: Identification, varied: Varied) -> Table:
         value = with_std(float(found.values[i]), float(found.std[i]))
         span = span_text(float(ends[i, 0]), float(ends[i, 1]))
         unit = unit_text(found.units[i]) or "1"
-        rows.append((record, common, unit, value, span, number(deviation, 2), number(p, 2), "stands out" if outlying else ""))
+        rows.append(
+            (record, common, unit, value, span, number(deviation, 2), number(p, 2), "stands out" if outlying else "")
+        )
     return Table(header, tuple(rows), (3, 4, 5, 6), tuple("doubtful" if row[-1] else "" for row in rows))
 
 
