@@ -25,8 +25,6 @@ CHOICES = {
     "clamp inertia": ("clamp inertia",),
     "both": ("clamp", "clamp inertia"),
     "accelerometer": ("tip",),
-    "inertia of the masses": ("masses",),
-    "clamp stiffness, accelerometer": ("clamp", "tip"),
 }
 
 

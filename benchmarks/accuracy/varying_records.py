@@ -68,10 +68,11 @@ def declared(varies: bool | float) -> list[sid.Unknown]:
 
 @dataclass(frozen=True)
 class Repeat:
-    """What one repeat gave: whether the clamp's and the others' intervals hold the truth, the scatter, the outlying."""
+    """What one repeat gave: whether intervals hold the clamp and the springs, error over std of these, scatter, outlying."""
 
     clamp: bool
-    others: tuple[bool, ...]
+    springs: tuple[bool, ...]
+    others: tuple[float, ...]
     scatter: float
     scatter_held: bool
     outlying: tuple[str, ...]
@@ -94,6 +95,12 @@ def repeat(seed: int, n: int = 8, scatter: float = 0.05, varies: bool | float = 
     return Repeat(
         held["stiffness[clamp]"],
         tuple(held[f"stiffness[{name}]"] for name in NAMES[1:]),
+        tuple(
+            (value - k) / std
+            for (value, std), k in (
+                (found.estimate[f"stiffness[{n}]"], k) for n, k in zip(NAMES[1:], SPRINGS, strict=True)
+            )
+        ),
         one.scatter if one else 0.0,
         bool(one and one.interval[0] <= scatter <= one.interval[1]),
         tuple(one.records[k] for k in one.outlying) if one else (),
@@ -121,7 +128,7 @@ def main() -> None:
         wrong = np.mean([any(r != "record 3" or not moved for r in one.outlying) for one in found])
         right = np.mean(["record 3" in one.outlying for one in found]) if moved else np.nan
         print(
-            f"{name:13s} | {np.mean([one.clamp for one in found]):.2f}  | {np.mean([one.others for one in found]):.2f}"
+            f"{name:13s} | {np.mean([one.clamp for one in found]):.2f}  | {np.mean([one.springs for one in found]):.2f}"
             f"    | {np.median([one.scatter for one in found]):.4f}          | {np.mean([one.scatter_held for one in found]):.2f}"
             f"         | false {wrong:.2f}, right {right:.2f} |"
             f" {np.sqrt(np.mean([(one.error / one.std) ** 2 for one in found])):.2f}",

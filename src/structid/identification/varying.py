@@ -240,7 +240,9 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
 def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
     """Two-sided probability of each deviation, before correction; NaN where the data say nothing of it.
 
-    The variance of a predicted deviation is the scatter's less what the data leave open, `left`.
+    The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the data chose
+    is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values that their own
+    errors dominate the normal one.
     """
     told = std**2 - left
     seen = told > 1e-3 * std**2
@@ -248,8 +250,12 @@ def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool)
     if is_known:
         chance = 2 * special.ndtr(-score)
     else:
-        freedom = float(np.where(seen, told, 0.0).sum()) / std**2
-        rest = np.maximum(freedom - score**2, 1e-9 * max(freedom, 1.0))
-        degrees = max(freedom - 1, 0.5)
-        chance = 2 * special.stdtr(degrees, -score * np.sqrt(degrees / rest))
+        weight, n = np.where(seen, told, 0.0) / std**2, int(seen.sum())
+        own, freedom = np.minimum(weight * n / max(n - 1, 1), 1.0), float(weight.sum())
+        rest = np.maximum(freedom - own, 1e-3)
+        others = np.maximum(
+            (freedom - own * score**2) / rest, 1e-9
+        )  # the scatter's variance without the value, in parts
+        degrees = max(freedom - 1, 0.5) / np.where(seen, own, 1.0) ** 2
+        chance = 2 * special.stdtr(degrees, -score / np.sqrt(1 + own * (others - 1)))
     return np.where(seen, chance, np.nan)
