@@ -287,7 +287,7 @@ def test_a_study_reports_the_common_value_the_scatter_and_who_stands_out(benchma
     common = next(one for one in told["parameters"] if one["name"] == "stiffness[clamp]")
     assert np.log(common["value"]) == pytest.approx(np.log(clamps).mean(), abs=2e-3)
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Differs from record to record: stiffness[clamp]" in page
+    assert "<h3>stiffness[clamp] differs among 8 records by" in page
     assert "mount 3 stands out" in page
 
 

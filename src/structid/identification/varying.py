@@ -12,6 +12,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.comparison.multiple_tests import adjusted_p_values
+from structid.estimation.comparison.states import OF_RECORD
 from structid.estimation.regularization.strengths import LocalModel, log_evidence
 from structid.estimation.uncertainty import DenseCovariance
 from structid.observation import RecordProblem
@@ -228,7 +229,7 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
                 interval=(np.nan, np.nan) if found_here is None else found_here.interval,
                 common=tuple(common),
                 own=tuple(own),
-                records=tuple(a.removeprefix(f"{b} @ ") for a, b in zip(own, common, strict=True)),
+                records=tuple(a.removeprefix(b + OF_RECORD) for a, b in zip(own, common, strict=True)),
                 deviations=locked(residual / group.std),
                 p_values=locked(chances[-1]),
             )

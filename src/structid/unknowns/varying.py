@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import locked
+from structid.estimation.comparison.states import OF_RECORD
 from structid.unknowns.transforms import Transforms
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class Scatter:
 
 def own_name(name: str, title: str) -> str:
     """What the value of a record is called, such as ``stiffness[clamp] @ record 3``."""
-    return f"{name} @ {title}"
+    return f"{name}{OF_RECORD}{title}"
 
 
 def own_values(parameters: Parameters, title: str) -> Parameters:
