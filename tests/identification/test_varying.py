@@ -299,7 +299,7 @@ def test_one_value_for_clamps_that_differ_is_a_wrong_model_whose_cause_is_named(
     assert (result.criticism.causes[0].kind, result.criticism.causes[0].where) == ("varies", ("stiffness[clamp]",))
     assert "stiffness[clamp] differs from record to record" in result.criticism.judgement.words
     text, lines = suggestion_text(result.study, fits[0].trial.changes)
-    assert [line for line in lines if line.startswith("+")] == ["+varies = true"]
+    assert [line for line in lines if line.startswith("+")] == ["+ varies = true"]
     again = tmp_path / "again.toml"
     again.write_text(text)
     ready = started(load_study(again))
