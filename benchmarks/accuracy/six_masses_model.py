@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,12 @@ import structid as sid
 from structid.estimation import Linearization
 from structid.estimation.comparison.comparison import Comparison, compare_jointly
 from structid.estimation.comparison.states import LATER, states_problem
-from structid.observation import ParameterProblem
+from structid.estimation.search.work import ALONE
+from structid.identification.search import Answer, answered
+from structid.identification.together import alike
+from structid.observation import RecordProblem
+from structid.observation.record_problem import DataRows
+from structid.unknowns import NamedUnknowns
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
 LENGTH, THICKNESS = 0.38, 4.75e-3
@@ -66,6 +71,11 @@ class Model:
     pull : float
         Product of the distances of the zero at `ALIEN` from the poles below and above it, Hz^2: by pull / (ALIEN - f4)
         that resonance, which is none of the beam's, holds f4 down. 0 leaves it out.
+    varies : tuple of str
+        Elements whose stiffness, mass or inertia differs from arrangement to arrangement: of "clamp", "clamp inertia", "tip"
+        and "masses".
+    error : float
+        Error of a frequency, in parts.
     """
 
     clamp: tuple[str, ...] = ("rotation", "inertia")
@@ -75,6 +85,8 @@ class Model:
     equal: bool = False
     modes: tuple[int, ...] = (1, 2, 3, 4, 5)
     pull: float = 0.0
+    varies: tuple[str, ...] = ()
+    error: float = ERROR
 
 
 @cache
@@ -140,7 +152,10 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
     declared = [sid.Unknown("bending_stiffness", "beam", prior=prior)]
     each = [sid.Unknown("mass", name) for name in MASSES]
     declared += [sid.Unknown("mass", list(MASSES), name="each")] if model.equal else each
-    declared += [sid.Unknown("mass", "tip"), sid.Unknown("stiffness", "clamp")]
+    declared += [
+        sid.Unknown(quantity, name, varies=name in model.varies)
+        for quantity, name in (("mass", "tip"), ("stiffness", "clamp"))
+    ]
     extra = {
         "masses": "rotary_inertia",
         "clamp inertia": "rotary_inertia",
@@ -150,31 +165,32 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
     }
     names = {element.name for element in structure.elements}
     return sid.parameters(
-        structure, declared + [sid.Unknown(q, n) for n, q in extra.items() if n in names] + list(more)
+        structure,
+        [*declared, *(sid.Unknown(q, n, varies=n in model.varies) for n, q in extra.items() if n in names), *more],
     )
 
 
 @dataclass(frozen=True, eq=False)
-class ResonanceProblem(ParameterProblem):
+class ResonanceProblem(RecordProblem):
     """Parameters of an undamped structure from its lowest resonance frequencies: log(model / measured) / error."""
 
     structure: sid.Structure
     parameters: sid.Parameters
-    frequency: np.ndarray
+    measured: np.ndarray
     modes: tuple[int, ...]
     error: float = ERROR
 
     @property
-    def n_data(self) -> int:
-        return len(self.frequency)
+    def frequency(self) -> np.ndarray:
+        return self.measured
 
     @property
-    def lines(self) -> np.ndarray:
-        return np.arange(self.n_data)
+    def rows(self) -> DataRows:
+        n = len(self.measured)
+        return DataRows(np.arange(n), np.zeros(n, dtype=int), ("frequency",))
 
-    @property
-    def series(self) -> np.ndarray:
-        return np.zeros(self.n_data, dtype=int)
+    def with_parts(self, parts: Sequence[NamedUnknowns]) -> ResonanceProblem:
+        return replace(self, parameters=parts[0])
 
     @cached_property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
@@ -209,20 +225,31 @@ class ResonanceProblem(ParameterProblem):
         return Linearization(residual, np.concatenate([rows, prior_slope * slope]))
 
 
-def problem(state: str, arrangements: Iterable[int], model: Model) -> sid.JointProblem:
-    """All arrangements of a state in one problem."""
+def problems(state: str, arrangements: Iterable[int], model: Model) -> list[ResonanceProblem]:
+    """One an arrangement."""
     made = []
     for k in arrangements:
         structure, measured = cantilever(k, model), poles(state, k)[:, 0].copy()
         measured[3] += model.pull / (ALIEN - measured[3])
         used = measured[np.array(model.modes) - 1]
-        made.append(ResonanceProblem(structure, unknowns(structure, model), used, model.modes))
-    return sid.JointProblem(tuple(made))
+        made.append(ResonanceProblem(structure, unknowns(structure, model), used, model.modes, model.error))
+    return made
+
+
+def problem(state: str, arrangements: Iterable[int], model: Model) -> sid.JointProblem:
+    """All arrangements of a state in one problem."""
+    return sid.JointProblem(tuple(problems(state, arrangements, model)))
 
 
 def fitted(state: str, arrangements: Iterable[int], model: Model) -> sid.Estimate:
     """One state alone."""
     return sid.estimate(problem(state, arrangements, model))
+
+
+def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> Answer:
+    """All of them in one fit, with what varies among them."""
+    options = sid.IdentifyOptions(restarts=0, pole_free_start=False)
+    return answered((), alike(parts, titles), options, None, ALONE)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

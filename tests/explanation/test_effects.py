@@ -14,7 +14,18 @@ from structid.observation import FrfProblem, SpectraProblem
 from structid.study.run.run import load_study, started
 
 #: Changes of another kind than of one response: left out data, meshes and laws of whole sets, which the study itself shows.
-BY_STUDY = {"channel", "outlying_lines", "record", "extra_mode", "mesh", "shear", "damping_law", "held", "window"}
+BY_STUDY = {
+    "channel",
+    "outlying_lines",
+    "record",
+    "extra_mode",
+    "mesh",
+    "shear",
+    "damping_law",
+    "held",
+    "varies",
+    "window",
+}
 
 
 #: Changes of channels, which act on the histories themselves too.

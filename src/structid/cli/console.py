@@ -29,7 +29,8 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     ends = found.intervals.ends
     notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
     notes |= dict.fromkeys(found.ran_away, "ran away")
-    for i, name in enumerate(estimate.names):
+    for i in found.listed:
+        name = estimate.names[i]
         note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
         numbers = (number(estimate.initial[i]), number(estimate.values[i]), number(estimate.std[i], 2))
         span = " to ".join(number(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
@@ -51,6 +52,11 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         *_fit_facts(found.fits),
     ]
     facts += found.intervals.notes
+    facts += [
+        words
+        for one in found.varied
+        for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
+    ]
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)

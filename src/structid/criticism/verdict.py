@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -201,7 +201,7 @@ def explains(cause: Cause, misfit: float) -> bool:
 def judged(
     found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0, suggestions: Sequence[Cause] = ()
 ) -> Judgement:
-    """The verdict on an identification.
+    """The verdict on an identification; records that stand out from the others are among its reasons.
 
     Parameters
     ----------
@@ -213,6 +213,11 @@ def judged(
     suggestions : sequence of Cause
         What lowers the misfit most, where there is no cause.
     """
+    given = _judged(found, causes, n_tried, suggestions)
+    return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+
+
+def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, suggestions: Sequence[Cause]) -> Judgement:
     estimate = found.estimate
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"

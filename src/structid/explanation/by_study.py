@@ -8,13 +8,17 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate
 from structid.explanation.trial import Trial
+from structid.identification.varying import FEWEST_RECORDS
 from structid.observation import FrfProblem
+from structid.observation.scatter import scatter_problems
 from structid.structure import Beam, Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
 from structid.unknowns import Parameters
+from structid.unknowns.varying import BEGUN
 
 _PIECES = 3.0
+_ELASTIC = ("mass", "stiffness", "rotary_inertia")
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.
 _SHEAR = 0.02
 #: Sets that are tried one by one.
@@ -22,7 +26,7 @@ _MOST_SLENDER = 6
 
 
 def study_candidates(trial: Trial) -> Iterator[Candidate]:
-    """Mesh, shear, the law of damping, windows, and properties that are held at what the model says."""
+    """Mesh, shear, the law of damping, windows, properties held at what the model says, and what differs among records."""
     setup = trial.setups[0]
     structure, unknown = setup.structure, setup.parameters
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
@@ -38,14 +42,29 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
         yield from _damping(element, middle)
     for item in structure.properties:
         values = item.term.values
-        is_elastic = item.term.kind in ("mass", "stiffness", "rotary_inertia")
-        if is_elastic and values.any() and not _acts(unknown, item.values):
+        if item.term.kind in _ELASTIC and values.any() and not _acts(unknown, item.values):
             yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
+    yield from _varying(trial)
     if all(
         isinstance(p, FrfProblem) and (p.channels is None or "window_decay" not in p.channels.kinds)
         for p in trial.problems
     ):
         yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)
+
+
+def _varying(trial: Trial) -> Iterator[Candidate]:
+    """Each parameter that several records share, with a value of its own in each."""
+    known = {name for problem in trial.problems for scatter in problem.parameters.scatters for name in scatter.own}
+    known |= {common for one in scatter_problems(trial.problems) for common in one.names}
+    counts: dict[str, int] = {}
+    for problem in trial.problems:
+        names, kinds, lower = problem.parameters.names, problem.parameters.kinds, problem.parameters.transforms.lower
+        for name, kind, low in zip(names, kinds, lower.tolist(), strict=True):
+            if kind in _ELASTIC and low >= 0 and name not in known:
+                counts[name] = counts.get(name, 0) + 1
+    for name, count in counts.items():
+        if count >= FEWEST_RECORDS:
+            yield _candidate("varies", (name,), BEGUN)
 
 
 def _candidate(kind: str, where: tuple[str, ...], strength: float) -> Candidate:

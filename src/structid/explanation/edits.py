@@ -309,6 +309,17 @@ def _held(study: Tables, candidate: Candidate, strength: float) -> None:
     _unknown(study, prop, name)
 
 
+def _varies(study: Tables, candidate: Candidate, strength: float) -> None:
+    """A parameter with a value of its own in each record; its scatter is chosen by the data."""
+    name = candidate.where[0]
+    for entry in study["unknown"]:
+        label = entry.get("name") or ", ".join(str(text) for text in as_list(entry["elements"]))
+        if f"{entry['property']}[{label}]" == name and not entry.get("each"):
+            entry["varies"] = True
+            return
+    raise NoEditError(f"{name} is one of several parameters of an [[unknown]]; declare it alone to let it vary")
+
+
 def _window(study: Tables, candidate: Candidate, strength: float) -> None:
     for record in _records(study):
         if "time" in record or "modes" in record:
@@ -355,6 +366,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "shear": _shear,
     "damping_law": _damping_law,
     "held": _held,
+    "varies": _varies,
     "window": _window,
     "channel": _left_out,
     "outlying_lines": _excluded,

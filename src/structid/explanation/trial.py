@@ -19,11 +19,13 @@ from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups import AnySetup
+from structid.identification.setups import AnySetup, titles
 from structid.identification.together import alike, together
+from structid.identification.varying import with_scatters
 from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.observation.frf.continuation import LEVELS, smoothed_records
 from structid.observation.frf.problem import smooth_stage
+from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
 from structid.study.run.run import loaded
 from structid.study.schema.study import Study, load_study
@@ -81,6 +83,7 @@ class Trial:
         kept = [k for k in range(len(self.setups)) if candidate.kind != "record" or k != candidate.record]
         before = [(self.study.setups[k].section.table, self.setups[k]) for k in kept]
         problems, setups, edited = read_study(self.study, tables, before)
+        problems = with_scatters(problems, {one.name: one.std for one in scatter_problems(self.problems)})
         shown = tuple(
             _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
             for problem, setup, k in zip(problems, setups, kept, strict=True)
@@ -165,6 +168,8 @@ class Trial:
 
 def _started(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
     parts = []
+    common = {own: name for one in problem.parameters.scatters for own, name in zip(one.own, one.common, strict=True)}
+    known = {**{own: known[name] for own, name in common.items() if name in known}, **known}
     for part in problem.parts:
         values = np.array([known.get(name, start) for name, start in zip(part.names, part.start, strict=True)])
         inside = (values > part.transforms.lower) & (values < part.transforms.upper)
@@ -188,7 +193,7 @@ def read_study(
     for source, (table, measured) in zip(edited.setups, before, strict=True):
         is_same = _of_record(source.section.table) == _of_record(table)
         setups.append(loaded(source, models, measured if is_same else None))
-    problems = alike([setup.prepared(edited.options).problem for setup in setups])
+    problems = alike([setup.prepared(edited.options).problem for setup in setups], titles(setups))
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 

@@ -44,6 +44,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "shear": f"{first} shears: it is no slender beam",
         "damping_law": f"damping of {first} is {where[-1]}",
         "held": f"{first}, which the study holds, is not what the model says",
+        "varies": f"{first} differs from record to record",
         "window": "the records were windowed, which adds damping",
         "delay": f"sensor {first} is late",
         "load_delay": f"the load at {first} is late",

@@ -15,6 +15,7 @@ from structid.identification.record_fit import RecordFit
 from structid.identification.regularizing import Held
 from structid.identification.resonances import Resonance
 from structid.identification.together import places
+from structid.identification.varying import Varied
 from structid.observation import FrfProblem, RecordProblem
 from structid.records import FrfRecord
 from structid.shown import Overview, Shown
@@ -104,12 +105,15 @@ class Known:
         matrix-free search.
     held : tuple of Held
         Regularizations and their strengths.
+    varied : tuple of Varied
+        What differs from record to record, and by how much.
     """
 
     prior_mean: FloatArray
     prior_std: FloatArray
     prior_share: FloatArray | None = None
     held: tuple[Held, ...] = ()
+    varied: tuple[Varied, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -149,6 +153,12 @@ class Identification(Shown, Known, Fits):
     def overview(self) -> Overview:
         """What its estimate shows."""
         return self.estimate.overview()
+
+    @property
+    def listed(self) -> tuple[int, ...]:
+        """Positions of all parameters but the values that single records have of what varies."""
+        own = {name for one in self.varied for name in one.own}
+        return tuple(i for i, name in enumerate(self.estimate.names) if name not in own)
 
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""

@@ -23,6 +23,7 @@ from structid.identification.setups import AnySetup, prefixes, titles
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings
 from structid.observation import ChannelUnknown, RecordProblem
+from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -74,9 +75,9 @@ def identify_together(
     Records of responses (`Setup`), of modes (`ModalSetup`) and of time histories (`TimeSetup`) go together as they come.
     Very many parameters are searched for without a Jacobian; see `IdentifyOptions.matrix_free`.
 
-    Parameters of the same name are one unknown, errors of channels too: give those a `name` where two records have
-    different sensors at the same place. Such a parameter begins where the first set-up has it; a prior that any of
-    them states counts once.
+    Parameters of the same name are one unknown (but for those that vary, see `Unknown`), errors of channels too: give those
+    a `name` where two records have different sensors at the same place. Such a parameter begins where the first set-up has
+    it; a prior that any of them states counts once.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def identify_together(
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
     prepared = [setup.prepared(chosen) for setup in setups]
-    problems = initial = alike([ready.problem for ready in prepared])
+    problems = initial = alike([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
     answer = answered(setups, problems, chosen, progress, work)
@@ -140,6 +141,7 @@ def identify_together(
         prior_std=by_name(found.names, problems, lambda part: part.prior_std),
         prior_share=share,
         held=answer.held,
+        varied=answer.varied,
         total_mass=mass,
         total_mass_std=std,
         warnings=tuple(warnings),
@@ -152,7 +154,8 @@ def identify_together(
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
     """What each channel of the residual is called, with its record where there are several."""
     pairs = zip(prefixes(setups), problems, strict=True)
-    return [prefix + name for prefix, problem in pairs for name in problem.rows.names]
+    own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
+    return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:

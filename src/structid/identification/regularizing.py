@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray, locked
-from structid.estimation import Estimate, Linearization, Method, Problem
+from structid.estimation import Estimate, JointProblem, Linearization, Method, Problem
 from structid.estimation.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.estimation.regularization.strengths import (
     LocalModel,
@@ -26,8 +26,10 @@ from structid.estimation.regularization.strengths import (
 from structid.estimation.search.multistart import named
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import together
+from structid.identification.together import places, together
+from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.observation import RecordProblem
+from structid.observation.scatter import ScatterProblem, scatter_problems
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
@@ -84,11 +86,14 @@ class Regularized:
     held : tuple of Held
     theta : FloatArray or None
         Free variables from which the search best goes on; None where it begins anew.
+    scatters : mapping of str to FoundScatter
+        What the data say of the scatters from record to record that they chose.
     """
 
     problems: tuple[RecordProblem, ...]
     held: tuple[Held, ...] = ()
     theta: FloatArray | None = None
+    scatters: Mapping[str, FoundScatter] = field(default_factory=dict)
 
 
 def regularized(
@@ -98,7 +103,7 @@ def regularized(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The problems with the rows of the regularizations at the strengths that they give or the data choose.
+    """The problems with the rows of the regularizations and the scatters at the strengths that they give or the data choose.
 
     The rows stand with the parameters of the first problem, which the others share by name.
 
@@ -118,7 +123,7 @@ def regularized(
     InputError
         If a term does not suit the parameters, or a rule for one term alone meets several.
     """
-    if not options.regularization:
+    if not options.regularization and not free_scatters(problems):
         return Regularized(tuple(problems))
     chosen = _by_draws if method.is_matrix_free else _by_local_models
     return chosen(problems, options, method, progress, work)
@@ -195,11 +200,18 @@ def _by_local_models(
     if options.pole_free_start:
         theta = _staged(search.with_strengths(search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
+    n_terms = len(search.terms)
     held = tuple(
         _held(term, part.residual, strength, found.converged)
-        for term, part, strength in zip(search.terms, found.model.penalties, found.strengths, strict=True)
+        for term, part, strength in zip(
+            search.terms, found.model.penalties[:n_terms], found.strengths[:n_terms], strict=True
+        )
     )
-    return Regularized(coupled(problems, search.couplings(found.strengths)), held)
+    scatters = {
+        one.name: found_scatter(_folded(found.model, [k], found.strengths), [float(found.strengths[k])], 0)
+        for k, one in enumerate(search.scatters, n_terms)
+    }
+    return Regularized(search.held_by(problems, found.strengths), held, scatters=scatters)
 
 
 def _staged(
@@ -241,47 +253,62 @@ class _Search:
     work: Work
 
     @cached_property
+    def scatters(self) -> tuple[ScatterProblem, ...]:
+        """Those from record to record whose size the data choose."""
+        return free_scatters(self.problems)
+
+    @cached_property
     def problem(self) -> Problem:
-        """All of them, without the terms."""
-        return together(self.problems)
+        """All of them, without the terms and the scatters to be chosen."""
+        chosen = {one.name for one in self.scatters}
+        known = [one for one in scatter_problems(self.problems) if one.name not in chosen]
+        return JointProblem((*self.problems, *known)) if len(self.problems) > 1 else self.problems[0]
 
     @cached_property
     def unit(self) -> tuple[Coupling, ...]:
-        """The rows of every term at strength 1."""
+        """The rows of every term at strength 1, of the parameters of the first problem."""
         return unit_penalties(self.problems, self.terms)
+
+    @cached_property
+    def _wide(self) -> tuple[Coupling, ...]:
+        """The rows of every term and scatter at strength 1, of all parameters; those of the first problem come first."""
+        names = self.problem.names
+        return (
+            *(coupling.among(len(names), 0) for coupling in self.unit),
+            *(one.coupling.at(places(names, one.names), len(names)) for one in self.scatters),
+        )
 
     @cached_property
     def start(self) -> Strengths:
         """Strengths of the first fit: those given, and where data and penalty weigh the same."""
         at = self.model(np.array(self.problem.theta_start))
-        return tuple(
-            at.balance(k) if term.is_sparse or term.given is None else term.given for k, term in enumerate(self.terms)
-        )
+        terms = [at.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
+        return (*terms, *(one.std**-2 for one in self.scatters))
 
-    def couplings(self, strengths: Strengths) -> tuple[Coupling, ...]:
-        return tuple(c.scaled(s) for c, s in zip(self.unit, strengths, strict=True))
+    def held_by(self, problems: Sequence[RecordProblem], strengths: Strengths) -> tuple[RecordProblem, ...]:
+        """Problems with the terms and scatters at these strengths."""
+        n_terms = len(self.terms)
+        pairs = zip(self.scatters, strengths[n_terms:], strict=True)
+        made = with_scatters(problems, {one.name: float(s) ** -0.5 for one, s in pairs})
+        return coupled(made, [c.scaled(s) for c, s in zip(self.unit, strengths[:n_terms], strict=True)])
 
     def with_strengths(self, strengths: Strengths) -> Problem:
-        return together(coupled(self.problems, self.couplings(strengths)))
+        return together(self.held_by(self.problems, strengths))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
 
     def model(self, theta: FloatArray) -> LocalModel:
-        """Data and penalties at `theta`; the parameters of the first problem's structure come first."""
-        n = self.problems[0].parameters.n_params
-        physical, slope = self.problem.physical(theta)[:n], self.problem.slope(theta)[:n]
-        penalties = []
-        for coupling in self.unit:
-            residual, jacobian = coupling.rows(physical)
-            wide = np.zeros((len(residual), len(theta)))
-            wide[:, :n] = jacobian * slope
-            penalties.append(Linearization(residual, wide))
-        return LocalModel(self.problem.linearize(theta), tuple(penalties))
+        """Data and penalties at `theta`."""
+        physical, slope = self.problem.physical(theta), self.problem.slope(theta)
+        rows = [coupling.rows(physical) for coupling in self._wide]
+        penalties = tuple(Linearization(residual, jacobian * slope) for residual, jacobian in rows)
+        return LocalModel(self.problem.linearize(theta), penalties)
 
     def choose(self, model: LocalModel, strengths: Strengths) -> Strengths:
         made = list(strengths)
         together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
+        together += range(len(self.terms), len(strengths))
         if together:
             found = marginal_likelihood_strengths(
                 _folded(model, together, strengths), tuple(float(np.asarray(strengths[k])) for k in together)

@@ -17,6 +17,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups import AnySetup
 from structid.identification.together import together
+from structid.identification.varying import Varied, varied, widened_estimate
 from structid.observation import RecordProblem
 
 _MOST_TRIED = 3
@@ -40,12 +41,15 @@ class Answer:
         The problem that was solved, if one of many rows.
     held : tuple of Held
         The regularizations as they were used.
+    varied : tuple of Varied
+        What differs from record to record.
     """
 
     estimate: Estimate
     problems: tuple[RecordProblem, ...]
     target: Problem | None
     held: tuple[Held, ...]
+    varied: tuple[Varied, ...] = ()
 
 
 def answered(
@@ -97,7 +101,9 @@ def answered(
         )
 
     best, problems = searched(regular.problems, found)
-    return Answer(best, problems, together(problems), regular.held)
+    differing = varied(problems, best, regular.scatters)
+    best = widened_estimate(best, tuple(regular.scatters.values()))
+    return Answer(best, problems, together(problems), regular.held, differing)
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:

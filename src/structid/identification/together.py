@@ -9,13 +9,16 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation import JointProblem, Problem
+from structid.identification.varying import varying
 from structid.observation import RecordProblem
+from structid.observation.scatter import scatter_problems
 from structid.unknowns.named_unknowns import NamedUnknowns, StatedPrior
 
 
 def together(problems: Sequence[RecordProblem]) -> Problem:
-    """The one problem, or all in one."""
-    return problems[0] if len(problems) == 1 else JointProblem(tuple(problems))
+    """The one problem, or all in one; with the scatter of what differs from record to record."""
+    scatters = scatter_problems(problems)
+    return problems[0] if len(problems) == 1 and not scatters else JointProblem((*problems, *scatters))
 
 
 def places(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
@@ -35,14 +38,23 @@ def by_name(
     return np.array([known[name] for name in names])
 
 
-def alike(problems: Sequence[RecordProblem]) -> tuple[RecordProblem, ...]:
+def alike(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
     """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
+
+    What varies from record to record has a value of its own in each of them.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    titles : sequence of str
+        What each record is called.
 
     Raises
     ------
     InputError
-        If two of them state different priors of one parameter.
+        If two of them state different priors or scatters of one parameter, or too few records have one that varies.
     """
+    problems = varying(problems, titles)
     if len(problems) == 1:
         return tuple(problems)
     first: dict[str, tuple[NamedUnknowns, int]] = {}

@@ -20,15 +20,13 @@ from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns, joined
 
 
-class ParameterProblem(BaseProblem):
-    """A problem whose unknowns are the parameters of a structure."""
-
-    parameters: Parameters
+class NamedProblem(BaseProblem, ABC):
+    """A problem of named unknowns."""
 
     @property
+    @abstractmethod
     def unknowns(self) -> NamedUnknowns:
         """All that is unknown, with starts, ranges and priors."""
-        return self.parameters
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,6 +86,16 @@ class ParameterProblem(BaseProblem):
         last[np.arange(len(members)), members] = weights
         jacobian = np.concatenate([change, rows * self.slope(theta), last])
         return Linearization(np.concatenate([data, residual, held]), jacobian, n_eliminated)
+
+
+class ParameterProblem(NamedProblem):
+    """A problem whose unknowns are the parameters of a structure."""
+
+    parameters: Parameters
+
+    @property
+    def unknowns(self) -> NamedUnknowns:
+        return self.parameters
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from structid.unknowns.penalties import Regularization, Smoothness, Sparsity, pe
 from structid.unknowns.priors import Coupling, Prior, joint_prior
 from structid.unknowns.transforms import Transforms
 from structid.unknowns.unknown import Unknown
+from structid.unknowns.varying import Scatter, own_values, with_scatter
 
 __all__ = [
     "Coupling",
@@ -15,12 +16,15 @@ __all__ = [
     "Parameters",
     "Prior",
     "Regularization",
+    "Scatter",
     "Smoothness",
     "Sparsity",
     "Transforms",
     "Unknown",
     "joint_prior",
+    "own_values",
     "parameters",
     "penalty",
     "term_name",
+    "with_scatter",
 ]

@@ -52,6 +52,11 @@ class Family:
     shares: FloatArray | None = None
 
     @property
+    def label(self) -> str:
+        """What stands for all of them in the brackets of a name."""
+        return _label(self.unknown)
+
+    @property
     def n_params(self) -> int:
         return len(self.labels)
 
@@ -143,6 +148,11 @@ class Family:
         return np.asarray(np.maximum.reduceat(numbers, self.first) > np.minimum.reduceat(numbers, self.first))
 
 
+def _label(unknown: Unknown) -> str:
+    texts = (unknown.elements,) if isinstance(unknown.elements, str) else unknown.elements
+    return unknown.name or ", ".join(texts)
+
+
 def _chosen(table: Sequence[Any], places: IntArray) -> tuple[Any, ...]:
     """`table` at `places`."""
     if len(table) == 1:
@@ -168,7 +178,7 @@ def family(structure: Structure, unknown: Unknown) -> Family:
     item = np.concatenate([np.full(len(rows), place[own.values.start]) for own, rows in members])
     once = np.sort(np.unique(indices, return_index=True)[1])  # elements named twice take part once
     indices, item = indices[once], item[once]
-    label = unknown.name or ", ".join(texts)
+    label = _label(unknown)
     if unknown.field is not None:
         return _field_family(structure, unknown, label, items, indices, item)
     nominal = structure.values[indices]

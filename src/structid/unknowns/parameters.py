@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -19,6 +19,7 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
+from structid.unknowns.varying import BEGUN, Scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,14 @@ class Parameters(NamedUnknowns):
         Property values that do not depend on the parameters.
     design : (n_values, n_params) sparse array
         How the parameters make up the property values.
+    scatters : tuple of Scatter
+        Which of them differ from record to record.
     """
 
     elements: tuple[tuple[str, ...], ...]
     offset: FloatArray
     design: sparse.csc_array
+    scatters: tuple[Scatter, ...] = field(default=(), kw_only=True)
 
     def values(self, physical: FloatArray) -> FloatArray:
         """Property values of the structure for physical parameters, (n_values,)."""
@@ -123,8 +127,22 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         scale=locked(np.zeros(sum(counts))),
         offset=locked(offset),
         design=design,
+        scatters=tuple(_scatter(one) for one in families if one.unknown.varies is not False),
     )
     return made.started_at(made.start)
+
+
+def _scatter(one: Family) -> Scatter:
+    """That of a declaration that varies from record to record."""
+    name = one.names[0] if one.n_params == 1 else f"{one.unknown.property}[{one.label}]"
+    if not one.is_free:
+        raise InputError(f"{name} must be free to vary from record to record; leave `fixed` and `tied_to` out of it")
+    if one.limits[0] < 0:
+        raise InputError(f"{name} must be kept positive to vary from record to record; declare it `positive`")
+    given = None if one.unknown.varies is True else float(one.unknown.varies)
+    if given is not None and not 0 < given < np.inf:
+        raise InputError(f"`varies` of {name} must be true, or its scatter as a part greater than 0, got {given:g}")
+    return Scatter(name, one.names, given=given, std=given or BEGUN)
 
 
 def _map(structure: Structure, families: list[Family]) -> tuple[FloatArray, sparse.csc_array]:

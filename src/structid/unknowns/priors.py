@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked, require_finite, require_shape
+from structid.arrays import FloatArray, IntArray, locked, require_finite, require_shape
 from structid.errors import InputError
 
 PriorKind = Literal["normal", "lognormal"]
@@ -110,8 +110,12 @@ class Coupling:
 
     def among(self, n_params: int, first: int) -> Coupling:
         """The same of the parameters from number `first` on among `n_params`."""
+        return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
+
+    def at(self, index: IntArray, n_params: int) -> Coupling:
+        """The same of the parameters at `index` among `n_params`."""
         matrix = sparse.csr_array(self.matrix)
-        wide = sparse.csr_array((matrix.data, matrix.indices + first, matrix.indptr), (matrix.shape[0], n_params))
+        wide = sparse.csr_array((matrix.data, index[matrix.indices], matrix.indptr), (matrix.shape[0], n_params))
         kept = wide if sparse.issparse(self.matrix) else wide.toarray()
         return Coupling(self.name, kept, self.target, self.logarithmic)
 

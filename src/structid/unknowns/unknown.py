@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from structid.declared import Positive
 from structid.unknowns.field import Field
 from structid.unknowns.priors import Prior
 
@@ -44,6 +45,10 @@ class Unknown:
     field : Field, optional
         The property varies smoothly over the elements: one parameter for each function of a coarse grid, a factor on the
         nominal values. Names end in the function's place in the grid: ``youngs_modulus[deck:field 2,1]``.
+    varies : bool or float
+        Whether it differs from record to record, as a clamp does: each of three records or more then has a value of its own,
+        drawn about a common one, which is what is reported. True lets the data choose the scatter; a number states it, as
+        a standard deviation in parts (0.05 for 5 %).
     """
 
     property: str
@@ -59,3 +64,4 @@ class Unknown:
     tied_to: str | None = None
     ratio: float = 1.0
     field: Field | None = None
+    varies: bool | Positive = False

@@ -12,7 +12,7 @@ from scipy import special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.comparison.multiple_tests import Correction, adjusted_p_values, detectable, require_levels
-from structid.estimation.comparison.states import LATER
+from structid.estimation.comparison.states import LATER, OF_RECORD
 from structid.estimation.estimate import Status
 
 
@@ -196,8 +196,8 @@ def compare_states(
     before, p, q, cross = _carried(baseline, later, first, second, carried)
     labels = (names, tuple(baseline.kinds[i] for i in first), tuple(baseline.units[i] for i in first))
     only = (
-        tuple(n for n in baseline.names if n not in later.names),
-        tuple(n for n in later.names if n not in baseline.names),
+        tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
+        tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
     )
     status = baseline.status if baseline.status is not Status.CONVERGED else later.status
     values, settings = (before, later.values[second]), (level, power, correction)
@@ -230,8 +230,9 @@ def compare_jointly(
         If the states have nothing but the shared parameters in common, or an argument is out of range.
     """
     require_levels(level, power, correction)
-    second = {name.removesuffix(LATER): i for i, name in enumerate(found.names) if name.endswith(LATER)}
-    first = {name: i for i, name in enumerate(found.names) if not name.endswith(LATER)}
+    own = [(name, i) for i, name in enumerate(found.names) if OF_RECORD not in name]
+    second = {name.removesuffix(LATER): i for name, i in own if name.endswith(LATER)}
+    first = {name: i for name, i in own if not name.endswith(LATER)}
     names = tuple(name for name in first if name in second)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
@@ -256,7 +257,7 @@ _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; giv
 
 
 def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(n for n in first if n in second and n not in shared)
+    names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
     return names

@@ -12,6 +12,8 @@ from structid.estimation.problems.wrapped import Wrapped
 
 #: What is added to the names of the later state's own parameters.
 LATER = " (later)"
+#: What stands before the name of a record in that of a value of its own; such values are of no state, so not compared.
+OF_RECORD = " @ "
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,6 +104,9 @@ def report_page(
         "structure": tables.structure_facts(structure),
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),
+        "varied": [
+            (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
+        ],
         "intervals": tables.interval_words(identification),
         "interval_notes": identification.intervals.notes,
         "residual_tests": tables.residual_table(found),

@@ -12,6 +12,7 @@ from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
 from structid.identification.identified import Identification
 from structid.identification.resonances import Resonance
+from structid.identification.varying import Varied
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
 from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, unit_text, with_std, with_unit
@@ -74,7 +75,8 @@ def parameter_table(identification: Identification) -> Table:
     states = parameter_states(identification)
     ends, held = identification.intervals.ends, {one.index for one in found.at_bound}
     rows = []
-    for i, name in enumerate(found.names):
+    for i in identification.listed:
+        name = found.names[i]
         value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
         prior = with_std(float(identification.prior_mean[i]), float(identification.prior_std[i]))
         rows.append(
@@ -92,8 +94,25 @@ def parameter_table(identification: Identification) -> Table:
                 states[i],
             )
         )
-    marks = tuple("" if state == "identified" else "doubtful" for state in states)
+    marks = tuple("" if states[i] == "identified" else "doubtful" for i in identification.listed)
     return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8, 9), marks)
+
+
+def varied_table(identification: Identification, varied: Varied) -> Table:
+    """Each record's own value of what differs from record to record."""
+    found, ends = identification.estimate, identification.intervals.ends
+    header = ("Record", "Parameter", "Unit", "Own value ± std", "95\u00a0% interval", "Scatters from the common value",
+              "p of chance (Holm)", "")  # fmt: skip
+    rows = []
+    for record, common, own, deviation, p, outlying in varied.parts:
+        i = found.names.index(own)
+        value = with_std(float(found.values[i]), float(found.std[i]))
+        span = span_text(float(ends[i, 0]), float(ends[i, 1]))
+        unit = unit_text(found.units[i]) or "1"
+        rows.append(
+            (record, common, unit, value, span, number(deviation, 2), number(p, 2), "stands out" if outlying else "")
+        )
+    return Table(header, tuple(rows), (3, 4, 5, 6), tuple("doubtful" if row[-1] else "" for row in rows))
 
 
 def span_text(low: float, high: float) -> str:

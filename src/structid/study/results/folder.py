@@ -147,6 +147,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
              "settled": item.converged}
             for item in found.held
         ],
+        **varied_summary(found),
         "unidentifiable_directions": [
             {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
             for item in identifiability.directions
@@ -165,6 +166,28 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
         "provenance": asdict(result.provenance),
+    }  # fmt: skip
+
+
+def varied_summary(found: Identification) -> dict[str, Any]:
+    """What differs from record to record, where something does."""
+    if not found.varied:
+        return {}
+    place = {name: i for i, name in enumerate(found.estimate.names)}
+    return {
+        "varied": [
+            {
+                "name": one.name, "rule": one.rule, "scatter": one.scatter, "scatter_interval_95": one.interval,
+                "text": one.words, "outlying": one.outlying_words,
+                "records": [
+                    {"record": record, "name": own, "value": found.estimate.values[place[own]],
+                     "std": found.estimate.std[place[own]], "interval_95": found.intervals.ends[place[own]],
+                     "deviation": deviation, "p_value": p, "outlying": outlying}
+                    for record, _, own, deviation, p, outlying in one.parts
+                ],
+            }
+            for one in found.varied
+        ]
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from structid.identification.frf_setup import Setup
 from structid.identification.identify import identify_together
 from structid.identification.modal_setup import ModalSetup
 from structid.identification.search import chosen_method
-from structid.identification.setups import AnySetup, Look, Prepared, prefixes
+from structid.identification.setups import AnySetup, Look, Prepared, prefixes, titles
 from structid.identification.time_setup import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
@@ -93,7 +93,7 @@ def started(study: Study) -> Start:
         warnings += [prefix + warning for warning in prepared.warnings]
         looks.append(own)
     with study.root.located():
-        same = alike(problems)
+        same = alike(problems, titles(setups))
         together(same)
     return Start(study, setups, same, tuple(warnings), tuple(looks))
 
@@ -108,7 +108,7 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     """
     models = Models()
     setups = [loaded(source, models) for source in study.setups]
-    return alike([setup.prepared(study.options).problem for setup in setups])
+    return alike([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
 def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:

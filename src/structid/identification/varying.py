@@ -1,0 +1,262 @@
+"""Values that differ from record to record: given to each record, their scatter found, and which stand out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import FloatArray, locked
+from structid.errors import InputError
+from structid.estimation import Estimate
+from structid.estimation.comparison.multiple_tests import adjusted_p_values
+from structid.estimation.comparison.states import OF_RECORD
+from structid.estimation.regularization.strengths import LocalModel, log_evidence
+from structid.estimation.uncertainty import DenseCovariance
+from structid.observation import RecordProblem
+from structid.observation.scatter import ScatterProblem, scatter_problems
+from structid.unknowns import own_values, with_scatter
+
+#: Fewer records say nothing of a scatter.
+FEWEST_RECORDS = 3
+#: Family-wise risk that a record is called outlying where none is.
+_RISK = 0.05
+#: Scatters between which the posterior is looked at: parts of what makes data and scatter weigh the same, and parts.
+_LEAST, _MOST, _GRID = 1e-2, 1.0, 81
+
+
+@dataclass(frozen=True, eq=False)
+class Varied:
+    """A property that differs from record to record.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``stiffness[clamp]``.
+    rule : str
+        ``given``, or ``marginal_likelihood`` where the data chose the scatter.
+    scatter : float
+        Standard deviation of the logarithm from record to record: 0.05 for 5 %.
+    interval : (float, float)
+        Of the scatter, at 95 %; NaN where it was given.
+    common, own : tuple of str
+        Names of the common value and of each record's own, one a pair.
+    records : tuple of str
+        The record of each pair.
+    deviations : (n_pairs,) float array
+        Of each own value from the common one, in scatters.
+    p_values : (n_pairs,) float array
+        That a deviation of this size is chance, corrected for their number (Holm); NaN where the data do not see it.
+    """
+
+    name: str
+    rule: str
+    scatter: float
+    interval: tuple[float, float]
+    common: tuple[str, ...]
+    own: tuple[str, ...]
+    records: tuple[str, ...]
+    deviations: FloatArray
+    p_values: FloatArray
+
+    @property
+    def outlying(self) -> tuple[int, ...]:
+        """Positions of the values that stand out beyond chance."""
+        return tuple(np.flatnonzero(np.nan_to_num(self.p_values, nan=1.0) < _RISK).tolist())
+
+    @property
+    def parts(self) -> tuple[tuple[str, str, str, float, float, bool], ...]:
+        """Record, common and own name, deviation, p-value and whether it stands out, of each value."""
+        outlying = self.outlying
+        marks = (k in outlying for k in range(len(self.own)))
+        rows = zip(
+            self.records, self.common, self.own, self.deviations.tolist(), self.p_values.tolist(), marks, strict=True
+        )
+        return tuple(rows)
+
+    @property
+    def words(self) -> str:
+        """How much it differs, in a sentence."""
+        many = len(dict.fromkeys(self.records))
+        size = f"{100 * self.scatter:.2g} %"
+        if self.rule == "given":
+            return f"{self.name} differs among {many} records, by {size} (1 std) as given"
+        low, high = (f"{100 * end:.2g}" for end in self.interval)
+        return f"{self.name} differs among {many} records by {size} (1 std; 95 % from {low} to {high} %)"
+
+    @property
+    def outlying_words(self) -> tuple[str, ...]:
+        """Each value that stands out, in a sentence."""
+        return tuple(
+            f"{self.records[k]} stands out: its {self.common[k]} is {abs(self.deviations[k]):.2g} scatters"
+            f" {'above' if self.deviations[k] > 0 else 'below'} the others (p = {self.p_values[k]:.2g})"
+            for k in self.outlying
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FoundScatter:
+    """A scatter that the data chose.
+
+    Attributes
+    ----------
+    interval : (float, float)
+        At 95 %.
+    more : (n_params, n_params) float array
+        Covariance of the free variables beyond that at the chosen scatter, because it is not known exactly.
+    """
+
+    interval: tuple[float, float]
+    more: FloatArray
+
+
+def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
+    """The problems with values of their own for what varies from record to record; unchanged where nothing does.
+
+    Raises
+    ------
+    InputError
+        If fewer than three records have it, or they state different scatters.
+    """
+    counts: dict[str, int] = {}
+    given: dict[str, float | None] = {}
+    for problem in problems:
+        for scatter in problem.parameters.scatters:
+            counts[scatter.name] = counts.get(scatter.name, 0) + 1
+            if given.setdefault(scatter.name, scatter.given) != scatter.given:
+                raise InputError(f"`varies` of {scatter.name} must be the same in all set-ups, got two; state it alike")
+    for name, count in counts.items():
+        if count < FEWEST_RECORDS:
+            raise InputError(
+                f"{name} cannot vary over {count} record{'' if count == 1 else 's'}: a scatter takes at least {FEWEST_RECORDS};"
+                " leave `varies` out, or add records"
+            )
+    if not counts:
+        return tuple(problems)
+    made = zip(problems, titles, strict=True)
+    return tuple(problem.with_parameters(own_values(problem.parameters, title)) for problem, title in made)
+
+
+def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -> tuple[RecordProblem, ...]:
+    """The problems with the standard deviations of scatters by name."""
+    return tuple(
+        problem.with_parameters(with_scatter(problem.parameters, std)) if problem.parameters.scatters else problem
+        for problem in problems
+    )
+
+
+def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
+    """Those whose size the data choose."""
+    given = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
+    return tuple(one for one in scatter_problems(problems) if one.name not in given)
+
+
+def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
+    """What the data say of the scatter whose rows are penalty `index`, near the answer.
+
+    The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
+    variables at each of its points give what not knowing it adds.
+
+    References
+    ----------
+    Gelman (2006), Bayesian Analysis 1, 515, section 2.2, for the prior; Harville (1974), Biometrika 61, 383, Eq. (2), for the
+    restricted likelihood as a marginal one.
+    """
+    grid = np.geomspace(_LEAST / np.sqrt(model.balance(index)), _MOST, _GRID)
+    grid = grid[grid <= _MOST]
+    log_weight, fits = [], []
+    for std in grid:
+        at = tuple(float(std**-2) if k == index else s for k, s in enumerate(strengths))
+        log_weight.append(log_evidence(model, at) + float(np.log(std)))
+        fits.append(model.solved(at))
+    weight = np.exp(np.array(log_weight) - max(log_weight))
+    weight /= weight.sum()
+    ends = np.exp(np.interp([0.025, 0.975], np.cumsum(weight) - weight / 2, np.log(grid)))
+    chosen = model.solved(tuple(strengths))
+    steps = np.array([fit.step for fit in fits])
+    away = steps - weight @ steps
+    mixed = np.tensordot(weight, np.array([fit.covariance for fit in fits]), 1) + (away * weight[:, None]).T @ away
+    return FoundScatter((float(ends[0]), float(ends[1])), mixed - chosen.covariance)
+
+
+def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
+    """The estimate with the covariance that not knowing scatters exactly adds."""
+    if not more or found.slope is None:
+        return found
+    added = np.sum([one.more for one in more], axis=0) * np.outer(found.slope, found.slope)
+    return replace(
+        found,
+        noise=DenseCovariance(found.noise.matrix + added),
+        model_error=DenseCovariance(found.model_error.matrix + added),
+    )
+
+
+def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
+    """What differs from record to record, with the records that stand out.
+
+    A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
+    others (Grubbs, 1950, Eq. (1)); the p-values of all values are corrected together.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    found : Estimate
+        With the covariance at the chosen scatters.
+    more : mapping
+        What is known of each scatter that the data chose, by name.
+    """
+    groups = scatter_problems(problems)
+    if not groups:
+        return ()
+    place = {name: i for i, name in enumerate(found.names)}
+    made, chances = [], []
+    for group in groups:
+        used = np.array([place[name] for name in group.names])
+        residual, rows = group.coupling.rows(found.values[used])
+        covariance = found.covariance_noise[np.ix_(used, used)]
+        left = np.einsum("kp,pq,kq->k", rows, covariance, rows)
+        chances.append(_chances(residual, group.std, left, is_known=group.name not in more))
+        own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]
+        common = [group.names[int(np.argmin(row))] for row in group.coupling.matrix]
+        found_here = more.get(group.name)
+        made.append(
+            Varied(
+                name=group.name,
+                rule="given" if found_here is None else "marginal_likelihood",
+                scatter=group.std,
+                interval=(np.nan, np.nan) if found_here is None else found_here.interval,
+                common=tuple(common),
+                own=tuple(own),
+                records=tuple(a.removeprefix(b + OF_RECORD) for a, b in zip(own, common, strict=True)),
+                deviations=locked(residual / group.std),
+                p_values=locked(chances[-1]),
+            )
+        )
+    corrected = np.split(adjusted_p_values(np.concatenate(chances)), np.cumsum([len(one) for one in chances])[:-1])
+    return tuple(replace(one, p_values=locked(p)) for one, p in zip(made, corrected, strict=True))
+
+
+def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
+    """Two-sided probability of each deviation, before correction; NaN where the data say nothing of it.
+
+    The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the data chose
+    is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values that their own
+    errors dominate the normal one.
+    """
+    told = std**2 - left
+    seen = told > 1e-3 * std**2
+    score = np.abs(residual) / np.sqrt(np.where(seen, told, 1.0))
+    if is_known:
+        chance = 2 * special.ndtr(-score)
+    else:
+        weight, n = np.where(seen, told, 0.0) / std**2, int(seen.sum())
+        own, freedom = np.minimum(weight * n / max(n - 1, 1), 1.0), float(weight.sum())
+        rest = np.maximum(freedom - own, 1e-3)
+        others = np.maximum(
+            (freedom - own * score**2) / rest, 1e-9
+        )  # the scatter's variance without the value, in parts
+        degrees = max(freedom - 1, 0.5) / np.where(seen, own, 1.0) ** 2
+        chance = 2 * special.stdtr(degrees, -score / np.sqrt(1 + own * (others - 1)))
+    return np.where(seen, chance, np.nan)

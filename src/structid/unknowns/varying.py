@@ -1,0 +1,98 @@
+"""Properties that differ from record to record: a common value, and in each record one of its own drawn about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import locked
+from structid.estimation.comparison.states import OF_RECORD
+from structid.unknowns.transforms import Transforms
+
+if TYPE_CHECKING:
+    from structid.unknowns.parameters import Parameters
+
+#: Scatter, in parts, from which a choice by the data begins.
+BEGUN = 0.05
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Parameters that differ from record to record: log own = log common + std e, with e of unit variance.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it: that of the declaration, such as ``stiffness[clamp]``.
+    common : tuple of str
+        Names of the common values.
+    own : tuple of str
+        Names of the values of one record, in the same order; () before `own_values`.
+    given : float or None
+        Standard deviation of the logarithms, where it is stated; None where the data choose it.
+    std : float
+        The same as it is used.
+    """
+
+    name: str
+    common: tuple[str, ...]
+    own: tuple[str, ...] = ()
+    given: float | None = None
+    std: float = BEGUN
+
+
+def own_name(name: str, title: str) -> str:
+    """What the value of a record is called, such as ``stiffness[clamp] @ record 3``."""
+    return f"{name}{OF_RECORD}{title}"
+
+
+def own_values(parameters: Parameters, title: str) -> Parameters:
+    """The parameters of the record called `title`: what varies has a value of its own there, beside the common one.
+
+    The properties follow the record's own values; the common ones act on nothing but through their scatter.
+    """
+    common = [name for scatter in parameters.scatters for name in scatter.common]
+    if not common:
+        return parameters
+    place = {name: i for i, name in enumerate(parameters.names)}
+    columns, n, m = np.array([place[name] for name in common]), parameters.n_params, len(common)
+    design, kept, ranges = parameters.design.tocsc(), np.ones(n), parameters.transforms
+    kept[columns] = 0.0
+    design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(kept), design[:, columns]]))
+    design.eliminate_zeros()
+    none = np.full(m, np.nan)
+    return replace(
+        parameters,
+        names=(*parameters.names, *(own_name(name, title) for name in common)),
+        kinds=(*parameters.kinds, *(parameters.kinds[i] for i in columns)),
+        units=(*parameters.units, *(parameters.units[i] for i in columns)),
+        elements=(*parameters.elements, *(parameters.elements[i] for i in columns)),
+        start=locked(np.concatenate([parameters.start, parameters.start[columns]])),
+        transforms=Transforms(
+            (*ranges.kinds, *(ranges.kinds[i] for i in columns)),
+            locked(np.concatenate([ranges.lower, ranges.lower[columns]])),
+            locked(np.concatenate([ranges.upper, ranges.upper[columns]])),
+        ),
+        prior_mean=locked(np.concatenate([parameters.prior_mean, none])),
+        prior_std=locked(np.concatenate([parameters.prior_std, none])),
+        prior_lognormal=locked(np.concatenate([parameters.prior_lognormal, np.zeros(m, bool)]), bool),
+        scale=locked(np.concatenate([parameters.scale, parameters.scale[columns]])),
+        couplings=tuple(coupling.among(n + m, 0) for coupling in parameters.couplings),
+        design=design,
+        scatters=tuple(
+            replace(scatter, own=tuple(own_name(name, title) for name in scatter.common))
+            for scatter in parameters.scatters
+        ),
+    )
+
+
+def with_scatter(parameters: Parameters, std: Mapping[str, float]) -> Parameters:
+    """The same parameters with the standard deviations of scatters by name."""
+    if not parameters.scatters:
+        return parameters
+    scatters = tuple(replace(scatter, std=std.get(scatter.name, scatter.std)) for scatter in parameters.scatters)
+    return replace(parameters, scatters=scatters)
