@@ -172,7 +172,7 @@ def check_study(study: Study) -> CheckResult:
         study=study,
         records=tuple(setup.words(options) for setup in ready.setups),
         channels=tuple(
-            check for name, setup in zip(titled, ready.setups, strict=True) for check in _channels(name, setup)
+            check for name, setup in zip(titled, ready.setups, strict=True) for check in channel_checks(name, setup)
         ),
         modes=checked[0],
         problem=problem,
@@ -259,7 +259,7 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
     return inverse_information(at.jacobian) * np.outer(slope, slope)
 
 
-def _channels(name: str, setup: AnySetup) -> list[ChannelCheck]:
+def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     """What each channel sees of the structure; `name` stands before it."""
     structure, found = setup.structure, []
     nearest = {tie.label: tie.distance for tie in structure.ties if isinstance(tie, MeshPoint)}
