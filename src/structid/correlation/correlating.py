@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -13,8 +14,9 @@ from structid.arrays import FloatArray
 from structid.correlation.modes import ModesCorrelation, correlated_modes
 from structid.correlation.options import CorrelateOptions
 from structid.correlation.responses import ResponsesCorrelation, correlated_responses
-from structid.errors import InputError
+from structid.errors import InputError, SingularModelError
 from structid.identification.identified import Identification
+from structid.identification.modal_fit import ModalFit
 from structid.identification.modal_setup import ModalSettings
 from structid.identification.record_fit import Own
 from structid.identification.setups import AnySetup, titles
@@ -125,26 +127,29 @@ def _at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -
 
 def before_and_after(
     found: Identification, options: CorrelateOptions = CorrelateOptions()
-) -> tuple[tuple[Correlation, Correlation], ...]:
-    """Each record of an identification beside the initial and beside the identified model."""
-    pairs: list[tuple[Correlation, Correlation]] = []
-    for modal in found.modal_fits:
-        problem = modal.problem
-        settings = ModalSettings(
-            closeness=problem.closeness, frequency_guard=problem.frequency_guard, shape_error=problem.shape_error
-        )
-        before, after = (
-            correlated_modes(
-                problem.structure, problem.parameters.values(v), modal.measured, options, settings, modal.name
-            )
-            for v in (modal.initial_values, problem.physical(modal.theta))
-        )
-        pairs.append((before, after))
+) -> tuple[tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]]:
+    """Each record of modes, and each of responses, beside the initial and beside the identified model.
+
+    A record whose model cannot be evaluated, as after a search that failed, is left out.
+    """
+    modal, responses = [], []
+    for one in found.modal_fits:
+        with suppress(InputError, SingularModelError):
+            values = one.initial_values, one.problem.physical(one.theta)
+            before, after = (_fitted_modes(one, physical, options) for physical in values)
+            modal.append((before, after))
     for fit in found.fits:
-        record = fit.evaluation
-        before_it, after_it = (
-            correlated_responses(record, model, fit.name)
-            for model in (fit.evaluation_initial, fit.evaluation_predicted)
-        )
-        pairs.append((before_it, after_it))
-    return tuple(pairs)
+        with suppress(InputError):
+            record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
+            first, last = (correlated_responses(record, model, fit.name) for model in both)
+            responses.append((first, last))
+    return tuple(modal), tuple(responses)
+
+
+def _fitted_modes(fit: ModalFit, physical: FloatArray, options: CorrelateOptions) -> ModesCorrelation:
+    problem = fit.problem
+    settings = ModalSettings(
+        closeness=problem.closeness, frequency_guard=problem.frequency_guard, shape_error=problem.shape_error
+    )
+    values = problem.parameters.values(physical)
+    return correlated_modes(problem.structure, values, fit.measured, options, settings, fit.name)

@@ -14,7 +14,7 @@ from structid.records import FrfRecord
 from structid.similarity import fdac, frac
 
 #: Lines of an FDAC map at most, on either axis.
-_MOST_LINES = 120
+_MOST_LINES = 90
 
 
 @dataclass(frozen=True, eq=False)

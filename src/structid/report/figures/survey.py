@@ -191,7 +191,7 @@ def mac_figure(result: ModesResult) -> plot.Figure:
     n = result.modes.n_modes
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     names = tuple(f"{k + 1}" for k in range(n))
-    panel = plot.matrix_panel(mac(result.modes.mode_shapes), names, "mode", scale, written=n <= 14)
+    panel = plot.matrix_panel(mac(result.modes.mode_shapes), names, "mode", scale)
     caption = (
         "Modal assurance criterion between the shapes at the sensors: 1 where two shapes agree, 0 where they are"
         " orthogonal. Modes alike at few sensors may still differ elsewhere."
