@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.correlation.modes import ModesCorrelation, correlated_modes
-from structid.correlation.options import CorrelateOptions
+from structid.correlation.options import DEFAULT, CorrelateOptions
 from structid.correlation.responses import ResponsesCorrelation, correlated_responses
 from structid.errors import InputError, SingularModelError
 from structid.identification.identified import Identification
@@ -64,9 +64,7 @@ class StudyCorrelation:
         return bool(self.responses) or any(part.n_paired for part in self.modes)
 
 
-def correlate(
-    study: Study, options: CorrelateOptions = CorrelateOptions(), at: Path | None = None
-) -> StudyCorrelation:
+def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
     """The records of `study` beside its model at the start values, or at the values that the folder `at` holds.
 
     Raises
@@ -94,11 +92,11 @@ def correlate(
                 responses.append(part)
         warnings += [f"{name}: {words}" if name else words for words in part.warnings]
     channels = tuple(
-        one for name, setup in zip(names, setups, strict=True) for one in channel_checks(f"{name}: " if name else "", setup)
+        one
+        for name, setup in zip(names, setups, strict=True)
+        for one in channel_checks(f"{name}: " if name else "", setup)
     )
-    return StudyCorrelation(
-        study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study)
-    )
+    return StudyCorrelation(study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study))
 
 
 def _modes(
@@ -126,8 +124,10 @@ def _at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -
 
 
 def before_and_after(
-    found: Identification, options: CorrelateOptions = CorrelateOptions()
-) -> tuple[tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]]:
+    found: Identification, options: CorrelateOptions = DEFAULT
+) -> tuple[
+    tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
+]:
     """Each record of modes, and each of responses, beside the initial and beside the identified model.
 
     A record whose model cannot be evaluated, as after a search that failed, is left out.

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.correlation.expansion import ExpandedShapes, expand
-from structid.correlation.options import CorrelateOptions
+from structid.correlation.options import DEFAULT, CorrelateOptions
 from structid.correlation.reduction import constrained_shapes, reduced_mass, serep_basis
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
@@ -24,6 +24,7 @@ from structid.structure import Structure
 _DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000
 #: Modes of the model, in parts of the range of those measured, that are shown beside them.
 _SHOWN = (0.6, 1.4)
+_SETTINGS = ModalSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,9 @@ class ModesCorrelation:
             if i in measured:
                 angle = subspace_angles(self.shapes[:, measured], self.seen[:, model])[-1]
                 members = " and ".join(str(k + 1) for k in model)
-                words.append(f"close modes: held against modes {members} together, largest angle {np.degrees(angle):.2g}°")
+                words.append(
+                    f"close modes: held against modes {members} together, largest angle {np.degrees(angle):.2g}°"
+                )
         for k in pairing.ambiguous.get(i, ()):
             words.append(f"ambiguous: mode {k + 1}, {f[k]:.5g} Hz, MAC {pairing.mac[i, k]:.2f}, is as good")
         return "; ".join(words)
@@ -146,8 +149,8 @@ def correlated_modes(
     structure: Structure,
     values: FloatArray,
     record: ModalRecord,
-    options: CorrelateOptions = CorrelateOptions(),
-    settings: ModalSettings = ModalSettings(),
+    options: CorrelateOptions = DEFAULT,
+    settings: ModalSettings = _SETTINGS,
     name: str = "",
 ) -> ModesCorrelation:
     """The modes of `record` beside those of `structure` with the property values `values`.
@@ -189,12 +192,12 @@ def correlated_modes(
     )
     coefficients = _coefficients(shapes, seen, pairing)
     pairs, notes = pairing.paired, []
-    by_sensor = np.full((2, len(shapes)), np.nan)
+    coordinate, enhanced = (np.full(len(shapes), np.nan) for _ in range(2))
     like = seen @ coefficients[:, pairs]
     moving = np.abs(like).max(axis=0, initial=0.0) > 0 if len(pairs) else np.zeros(0, bool)
     if moving.any():
         x, y = shapes[:, pairs[moving]], like[:, moving]
-        by_sensor = np.array([comac(x, y), ecomac(x, y)])
+        coordinate, enhanced = comac(x, y), ecomac(x, y)
     bases = [_basis(model, seen, pairing, i, float(f)) for i, f in enumerate(record.frequency)]
     own = cross = expanded = None
     try:
@@ -214,7 +217,7 @@ def correlated_modes(
     except (InputError, ArithmeticError) as error:
         notes.append(f"no expansion of the measured shapes: {error}")
     return ModesCorrelation(
-        name, structure, record, model, sensors, shapes, seen, pairing, coefficients, *by_sensor, own, cross, expanded,
+        name, structure, record, model, sensors, shapes, seen, pairing, coefficients, coordinate, enhanced, own, cross, expanded,
         options, tuple(notes),
     )  # fmt: skip
 

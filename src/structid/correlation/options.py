@@ -32,3 +32,6 @@ class CorrelateOptions:
 
     def __post_init__(self) -> None:
         require_declared(self)
+
+
+DEFAULT = CorrelateOptions()

@@ -146,10 +146,9 @@ def pair_modes(
         raise InputError("`measured_frequency` must hold frequencies above 0 Hz; leave rigid-body modes out")
     use = np.flatnonzero((g > 1e-3 * f.min()) & (np.abs(y).max(axis=0, initial=0.0) > 0))
     likeness = np.zeros((len(f), len(g)))
-    number = np.full(len(f), -1)
+    number, worth = np.full(len(f), -1), np.zeros_like(likeness)
     if len(use):
         likeness[:, use] = mac(x, y[:, use])
-        worth = np.zeros_like(likeness)
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
         rows, columns = assigned(worth[:, use])
         number[rows] = use[columns]
@@ -165,10 +164,7 @@ def pair_modes(
                 groups.append((tuple(members), tuple(model)))
     number = np.where(own >= least_mac, number, -1)
     taken = {*number[number >= 0].tolist(), *(k for _, model in groups for k in model)}
-    if len(use):
-        ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
-    else:
-        ambiguous = {}
+    ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
     inside = (g >= (1 - _BEYOND) * f.min()) & (g <= (1 + _BEYOND) * f.max())
     surplus = tuple(int(k) for k in use if inside[k] and int(k) not in taken)
     return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus)

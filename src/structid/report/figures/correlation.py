@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.arrays import FloatArray
 from structid.correlation.modes import ModesCorrelation
@@ -123,19 +122,22 @@ def _bars(
     names: Sequence[str],
     label: str,
     y: plot.Axis,
-    values: Sequence[NDArray[np.float64]],
+    values: Sequence[FloatArray],
     words: Sequence[str],
     title: str = "",
 ) -> plot.Panel:
     """One bar for each of `names` and of `values`."""
     place, count = np.arange(len(names), dtype=float), len(values)
-    width, traces = 0.8 / count, []
+    width = 0.8 / count
+    traces: list[plot.Trace] = []
     for k, (heights, word) in enumerate(zip(values, words, strict=True)):
         known = np.isfinite(heights)
         left = place[known] - 0.4 + k * width
         own = word if count > 1 else ""
         traces.append(plot.boxes((left, left + width), (0.0, heights[known]), _COLOURS[word], own))
-        texts = tuple(f"{name}: {value:.3f}" for name, value in zip(names, heights.tolist(), strict=True) if value == value)
+        texts = tuple(
+            f"{name}: {value:.3f}" for name, value in zip(names, heights.tolist(), strict=True) if value == value
+        )
         traces.append(plot.Curve(left + width / 2, heights[known], None, plot.UNSEEN, hover=texts))
     highest = max((float(np.nanmax(heights)) for heights in values if np.isfinite(heights).any()), default=1.0)
     x = plot.Axis(label, limits=(-0.6, len(names) - 0.4), ticks=plot.named_ticks(names, 50), grid=False)

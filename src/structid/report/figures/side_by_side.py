@@ -101,7 +101,7 @@ def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
         found = cell_edges(element) if is_cells(element) else _spans(element.nodes)
-        edges.update(dict.fromkeys(tuple(sorted(edge)) for edge in found))  # type: ignore[arg-type]
+        edges.update(dict.fromkeys((min(edge), max(edge)) for edge in found))
     for tie in structure.ties:
         if isinstance(tie, RigidLink):
             edges.update(dict.fromkeys((tie.main, node) for node in tie.dependents))
@@ -132,7 +132,7 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
     dots = [np.einsum("cm,cx->mcx", values, scene.along) for values in at_sensors]
     largest = np.array([max(float(np.abs(m[k]).max()) for m in (*moved, *dots)) for k in range(len(chosen))])
     scale = _AMPLITUDE * scene.diagonal / np.where(largest > 0, largest, 1.0)
-    reach = _AMPLITUDE * scene.diagonal
+    reach = 1.3 * _AMPLITUDE * scene.diagonal
     low = np.minimum(scene.rest.min(axis=0), scene.rest.min(axis=0) + scene.shift) - reach
     high = scene.rest.max(axis=0) + scene.shift + reach
     x, y, *deep = (plot.Axis(DIRECTIONS[j], "m", (float(low[j]), float(high[j]))) for j in scene.used)
@@ -150,7 +150,8 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
             np.add.at(swing, scene.at, scale[k] * dot[k])
             marker = plot.Marker("circle", 5.0, colour)
             curves.append(_curve(scene, own, offset, None, marker, f"{label} at sensors", swing))
-        strip = plot.Strip(y, tuple(sorted(curves, key=lambda curve: curve.sway is not None)))
+        curves.sort(key=lambda curve: curve.sway is not None)
+        strip = plot.Strip(y, tuple(curves))
         panels.append(plot.Panel(x, (strip,), name=_name(part, i), z=deep[0] if deep else None, equal=True))
     return tuple(panels)
 
@@ -174,8 +175,10 @@ def _curve(
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
     words = tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
     sway = None if motion is None else np.where(lifted, 0.0, motion[path][:, scene.used]).astype(complex)
-    if pen is not None and not (path[1:] >= 0)[path[:-1] >= 0].any():  # no line at all: nodes alone
-        pen, marker = None, plot.Marker("circle", 2.5, pen.colour)
+    is_dots = not (path[1:] >= 0)[path[:-1] >= 0].any()
+    if pen is not None and is_dots:
+        marker = plot.Marker("circle", 2.5, pen.colour)
+        pen = None
     return plot.Curve(x, y, pen, marker, label, words, deep[0] if deep else None, sway)
 
 
@@ -205,4 +208,4 @@ def _name(part: ModesCorrelation, i: int) -> str:
     """Both frequencies and the MAC."""
     k = int(part.pairing.number[i])
     own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
-    return f"mode {i + 1}: measured {own} Hz, model {like} Hz, MAC {part.pairing.mac[i, k]:.2f}"
+    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {part.pairing.mac[i, k]:.2f}"

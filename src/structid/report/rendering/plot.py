@@ -317,7 +317,12 @@ def panel(x: Axis, y: Axis, *traces: Trace, title: str = "", scale: ColourScale 
 
 
 def matrix_panel(
-    matrix: FloatArray, rows: Sequence[str], label: str, scale: ColourScale, columns: Sequence[str] = (), across: str = ""
+    matrix: FloatArray,
+    rows: Sequence[str],
+    label: str,
+    scale: ColourScale,
+    columns: Sequence[str] = (),
+    across: str = "",
 ) -> Panel:
     """A heat map with a name for every row and column, the first row on top.
 
@@ -326,7 +331,9 @@ def matrix_panel(
     """
     names = tuple(columns) or tuple(rows)
     n, m = len(rows), len(names)
-    cells = HeatMap(np.arange(m + 1) - 0.5, np.arange(n + 1) - 0.5, matrix, tuple(rows), names, max(n, m) <= MOST_WRITTEN)
+    cells = HeatMap(
+        np.arange(m + 1) - 0.5, np.arange(n + 1) - 0.5, matrix, tuple(rows), names, max(n, m) <= MOST_WRITTEN
+    )
     x = Axis(across or label, limits=(-0.5, m - 0.5), ticks=named_ticks(names), grid=False)
     y = Axis(label, limits=(n - 0.5, -0.5), ticks=named_ticks(tuple(rows)), grid=False)
     return replace(panel(x, y, cells, scale=scale), equal=True)

@@ -20,6 +20,7 @@ from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.observation import RecordProblem
+from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.mesh_point import MeshPoint
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import Start, is_matrix_free, started
@@ -262,7 +263,8 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     """What each channel sees of the structure; `name` stands before it."""
     structure, found = setup.structure, []
-    nearest = {tie.label: tie.distance for tie in structure.ties if isinstance(tie, MeshPoint)}
+    placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
+    nearest = {tie.label: tie.distance for tie in placed if tie.distance > 0 or isinstance(tie, MeshPoint)}
     for role, dofs in setup.channels:
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
