@@ -236,7 +236,7 @@ def _basis(model: Modes, seen: FloatArray, pairing: Pairing, mode: int, frequenc
     own = pairing.partners(mode)
     first = (int(pairing.number[mode]), *(k for k in own if k != pairing.number[mode])) if own else ()
     centre = model.frequency[first[0]] if first else frequency
-    moving = np.flatnonzero((np.abs(seen).max(axis=0) > 0) & (model.frequency > 0))
+    moving = np.flatnonzero((pairing.mac.max(axis=0, initial=0.0) > 0) & (model.frequency > 0))
     pool = sorted({*pairing.number[pairing.paired].tolist(), *(k for _, group in pairing.groups for k in group)})
     pool = pool or moving.tolist()
     near = sorted(pool, key=lambda k: abs(np.log(model.frequency[k] / centre)))

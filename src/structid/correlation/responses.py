@@ -15,6 +15,8 @@ from structid.similarity import fdac, frac
 
 #: Lines of an FDAC map at most, on either axis.
 _MOST_LINES = 90
+#: Lines that a function needs to be told from another.
+_LEAST_LINES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +84,14 @@ def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "")
     Raises
     ------
     InputError
-        If the shapes differ or the model's response is not finite.
+        If the shapes differ, there are fewer than three lines, or the model's response is not finite.
     """
     if model.shape != record.values.shape:
         raise InputError(f"the model's response must be {record.values.shape} like the record's, got {model.shape}")
+    if len(record.frequency) < _LEAST_LINES:
+        raise InputError(
+            f"the record has {len(record.frequency)} lines in the band, of which any two functions are alike; widen the band"
+        )
     if not np.isfinite(model).all():
         raise InputError("the model's response is not finite; check its masses, stiffnesses and supports")
     return ResponsesCorrelation(name, record, model)

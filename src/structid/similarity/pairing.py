@@ -19,6 +19,8 @@ _AS_GOOD = 0.8
 _PART = 0.1
 #: Frequencies beyond those measured, in parts, within which a mode that was not measured is named.
 _BEYOND = 0.03
+#: Part of the largest motion of a sensor from which a mode of the model moves the sensors at all.
+_MOVES = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,8 @@ def pair_modes(
             )
     if not len(f) or not (f > 0).all():
         raise InputError("`measured_frequency` must hold frequencies above 0 Hz; leave rigid-body modes out")
-    use = np.flatnonzero((g > 1e-3 * f.min()) & (np.abs(y).max(axis=0, initial=0.0) > 0))
+    size = np.abs(y).max(axis=0, initial=0.0)
+    use = np.flatnonzero((g > 1e-3 * f.min()) & (size > _MOVES * size.max(initial=0.0)))
     likeness = np.zeros((len(f), len(g)))
     number, worth = np.full(len(f), -1), np.zeros_like(likeness)
     if len(use):

@@ -173,7 +173,7 @@ def _curve(
 ) -> plot.Curve:
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
-    words = tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
+    words = None if marker is None else tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
     sway = None if motion is None else np.where(lifted, 0.0, motion[path][:, scene.used]).astype(complex)
     is_dots = not (path[1:] >= 0)[path[:-1] >= 0].any()
     if pen is not None and is_dots:

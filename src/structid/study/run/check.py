@@ -263,6 +263,7 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     """What each channel sees of the structure; `name` stands before it."""
     structure, found = setup.structure, []
+    free = structure.dofs
     placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
     nearest = {tie.label: tie.distance for tie in placed if tie.distance > 0 or isinstance(tie, MeshPoint)}
     for role, dofs in setup.channels:
@@ -270,7 +271,7 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()
             pairs = zip(part.coords[0], part.data, strict=True)
-            terms = [f"{value:+.3g} {structure.dofs[int(row)].unsigned}"[:-1] for row, value in pairs]
+            terms = [f"{value:+.3g} {free[int(row)].unsigned}"[:-1] for row, value in pairs]
             terms += [f"(nearest node, {nearest[dof.node]:.3g} m away)"] if dof.node in nearest else []
             found.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
     return found
