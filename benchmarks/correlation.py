@@ -31,7 +31,9 @@ orientation = {orientation}
 """
 
 
-def grid(n_x: int = 26, n_y: int = 13) -> tuple[dict[int, tuple[float, float, float]], list[list[int]], list[list[int]]]:
+def grid(
+    n_x: int = 26, n_y: int = 13
+) -> tuple[dict[int, tuple[float, float, float]], list[list[int]], list[list[int]]]:
     """Nodes of a grid in a plane, and pairs of nodes along X and along Y."""
     nodes = {1 + i + n_x * j: (0.5 * i, 0.5 * j, 0.0) for j in range(n_y) for i in range(n_x)}
     along = [[1 + i + n_x * j, 2 + i + n_x * j] for j in range(n_y) for i in range(n_x - 1)]

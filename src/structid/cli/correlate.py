@@ -39,7 +39,7 @@ def correlate(
     Examples:
       structid correlate frame.toml
       structid correlate frame.toml --at frame_results --out after
-      structid correlate wing.toml --expansion dynamic --model-error 0.1
+      structid correlate wing.toml --expansion dynamic --model-error 0.01
     """
     check_png(report, png)
     found = correlated(load_study(study), options, at)

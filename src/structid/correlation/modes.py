@@ -25,6 +25,8 @@ _DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000
 #: Modes of the model, in parts of the range of those measured, that are shown beside them.
 _SHOWN = (0.6, 1.4)
 _SETTINGS = ModalSettings()
+#: Gain in mean MAC from which a sensor is said to be turned round.
+_TURNED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +135,24 @@ class ModesCorrelation:
             found.append(f"pairs of measured modes {numbers} are ambiguous: other modes of the model are as good")
         if len(self.measured.channels) == 1:
             found.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
-        out = np.flatnonzero((self.ecomac > 0.1) & (self.ecomac > 4 * np.nanmedian(self.ecomac))).tolist()
-        if out and self.n_paired > 1:
-            names = ", ".join(str(self.measured.channels[c]) for c in out[:5])
-            found.append(f"{names} stand out by ECOMAC: check sense, gain and place of these sensors")
-        return tuple(found)
+        return (*found, *self._turned())
+
+    def _turned(self) -> list[str]:
+        """The sensor that agrees much better if it is turned round."""
+        pairs = self.pairing.paired
+        if len(pairs) < 2 or len(self.shapes) < 3:
+            return []
+        x, y = self.shapes[:, pairs], self.seen @ self.coefficients[:, pairs]
+        energy = (x**2).sum(axis=0) * (y**2).sum(axis=0)
+        turned = (((x * y).sum(axis=0) - 2 * x * y) ** 2 / np.where(energy > 0, energy, np.inf)).mean(axis=1)
+        now = float(((x * y).sum(axis=0) ** 2 / np.where(energy > 0, energy, np.inf)).mean())
+        best = int(turned.argmax())
+        if turned[best] - now < _TURNED:
+            return []
+        return [
+            f"{self.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the pairs from"
+            f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
+        ]
 
 
 def _listed(values: FloatArray) -> str:

@@ -22,7 +22,8 @@ class CorrelateOptions:
     expansion : {"serep", "dynamic"}
         How measured shapes are carried on to the model: serep (sums of its modes) or dynamic.
     model_error : float
-        Relative error of the model's stiffnesses, for the standard deviations of expanded shapes.
+        How far the model's stiffness errs between two of its modes, in parts of theirs, for the standard deviations of
+        expanded shapes; 0.01 where many elements are off by tens of per cent, each on its own.
     """
 
     least_mac: NotNegative = 0.5

@@ -17,6 +17,8 @@ from structid.similarity.shapes import mac, subspace_angles
 _AS_GOOD = 0.8
 #: MAC from which a close mode of the model has a part in a measured one.
 _PART = 0.1
+#: MAC of every pair from which close modes are told apart, and are held against each other one by one.
+_TOLD = 0.95
 #: Frequencies beyond those measured, in parts, within which a mode that was not measured is named.
 _BEYOND = 0.03
 #: Part of the largest motion of a sensor from which a mode of the model moves the sensors at all.
@@ -107,7 +109,7 @@ def pair_modes(
     """Measured modes paired with modes of a model, each of these used once, so that the sum of `pairing_worth` is largest.
 
     Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
-    measured shapes, belong to it: single shapes are not determined there, the span is.
+    measured shapes, belong to it: where single shapes are not told apart, the span is.
 
     Parameters
     ----------
@@ -159,7 +161,8 @@ def pair_modes(
     groups = []
     for members in _close(f, closeness):
         model = _extended(members, number, likeness, g, closeness)
-        small = len(members) <= len(model) <= max(len(x) // 2, 1)
+        told = bool((own[members] >= _TOLD).all())
+        small = not told and len(members) <= len(model) <= max(len(x) // 2, 1)
         if len(model) > 1 and small:
             like = float(np.cos(subspace_angles(x[:, members], y[:, model])[-1]) ** 2)
             if like >= least_mac:

@@ -13,6 +13,9 @@ from structid.correlation.summary import expansion_sizes
 from structid.report.tables import Table, printed
 from structid.report.text import NOTHING, counted, number, percent
 
+#: Modes of a basis that are named at most.
+_MOST_NAMED = 8
+
 
 def modes_table(part: ModesCorrelation) -> Table:
     """Every measured mode with its pair in the model."""
@@ -65,7 +68,9 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
         return None
     rows = []
     for i, (residual, median) in enumerate(expansion_sizes(part)):
-        made = ", ".join(str(k + 1) for k in part.expanded.basis[i]) or "dynamic stiffness"
+        basis = part.expanded.basis[i]
+        made = ", ".join(str(k + 1) for k in basis) if len(basis) <= _MOST_NAMED else f"{len(basis)} modes near it"
+        made = made or "dynamic stiffness"
         sizes = percent(residual, 2, signed=False), percent(median, 2, signed=False)
         rows.append((str(i + 1), number(float(part.measured.frequency[i]), 5), made, *sizes))
     header = (

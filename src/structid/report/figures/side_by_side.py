@@ -148,7 +148,7 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
             own = np.stack([scene.at, np.full(len(scene.at), -1)], axis=1).ravel()
             swing = np.zeros((len(scene.nodes), 3))
             np.add.at(swing, scene.at, scale[k] * dot[k])
-            marker = plot.Marker("circle", 5.0, colour)
+            marker = plot.Marker("circle", 5.0 if len(scene.at) <= 30 else 3.0, colour)
             curves.append(_curve(scene, own, offset, None, marker, f"{label} at sensors", swing))
         curves.sort(key=lambda curve: curve.sway is not None)
         strip = plot.Strip(y, tuple(curves))
