@@ -37,7 +37,7 @@ def test_the_sense_of_a_channel_stays_and_other_channels_keep_their_names(tmp_pa
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("direction = [1.0, 1.0, 0.0]", "direction = [0.0, 0.0, 0.0]", r"sensors.101X\] direction: must be three numbers that are not"),
+        ("direction = [1.0, 1.0, 0.0]", "direction = [0.0, 0.0, 0.0]", r"101X\] direction: must be three numbers that are"),
         ("direction = [1.0, 1.0, 0.0]", "direction = [1.0, 0.0]", r"sensors.101X\] direction: must be three numbers"),
         ("node = 4", "node = 40", r"101X: node 40 does not exist"),
         ("node = 4", "node = 4, point = [0.0, 0.0, 3.0]", r"101X: has `node` and `point`"),
@@ -70,5 +70,5 @@ def test_the_nearest_nodes_are_those_of_all_distances():
         away = {label: float(np.linalg.norm(x - point)) for label, x in nodes.items()}
         assert node == min(away, key=away.get)
         assert distance == pytest.approx(away[node], rel=1e-12)
-    with pytest.raises(InputError, match="farther than 0.0173 m"):
+    with pytest.raises(InputError, match=r"farther than 0\.0173 m"):
         nearest_nodes([[2.0, 2.0, 2.0]], {1: np.zeros(3), 2: np.ones(3)})

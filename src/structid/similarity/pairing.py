@@ -19,6 +19,8 @@ _AS_GOOD = 0.8
 _PART = 0.1
 #: MAC of every pair from which close modes are told apart, and are held against each other one by one.
 _TOLD = 0.95
+#: Logarithmic distance in frequency, in parts of the guard, beyond which there is no pair.
+_FARTHEST = 3.0
 #: Frequencies beyond those measured, in parts, within which a mode that was not measured is named.
 _BEYOND = 0.03
 #: Part of the largest motion of a sensor from which a mode of the model moves the sensors at all.
@@ -123,7 +125,7 @@ def pair_modes(
     closeness : float
         Relative distance of neighbouring frequencies within which modes are close.
     frequency_guard : float
-        Logarithmic distance in frequency at which a pair is worth half as much.
+        Logarithmic distance in frequency at which a pair is worth half as much; beyond three times that there is none.
 
     Returns
     -------
@@ -156,7 +158,8 @@ def pair_modes(
         likeness[:, use] = mac(x, y[:, use])
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
         rows, columns = assigned(worth[:, use])
-        number[rows] = use[columns]
+        near = np.abs(np.log(g[use[columns]] / f[rows])) <= _FARTHEST * frequency_guard
+        number[rows[near]] = use[columns[near]]
     own = np.where(number >= 0, likeness[np.arange(len(f)), number], 0.0)
     groups = []
     for members in _close(f, closeness):
