@@ -36,7 +36,8 @@ def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.
         frames = _frames(np.array(cells, dtype=float).reshape(-1, 2))
         (strip,) = made.strips
         strips = (replace(strip, traces=(*strip.traces, *frames)),)
-        panels.append(replace(made, strips=strips, title=_title(word, len(parts))))
+        is_large = max(len(rows), len(columns)) > plot.MOST_WRITTEN
+        panels.append(replace(made, strips=strips, title=_title(word, len(parts)), equal=not is_large))
         largest = max(largest, len(rows), len(columns))
     size = float(np.clip(280 + 26 * largest, 400, 760))
     caption = (

@@ -16,6 +16,7 @@ from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 from structid.report.text import number
 from structid.structure import Structure
+from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.supports import RigidLink
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
@@ -82,10 +83,11 @@ def _in_place(part: ModesCorrelation) -> _Scene | None:
             rows[place[node], axis] = row
     if not (rows >= 0).any():
         return None
+    aimed = {tie.dof: tie.direction for tie in structure.ties if isinstance(tie, AimedSensor)}
     along = np.zeros((len(part.measured.channels), 3))
     for c, dof in enumerate(part.measured.channels):
         if not dof.is_rotation:
-            along[c, dof.axis] = dof.sign
+            along[c] = dof.sign * np.array(aimed.get(dof.unsigned, np.eye(3)[dof.axis]))
     at = np.array([place[dof.node] for dof in part.measured.channels])
     extent = np.ptp(rest, axis=0)
     moving = [axis for axis in range(3) if extent[axis] > 0 or (rows[:, axis] >= 0).any()]
