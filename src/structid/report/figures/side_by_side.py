@@ -83,12 +83,15 @@ def _in_place(part: ModesCorrelation) -> _Scene | None:
             rows[place[node], axis] = row
     if not (rows >= 0).any():
         return None
-    aimed = {tie.dof: tie.direction for tie in structure.ties if isinstance(tie, AimedSensor)}
+    aimed = {tie.dof: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
     along = np.zeros((len(part.measured.channels), 3))
-    for c, dof in enumerate(part.measured.channels):
-        if not dof.is_rotation:
-            along[c] = dof.sign * np.array(aimed.get(dof.unsigned, np.eye(3)[dof.axis]))
     at = np.array([place[dof.node] for dof in part.measured.channels])
+    for c, dof in enumerate(part.measured.channels):
+        sensor = aimed.get(dof.unsigned)
+        if sensor is not None:
+            at[c], along[c] = place[sensor.node], dof.sign * np.array(sensor.direction)
+        elif not dof.is_rotation:
+            along[c, dof.axis] = dof.sign
     extent = np.ptp(rest, axis=0)
     moving = [axis for axis in range(3) if extent[axis] > 0 or (rows[:, axis] >= 0).any()]
     used = sorted({*moving, *[axis for axis in range(3) if axis not in moving][: max(0, 2 - len(moving))]})
