@@ -73,7 +73,7 @@ def _told(word: str, words: str, count: int) -> str:
     return f"{words}." if count == 1 else f"{word.capitalize()} model: {words[0].lower() + words[1:]}."
 
 
-def test_and_model(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
+def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
     """The chapter of an identification: each record beside the initial and the identified model."""
     figures: Figures = {}
     parts: list[dict[str, object]] = []

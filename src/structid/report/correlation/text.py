@@ -11,7 +11,8 @@ from structid.correlation.modes import ModesCorrelation
 from structid.correlation.responses import ResponsesCorrelation
 from structid.correlation.summary import expansion_sizes
 from structid.report.tables import Table, printed
-from structid.report.text import NOTHING, counted, number, percent
+from structid.report.text import NOTHING, number, percent
+from structid.shown import counted
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8

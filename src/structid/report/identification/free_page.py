@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from structid.estimation import Status
-from structid.report.correlation.chapter import test_and_model
+from structid.report.correlation.chapter import side_by_side_chapter
 from structid.report.figures.fields import field_figures
 from structid.report.figures.modes import band_used, mode_rows
 from structid.report.figures.responses import responses_figure
@@ -30,7 +30,7 @@ def free_page(result: StudyResult) -> Page:
     estimate = found.estimate
     maps = field_figures(found)
     responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(found.fits, 1)}
-    side_by_side, beside_model = test_and_model(found)
+    side_by_side, beside_model = side_by_side_chapter(found)
     rows = tuple(_row(result, i) for i in largest_changes(estimate, _MOST_ROWS))
     words = {
         "title": result.study.title,

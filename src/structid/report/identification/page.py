@@ -9,7 +9,7 @@ from pathlib import Path
 from structid.criticism.verdict import Criticism
 from structid.estimation import Status
 from structid.identification.identified import Identification
-from structid.report.correlation.chapter import test_and_model
+from structid.report.correlation.chapter import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
@@ -79,7 +79,7 @@ def report_page(
     rows = mode_rows(identification)
     n_records = len(identification.fits) + len(identification.modal_fits)
     warnings, repeated = sorted_warnings(identification)
-    side_by_side, beside_model = test_and_model(identification)
+    side_by_side, beside_model = side_by_side_chapter(identification)
     figures = {
         "parameters": parameters_figure(identification),
         "structure": structure_figure(drawn, shadings(identification)),
