@@ -5,8 +5,9 @@ from pathlib import Path
 import mast
 import numpy as np
 import pytest
+from scipy import sparse
 
-from structid import InputError, ModalRecord, correlated_modes, frac, load_study
+from structid import InputError, ModalRecord, correlated_modes, frac, from_matrices, load_study
 from structid.correlation.correlating import before_and_after, correlate
 from structid.correlation.summary import correlation_summary, expanded_record
 from structid.dynamics.modes import modes
@@ -15,6 +16,7 @@ from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from study_cases import write_chain
 
+SIERRA = Path(__file__).parents[3] / "shared" / "data" / "sierra_block_ac_KM"
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames" / "four_story_lab_frame.npz"
 
 
@@ -133,3 +135,35 @@ def test_a_measured_frame_of_four_storeys_is_paired_at_published_stiffnesses():
     dense = dense_mac(data["test_mode"], part.seen)
     assert part.pairing.mac == pytest.approx(dense, abs=1e-12)
     assert dense[0, 0] > 0.99
+
+
+@pytest.mark.skipif(not SIERRA.exists(), reason="the Sierra/SD matrices (GPL) are not part of the package")
+def test_modes_of_another_code_are_those_of_its_matrices():
+    """A free block of 3,390 degrees of freedom: 8 elastic modes at 40 sensors, as the code that made the matrices has them."""
+    mesh = dict(np.load(SIERRA / "mesh_and_reference_modes.npz"))
+    rows = mesh["dof_of_node_xyz_zero_based"]
+    lower = [sparse.load_npz(SIERRA / f"{name}aa_lower.npz") for name in "KM"]
+    stiffness, mass = (sparse.csc_array(half + half.T - sparse.diags_array(half.diagonal())) for half in lower)
+    names = np.empty(rows.size, dtype=object)
+    for axis, direction in enumerate("XYZ"):
+        names[rows[:, axis]] = [f"{k}{direction}" for k in range(1, len(rows) + 1)]
+    block = from_matrices(
+        {"block": {"mass": mass, "stiffness": stiffness}}, names.tolist(), dict(enumerate(mesh["xyz_m"], 1))
+    )
+    rng = np.random.default_rng(6)
+    chosen = [
+        (int(n), int(a)) for n, a in zip(rng.choice(len(rows), 40, replace=False), rng.integers(0, 3, 40), strict=True)
+    ]
+    shapes = np.array(
+        [[mesh["reference_shapes_first20"][r, n, a] for r in range(6, 14)] for n, a in chosen], dtype=float
+    )
+    record = ModalRecord(
+        mesh["reference_freq_hz"][6:14], np.full(8, np.nan), shapes, [f"{n + 1}{'XYZ'[a]}" for n, a in chosen]
+    )
+    part = correlated_modes(block, block.values, record)
+    assert np.abs(part.frequency_difference).max() < 1e-5
+    pairs = part.pairing.mac[np.arange(8), part.pairing.number]
+    assert pairs == pytest.approx(np.ones(8), abs=1e-6)
+    moving = part.pairing.mac.max(axis=0) > 0
+    assert part.pairing.mac[:, moving] == pytest.approx(dense_mac(shapes, part.seen[:, moving]), abs=1e-12)
+    assert part.self_orthogonality is not None
