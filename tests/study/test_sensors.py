@@ -43,6 +43,7 @@ def test_the_sense_of_a_channel_stays_and_other_channels_keep_their_names(tmp_pa
         ("node = 4", "node = 4, point = [0.0, 0.0, 3.0]", r"101X: has `node` and `point`"),
         ("[0.01, 0.0, 6.0]", "[1.0, 0.0, 6.0]", r"102X: point \(1, 0, 6\) m is 1 m from the nearest node 7, farther than 0.05 m"),
         ('"101X" =', '"first" =', r"cannot read 'first'"),
+        ('"101X" =', '"111X" =', r"sensors: there is no channel 111X; the record has 101X"),
         ('"101X" =', '"101RX" =', "must be a translation"),
         ("node = 4", "nodes = 4", "unknown key; the nearest is `node`"),
     ],
@@ -51,6 +52,12 @@ def test_what_cannot_be_a_sensor_is_refused_with_its_place(tmp_path, old, new, w
     text = (mast.STUDY + mast.SENSORS).replace(old, new)
     with pytest.raises(InputError, match=words):
         load_study(mast.written(tmp_path, text)).setups[0].record.modes.load()
+
+
+def test_a_declared_sensor_need_not_be_used(tmp_path):
+    text = mast.STUDY.replace('path = "modes.csv"', 'path = "modes.csv"\nchannels_used = ["101X", "9Y", "6X"]')
+    channels = load_study(mast.written(tmp_path, text + mast.SENSORS)).setups[0].record.modes.load().channels
+    assert [str(dof) for dof in channels] == ["101X+", "104X+", "6X+"]
 
 
 def test_a_direction_in_which_nothing_moves_is_refused():

@@ -25,7 +25,7 @@ from structid.provenance import Provenance
 from structid.study.results.result import provenance
 from structid.study.results.values import stored_values
 from structid.study.run.check import ChannelCheck, channel_checks
-from structid.study.run.run import loaded
+from structid.study.run.run import loaded, placed_mechanism
 from structid.study.schema.modes import ModesSource
 from structid.study.schema.study import Study
 
@@ -83,7 +83,7 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
     warnings: list[str] = []
     for name, setup, source in zip(names, setups, study.setups, strict=True):
         part: Correlation
-        with source.section.located():
+        with placed_mechanism(study.section("structure")), source.section.located():
             if source.record.modes is not None:
                 part = _modes(name, setup, source.record.modes, known, options)
                 modal.append(part)

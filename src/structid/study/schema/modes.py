@@ -14,6 +14,7 @@ from structid.observation import ModalProblem
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
+from structid.study.schema.sensors import used_names
 from structid.study.schema.tables import Key, Table, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)
@@ -65,6 +66,8 @@ class ModesSource:
             record = read_modes(self.path)
         with self.section.located("relabel"):
             record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
+        with self.section.located("sensors"):
+            renamed(record.channels, (), self.aimed)  # whether every channel is there
         with self.modes_section.located("use"):
             record = chosen_modes(record, self.use)
         if self.channels_used:
@@ -75,7 +78,7 @@ class ModesSource:
                     raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
             record = record.some_channels([place[dof.unsigned] for dof in self.channels_used])
         with self.section.located("sensors"):
-            return replace(record, channels=renamed(record.channels, (), self.aimed)[0])
+            return replace(record, channels=renamed(record.channels, (), used_names(self.aimed, record.channels))[0])
 
 
 def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:

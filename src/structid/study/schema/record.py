@@ -19,7 +19,7 @@ from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.sensors import SENSORS
+from structid.study.schema.sensors import SENSORS, used_names
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.time import TIME, TimeSource, read_time
 from structid.study.schema.unknowns import CHANNEL_ERROR
@@ -185,7 +185,7 @@ def load_record(source: RecordSource) -> FrfRecord:
     with source.section.located("channels_used"):
         record = record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
     with source.section.located("sensors"):
-        return _relabelled(record, source.aimed)
+        return _relabelled(record, used_names(source.aimed, (*record.outputs, *record.inputs)))
 
 
 def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
@@ -216,7 +216,7 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
         variance=variance,
     )
     with source.section.located("sensors"):
-        return _relabelled(record, source.aimed)
+        return _relabelled(record, used_names(source.aimed, record.channels))
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
@@ -229,7 +229,10 @@ def read_histories(source: RecordSource) -> list[TimeRecord]:
 def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
-        records = [_relabelled(record, source.relabel) for record in records] if source.relabel else records
+        records = [_relabelled(record, source.relabel) for record in records]
+    with source.section.located("sensors"):
+        for record in records:
+            _relabelled(record, source.aimed)  # whether every channel is there; they get these names when all is chosen
     return [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 
 from structid.declared import Positive
-from structid.dof import DIRECTIONS, parse_dof
+from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
 from structid.structure.elements import ElementSet
@@ -114,13 +114,18 @@ def _node(
 
 
 def channel_names(sensors: Sequence[AimedSensor]) -> dict[str, str]:
-    """What channels are called in the structure, by their name in the record, where that is another name.
+    """What channels are called in the structure, by their name in the record.
 
     Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
     """
     found = {}
     for one in sensors:
         load, own = _LOAD * one.channel.startswith(_LOAD), parse_dof(one.channel.removeprefix(_LOAD))
-        if own.place != one.dof.place:
-            found[load + own.place] = one.dof.place
+        found[load + own.place] = one.dof.place
     return found
+
+
+def used_names(names: Mapping[str, str], channels: Iterable[Dof]) -> dict[str, str]:
+    """Those of `channel_names` that are among `channels`."""
+    places = {dof.place for dof in channels}
+    return {name: dof for name, dof in names.items() if name.removeprefix(_LOAD) in places}
