@@ -102,6 +102,8 @@ def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
         "Ratios, which a free common scale leaves determined",
         "modal-fit-1",
         "figure-modal_fit_1",
+        "Test and model side by side",
+        "Initial model: 4 of 4 measured modes paired",
     ):
         assert words in text
     assert 'id="responses"' not in text

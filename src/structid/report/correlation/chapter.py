@@ -70,7 +70,8 @@ def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Fig
 
 
 def _told(word: str, words: str, count: int) -> str:
-    return f"{words}." if count == 1 else f"{word.capitalize()} model: {words[0].lower() + words[1:]}."
+    inside = words if words[:2].isupper() else words[0].lower() + words[1:]
+    return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
 
 
 def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
