@@ -38,6 +38,9 @@ def test_modes_of_a_study_are_paired_across_a_crossing_and_their_mac_is_the_dens
     stiffer = np.sqrt(1 / 1.2) - 1
     assert part.frequency_difference == pytest.approx([0, stiffer, 0, stiffer], abs=1e-4)
     assert part.ecomac.max() < 0.03
+    left = part.shapes - part.seen @ part.coefficients
+    for i, k in enumerate(part.pairing.number):
+        assert part.seen[:, k] @ left[:, i] == pytest.approx(0, abs=1e-9)  # the nearest of all factors
     assert found.warnings == ()
 
 
