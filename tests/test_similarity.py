@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from structid import InputError
-from structid.similarity import frac, mac, subspace_angles
+from structid.similarity import comac, ecomac, fdac, frac, mac, most_real, orthogonality, subspace_angles
 
 RNG = np.random.default_rng(11)
 
@@ -84,3 +84,63 @@ def test_subspace_angles_of_known_planes():
 def test_what_cannot_be_compared_is_refused(make, fragment):
     with pytest.raises(InputError, match=fragment):
         make()
+
+
+def test_comac_and_ecomac_are_their_definitions():
+    x, y = shapes(5, 3), shapes(5, 3)
+    for r in range(3):
+        x[:, r] /= np.linalg.norm(x[:, r])
+        y[:, r] /= np.linalg.norm(y[:, r])
+        phase = np.vdot(y[:, r], x[:, r])
+        y[:, r] *= phase / abs(phase)
+    for c in range(5):
+        cross = abs(sum(np.conj(x[c, r]) * y[c, r] for r in range(3))) ** 2
+        energy = sum(abs(x[c, r]) ** 2 for r in range(3)) * sum(abs(y[c, r]) ** 2 for r in range(3))
+        factors = np.array([2.0, -1j, 0.3])
+        assert comac(x * factors, y)[c] == pytest.approx(cross / energy, rel=1e-12)
+        distance = sum(abs(x[c, r] - y[c, r]) for r in range(3)) / 6 * np.sqrt(5)
+        assert ecomac(x, y * factors)[c] == pytest.approx(distance, rel=1e-12)
+
+
+def test_a_sensor_that_is_turned_round_shows_by_ecomac_alone():
+    x = shapes(6, 3).real
+    x[4] = 0.3 * np.sign(x[4])
+    y = x.copy()
+    y[4] *= -1
+    assert comac(x, y) == pytest.approx(np.ones(6), rel=1e-9)
+    assert int(ecomac(x, y).argmax()) == 4
+    assert ecomac(x, x) == pytest.approx(np.zeros(6), abs=1e-12)
+
+
+def test_orthogonality_is_its_definition_and_1_for_mass_orthogonal_shapes():
+    root = RNG.standard_normal((5, 5))
+    mass = root @ root.T + np.eye(5)
+    x, y = shapes(5, 3).real, shapes(5, 2).real
+    for i in range(3):
+        for j in range(2):
+            expected = abs(x[:, i] @ mass @ y[:, j]) / np.sqrt(x[:, i] @ mass @ x[:, i] * (y[:, j] @ mass @ y[:, j]))
+            assert orthogonality(mass, x, y)[i, j] == pytest.approx(expected, rel=1e-12)
+    modal = np.linalg.solve(np.linalg.cholesky(mass).T, np.eye(5))
+    assert orthogonality(mass, modal) == pytest.approx(np.eye(5), abs=1e-12)
+    with pytest.raises(InputError, match="must be"):
+        orthogonality(mass[:3, :3], x)
+    with pytest.raises(InputError, match="no mass"):
+        orthogonality(np.diag([1.0, 0, 0, 0, 0]), np.eye(5)[:, 1:2])
+
+
+def test_fdac_is_mac_of_operating_shapes_line_by_line():
+    h, g = shapes(4, 6).reshape(4, 3, 2), shapes(5, 6).reshape(5, 3, 2)
+    found = fdac(h, g)
+    assert found.shape == (2, 4, 5)
+    for i in range(2):
+        for w in range(4):
+            for v in range(5):
+                assert found[i, w, v] == pytest.approx(mac(h[w, :, i], g[v, :, i]).item(), rel=1e-12)
+    with pytest.raises(InputError, match="same outputs"):
+        fdac(h, g[:, :2])
+
+
+def test_shapes_are_turned_to_where_they_are_most_real():
+    x = RNG.standard_normal((5, 3))
+    found = most_real(x * np.exp(1j * np.array([0.4, 2.0, -1.0])))
+    assert np.abs(found) == pytest.approx(np.abs(x), rel=1e-12)

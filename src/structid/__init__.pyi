@@ -1,6 +1,9 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
 from structid._version import __version__ as __version__
+from structid.correlation.expansion import expand as expand
+from structid.correlation.modes import correlated_modes as correlated_modes
+from structid.correlation.responses import correlated_responses as correlated_responses
 from structid.dof import Dof as Dof
 from structid.dof import parse_dof as parse_dof
 from structid.dynamics import harmonic_transient as harmonic_transient
@@ -66,8 +69,13 @@ from structid.records import with_coherence_noise as with_coherence_noise
 from structid.records import with_declared_noise as with_declared_noise
 from structid.records import write_record as write_record
 from structid.records.quality.signal_checks import signal_checks as signal_checks
+from structid.similarity import comac as comac
+from structid.similarity import ecomac as ecomac
+from structid.similarity import fdac as fdac
 from structid.similarity import frac as frac
 from structid.similarity import mac as mac
+from structid.similarity import orthogonality as orthogonality
+from structid.similarity import pair_modes as pair_modes
 from structid.similarity import subspace_angles as subspace_angles
 from structid.structure import Bar as Bar
 from structid.structure import Beam as Beam
@@ -89,6 +97,8 @@ from structid.structure import SpaceBeam as SpaceBeam
 from structid.structure import Spring as Spring
 from structid.structure import Structure as Structure
 from structid.structure import from_matrices as from_matrices
+from structid.structure.aimed_sensor import AimedSensor as AimedSensor
+from structid.structure.aimed_sensor import nearest_nodes as nearest_nodes
 from structid.structure.mesh_point import MeshPoint as MeshPoint
 from structid.structure.mesh_point import mesh_points as mesh_points
 from structid.structure.meshes import Mesh as Mesh

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import copy
 import html
 import importlib.util
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,9 +24,11 @@ from written_reports import Report
 
 from modes_cases import ambient
 from structid.comparison.comparing import CompareOptions, compare
+from structid.correlation.correlating import correlate
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.comparison.page import comparison_page
+from structid.report.correlation.page import correlation_page
 from structid.report.identification.free_page import free_page
 from structid.report.identification.page import report_page
 from structid.report.modes.page import modes_page
@@ -38,13 +42,16 @@ from structid.study.run.run import load_study, run_study
 from structid.study.schema.plan import load_plan
 from study_cases import CHAIN, chain_record, write_chain
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "correlation"))
+import mast
+
 ROOT = Path(__file__).parents[2]
 NODES = {1: (0.0, 0.0, 1.0), 2: (0.0, 0.0, 2.0), 3: (0.0, 0.5, 3.5), 9: (0.0, 0.0, 0.0)}
 #: Pages hold six significant digits.
 SIX_DIGITS = {"rtol": 5.01e-6, "atol": 1e-9}
 PAGES = (
     "cantilever", "series", "many", "plane", "groups", "modes of a record", "free", "modes in space", "modes in a row",
-    "plan", "comparison", "reproduction",
+    "plan", "comparison", "reproduction", "correlation of modes", "correlation of responses", "correlation in a row",
 )  # fmt: skip
 
 
@@ -65,6 +72,16 @@ def made(name: str, folder: Path, request: pytest.FixtureRequest) -> Page:
     if name == "comparison":
         states = [write_chain(folder / f"{k}", CHAIN, chain_record(k, scale)) for k, scale in ((1, 1.0), (2, 1.1))]
         return comparison_page(compare(*states, CompareOptions()))
+    if name == "correlation of modes":
+        return correlation_page(correlate(load_study(mast.written(folder))))
+    if name == "correlation of responses":
+        return correlation_page(correlate(load_study(write_chain(folder))))
+    if name == "correlation in a row":
+        found = correlate(load_study(mast.written(folder)))
+        nodes = {label: np.zeros(3) for label in found.modes[0].structure.nodes}
+        bare = copy.copy(found.modes[0].structure)
+        vars(bare)["nodes"] = nodes
+        return correlation_page(replace(found, modes=(replace(found.modes[0], structure=bare),)))
     if name == "reproduction":
         x = np.arange(4.0)
         bands = Curve("noisy", x, 10.0**-x, 10.0 ** -(x + 1), np.array([2.0, 1.0, np.inf, 1.0]))

@@ -36,7 +36,7 @@ from structid.report.rendering.png import STYLE, drawn, plain
 
 _NAMES = {
     "parameters", "structure", "frf_magnitude", "frf_phase", "residual_by_channel", "residual_map", "correlation",
-    "modes", "convergence",
+    "modes", "convergence", "correlation_1_responses_frac", "correlation_1_responses_fdac",
 }  # fmt: skip
 
 

@@ -102,11 +102,14 @@ def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
         "Ratios, which a free common scale leaves determined",
         "modal-fit-1",
         "figure-modal_fit_1",
+        "Test and model side by side",
+        "Initial model: 4 of 4 measured modes paired",
     ):
         assert words in text
     assert 'id="responses"' not in text
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
-        "convergence.png", "correlation.png", "modal_fit_1.png", "modes.png", "parameters.png", "structure.png",
+        "convergence.png", "correlation.png", "correlation_1_modes_comac.png", "correlation_1_modes_mac.png",
+        "correlation_1_modes_shapes.png", "modal_fit_1.png", "modes.png", "parameters.png", "structure.png",
     }  # fmt: skip
     import h5py
 

@@ -21,6 +21,7 @@ COMMANDS = (
     "check",
     "doctor",
     "plan",
+    "correlate",
     "compare",
     "modes",
     "motion",
@@ -38,6 +39,7 @@ Examples:
   structid doctor frame.toml
   structid identify frame.toml --out frame_results
   structid explain frame.toml
+  structid correlate frame.toml
   structid compare before.toml after.toml --unchanged mass
   structid modes ambient.uff
   structid motion bridge.toml --threads 2

@@ -229,15 +229,17 @@ def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float],
 
 
 def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
-    """Channels by other names: turned round, exchanged, or of another direction."""
+    """Channels by other names: turned round or exchanged."""
     record, names = _record(study, candidate), candidate.where
     of = "load " if candidate.kind.startswith("load") else ""
     if candidate.kind.endswith("polarity"):
         changes = {of + names[0]: f"{names[0]}-"}
-    elif candidate.kind == "direction":
-        changes = {names[0]: _oblique(study, names, strength)}
     else:
         changes = {of + names[0]: names[1], of + names[1]: names[0]}
+    _rename(record, changes)
+
+
+def _rename(record: Tables, changes: dict[str, str]) -> None:
     if record.get("relabel"):
         raise NoEditError("the channels are called otherwise already")
     record["relabel"] = changes
@@ -331,21 +333,19 @@ def _other_modes(study: Tables, candidate: Candidate, strength: float) -> None:
     _record(study, candidate).setdefault("modes", {})["use"] = [int(text) for text in candidate.others]
 
 
-def _oblique(study: Tables, names: Sequence[str], angle: float) -> str:
-    """The direction of a sensor that is turned by `angle`, rad, from the first of `names` towards the second."""
+def _aimed(study: Tables, candidate: Candidate, angle: float) -> None:
+    """A sensor that is turned by `angle`, rad, from the first direction of the candidate towards the second."""
+    record, names = _record(study, candidate), candidate.where
     if abs(abs(angle) - np.pi / 2) < _SQUARE:
-        return names[1] if angle > 0 else f"{names[1]}-"
-    structure, dof = study["structure"], parse_dof(names[0])
-    nodes = structure.get("nodes")
-    if nodes is None or str(dof.node) not in nodes:
-        raise NoEditError("an oblique sensor needs a node of [structure.nodes]")
-    label = max(int(key) for key in nodes) + 1
-    nodes[str(label)] = list(as_list(nodes[str(dof.node)]))
-    parts = [[names[0], _round(float(np.cos(angle)))], [names[1], _round(float(np.sin(angle)))]]
-    seen = f"{label}{dof.direction}"
-    name = _named(study, f"sensor {names[0]}")
-    _append(structure, "constraint", {"name": name, "dependent": seen, "depends_on": parts})
-    return seen
+        _rename(record, {names[0]: names[1] if angle > 0 else f"{names[1]}-"})
+        return
+    if names[0] in record.get("sensors", {}):
+        raise NoEditError(f"the direction of {names[0]} is given in the study already")
+    vector = [0.0, 0.0, 0.0]
+    for name, part in zip(names, (np.cos(angle), np.sin(angle)), strict=False):
+        dof = parse_dof(name)
+        vector[dof.axis] = dof.sign * _round(float(part))
+    record.setdefault("sensors", {})[names[0]] = {"direction": vector}
 
 
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
@@ -372,5 +372,6 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "outlying_lines": _excluded,
     "record": _without_record,
     "extra_mode": _other_modes,
-    **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap", "direction"), _relabel),
+    **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap"), _relabel),
+    "direction": _aimed,
 }

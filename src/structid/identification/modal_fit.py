@@ -76,6 +76,8 @@ class ModalFit:
     problem : ModalProblem
     theta : (n_own,) float array
         Free variables of this problem's parameters at the end.
+    initial_values : (n_own,) float array
+        Physical values of this problem's parameters at the start.
     measured : ModalRecord
         The modes that were fitted.
     initial, fitted : PairedModes
@@ -87,6 +89,7 @@ class ModalFit:
     name: str
     problem: ModalProblem
     theta: FloatArray
+    initial_values: FloatArray
     measured: ModalRecord
     initial: PairedModes
     fitted: PairedModes
@@ -145,4 +148,4 @@ def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> Modal
     before, after = (structure_modes(problem.structure, problem.parameters.values(v), n_modes) for v in values)
     free = problem.parameters.transforms.free(own.initial)
     initial, fitted = (paired_modes(problem, theta) for theta in (free, own.theta))
-    return ModalFit(name, problem, own.theta, problem.record, initial, fitted, before, after)
+    return ModalFit(name, problem, own.theta, own.initial, problem.record, initial, fitted, before, after)

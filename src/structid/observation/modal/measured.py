@@ -13,6 +13,7 @@ from structid.modal import ModalRecord
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.output import GroupData
+from structid.similarity.shapes import most_real, real_turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +58,7 @@ class MeasuredModes:
     @cached_property
     def shapes(self) -> FloatArray:
         """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes)."""
-        given = np.asarray(self.record.mode_shapes)
-        real = (given * _turn(given)).real if np.iscomplexobj(given) else given
+        real = most_real(self.record.mode_shapes)
         return real / np.abs(real).max(axis=0)
 
     @cached_property
@@ -154,7 +154,7 @@ class MeasuredModes:
         if own is None:
             return None
         given = np.asarray(self.record.mode_shapes)
-        turn = _turn(given)
+        turn = real_turn(given)
         shapes = (own.mode_shapes * turn).real / np.abs((given * turn).real).max(axis=0)
         frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
         n_all, n = shapes.shape[1:], len(self.measured)
@@ -165,8 +165,3 @@ class MeasuredModes:
             frequency = np.concatenate([frequency, still, np.diag(self._stated[0]), none])
             ratio = np.concatenate([ratio, still, none, np.diag(self._stated[1])])
         return frequency, ratio, shapes
-
-
-def _turn(shapes: np.ndarray) -> np.ndarray:
-    """The complex factor on each of (n_channels, n_modes) that makes it as real as can be."""
-    return np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))

@@ -22,6 +22,7 @@ from structid.observation.modal.measured import MeasuredModes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
 from structid.observation.record_problem import DataRows, RecordProblem
 from structid.similarity import mac
+from structid.similarity.pairing import assigned, pairing_worth
 from structid.structure import Structure
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns
@@ -173,10 +174,8 @@ class ModalProblem(RecordProblem):
     def pairing(self, found: Modes) -> IntArray:
         """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once.
 
-        The sum of MAC / (1 + (log(f_model / f) / frequency_guard)^2) is made as large as it can be.
+        The sum of `pairing_worth` is made as large as it can be.
         """
-        from scipy.optimize import linear_sum_assignment
-
         frequency = self.data.frequency
         seen = self._sensors.T @ found.mode_shapes
         use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & (np.abs(seen).max(axis=0) > 0))
@@ -185,9 +184,9 @@ class ModalProblem(RecordProblem):
                 f"the model has {len(use)} modes that move the sensors and {len(self.data.measured)} are measured;"
                 " refine the model, or leave modes out"
             )
-        distance = np.log(found.frequency[use][None, :] / frequency[:, None]) / self.frequency_guard
-        worth = mac(self.data.shapes[:, self.data.measured], seen[:, use]) / (1 + distance**2)
-        return use[linear_sum_assignment(worth, maximize=True)[1]]
+        likeness = mac(self.data.shapes[:, self.data.measured], seen[:, use])
+        worth = pairing_worth(likeness, frequency, found.frequency[use], self.frequency_guard)
+        return use[assigned(worth)[1]]
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.linearize(theta).residual

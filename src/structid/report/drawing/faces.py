@@ -66,6 +66,20 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
     return [mark for _, mark in sorted(found, key=lambda pair: pair[0])]
 
 
+def cell_edges(element: ElementSet) -> list[tuple[int, int]]:
+    """Edges between corners of every cell of `element`, on the outside of solids."""
+    rows = [np.asarray(row[row >= 0]) for row in element.nodes]
+    if isinstance(element, Solid):
+        outlines = [nodes for _, nodes in _outer_faces(rows)]
+    else:
+        outlines = [row[: _AREA_CORNERS[len(row)]] for row in rows]
+    return [
+        (int(first), int(second))
+        for outline in outlines
+        for first, second in zip(outline, np.roll(outline, -1), strict=True)
+    ]
+
+
 def _is_counter_clockwise(outline: FloatArray) -> bool:
     x, y = outline.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) >= 0

@@ -108,7 +108,7 @@ def correlation_figure(identification: Identification) -> plot.Figure:
         found = np.array(identification.estimate.correlation)
     matrix = np.where(np.isfinite(found), np.clip(found, -1.0, 1.0), np.nan)
     scale = plot.ColourScale(palette.DIVERGING, -1.0, 1.0, "correlation (grey: not determined)")
-    panel = plot.matrix_panel(matrix, names, "", scale, written=len(names) <= 16)
+    panel = plot.matrix_panel(matrix, names, "", scale)
     size = float(np.clip(200 + 26 * len(names) + 7 * max(len(name) for name in names), 550, 1100))
     caption = "Correlation between the errors of two parameters, from the adopted covariance. Grey: not determined."
     return plot.Figure((replace(panel, background="#D9D9D9"),), (size + 80, size), caption=caption)

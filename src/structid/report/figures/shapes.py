@@ -17,6 +17,7 @@ from structid.report.drawing import palette
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 from structid.report.text import value_words
+from structid.similarity.shapes import real_turn
 
 #: Largest displacement drawn, as a part of the diagonal of the geometry.
 _AMPLITUDE = 0.12
@@ -54,7 +55,7 @@ class Scene:
 
 def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
     """The scene of `modes`, each turned to the phase in which most of it is real."""
-    shapes = modes.mode_shapes * np.exp(-0.5j * np.angle(np.sum(modes.mode_shapes**2, axis=0)))
+    shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
     return _row(modes.channels, signed) if geometry is None else _placed(modes.channels, signed, geometry)
 

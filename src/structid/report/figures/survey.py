@@ -12,6 +12,7 @@ from structid.report.drawing import palette, symbols
 from structid.report.rendering import plot
 from structid.report.text import DASH, number, value_words
 from structid.similarity import mac
+from structid.similarity.shapes import real_turn
 
 #: What a pole of the sweep is: shut out by the criteria, alone, in the cluster of a mode, or the mode itself.
 OUTSIDE, ALONE, CLUSTERED, CHOSEN = 0, 1, 2, 3
@@ -190,7 +191,7 @@ def mac_figure(result: ModesResult) -> plot.Figure:
     n = result.modes.n_modes
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     names = tuple(f"{k + 1}" for k in range(n))
-    panel = plot.matrix_panel(mac(result.modes.mode_shapes), names, "mode", scale, written=n <= 14)
+    panel = plot.matrix_panel(mac(result.modes.mode_shapes), names, "mode", scale)
     caption = (
         "Modal assurance criterion between the shapes at the sensors: 1 where two shapes agree, 0 where they are"
         " orthogonal. Modes alike at few sensors may still differ elsewhere."
@@ -210,7 +211,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
     The largest entry has size 1, and each shape is turned so that most of it is real.
     """
     shapes, collinearity = np.asarray(result.modes.mode_shapes, dtype=np.complex128), mpc(result)
-    shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=0)))
+    shapes = shapes * real_turn(shapes)
     shapes = shapes / np.abs(shapes).max(axis=0)
     names = [str(dof) for dof in result.modes.channels]
     panels = tuple(

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from structid.estimation import Status
+from structid.report.correlation.chapter import side_by_side_chapter
 from structid.report.figures.fields import field_figures
 from structid.report.figures.modes import band_used, mode_rows
 from structid.report.figures.responses import responses_figure
@@ -29,6 +30,7 @@ def free_page(result: StudyResult) -> Page:
     estimate = found.estimate
     maps = field_figures(found)
     responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(found.fits, 1)}
+    side_by_side, beside_model = side_by_side_chapter(found)
     rows = tuple(_row(result, i) for i in largest_changes(estimate, _MOST_ROWS))
     words = {
         "title": result.study.title,
@@ -43,10 +45,12 @@ def free_page(result: StudyResult) -> Page:
         "records": [(name, fit.name if len(responses) > 1 else "") for name, fit in responses.items()],
         "modes": mode_table(mode_rows(found.fits[0]), band_used(found.fits)),
         "provenance": provenance_facts(asdict(result.provenance)),
+        "beside_model": beside_model,
     }
     figures = {
         **{f"map_{k}": figure for k, figure in enumerate(maps.values(), 1)},
         **{name: responses_figure(fit) for name, fit in responses.items()},
+        **side_by_side,
     }
     return Page("report.html", "free.html.j2", figures, words)
 

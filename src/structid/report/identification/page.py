@@ -9,6 +9,7 @@ from pathlib import Path
 from structid.criticism.verdict import Criticism
 from structid.estimation import Status
 from structid.identification.identified import Identification
+from structid.report.correlation.chapter import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
@@ -78,11 +79,13 @@ def report_page(
     rows = mode_rows(identification)
     n_records = len(identification.fits) + len(identification.modal_fits)
     warnings, repeated = sorted_warnings(identification)
+    side_by_side, beside_model = side_by_side_chapter(identification)
     figures = {
         "parameters": parameters_figure(identification),
         "structure": structure_figure(drawn, shadings(identification)),
         **_record_figures(identification),
         **{f"modal_fit_{k}": modal_fit_figure(fit) for k, fit in enumerate(identification.modal_fits, 1)},
+        **side_by_side,
         "correlation": correlation_figure(identification),
         "modes": modes_figure(rows, band),
         "convergence": convergence_figure(identification),
@@ -118,6 +121,7 @@ def report_page(
         "first": identification.fits[0].name if identification.fits and n_records > 1 else "",
         "others": [_other(identification, number) for number in range(1, len(identification.fits))],
         "notes": drawn.notes,
+        "beside_model": beside_model,
     }
     return Page("report.html", "report.html.j2", figures, words)
 

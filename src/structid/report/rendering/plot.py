@@ -21,6 +21,8 @@ from structid.report.text import unit_text
 VIEW = (-55.0, 22.0)
 #: Texts of points that show their coordinates to the reader who points at them.
 NUMBERS: tuple[str, ...] = ()
+#: Rows and columns of a matrix at most whose cells show their values.
+MOST_WRITTEN = 16
 Ticks = tuple[tuple[float, str], ...]
 Limits = tuple[float, float]
 
@@ -314,12 +316,26 @@ def panel(x: Axis, y: Axis, *traces: Trace, title: str = "", scale: ColourScale 
     return Panel(x, (Strip(y, tuple(trace for trace in traces if len(trace.x))),), title, title, scale)
 
 
-def matrix_panel(matrix: FloatArray, names: tuple[str, ...], label: str, scale: ColourScale, written: bool) -> Panel:
-    """A square heat map with `names` on both axes."""
-    n = len(names)
-    ticks, edges = named_ticks(names), np.arange(n + 1) - 0.5
-    cells = HeatMap(edges, edges, matrix, names, names, written)
-    x, y = (Axis(label, limits=ends, ticks=ticks, grid=False) for ends in ((-0.5, n - 0.5), (n - 0.5, -0.5)))
+def matrix_panel(
+    matrix: FloatArray,
+    rows: Sequence[str],
+    label: str,
+    scale: ColourScale,
+    columns: Sequence[str] = (),
+    across: str = "",
+) -> Panel:
+    """A heat map with a name for every row and column, the first row on top.
+
+    Without `columns` it is square, with the names of the rows and the same `label` on both axes. Values are written into
+    the cells of a small matrix, to two decimals.
+    """
+    names = tuple(columns) or tuple(rows)
+    n, m = len(rows), len(names)
+    cells = HeatMap(
+        np.arange(m + 1) - 0.5, np.arange(n + 1) - 0.5, matrix, tuple(rows), names, max(n, m) <= MOST_WRITTEN
+    )
+    x = Axis(across or label, limits=(-0.5, m - 0.5), ticks=named_ticks(names), grid=False)
+    y = Axis(label, limits=(n - 0.5, -0.5), ticks=named_ticks(tuple(rows)), grid=False)
     return replace(panel(x, y, cells, scale=scale), equal=True)
 
 

@@ -20,6 +20,7 @@ from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.observation import RecordProblem
+from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.mesh_point import MeshPoint
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import Start, is_matrix_free, started
@@ -172,7 +173,7 @@ def check_study(study: Study) -> CheckResult:
         study=study,
         records=tuple(setup.words(options) for setup in ready.setups),
         channels=tuple(
-            check for name, setup in zip(titled, ready.setups, strict=True) for check in _channels(name, setup)
+            check for name, setup in zip(titled, ready.setups, strict=True) for check in channel_checks(name, setup)
         ),
         modes=checked[0],
         problem=problem,
@@ -259,16 +260,18 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
     return inverse_information(at.jacobian) * np.outer(slope, slope)
 
 
-def _channels(name: str, setup: AnySetup) -> list[ChannelCheck]:
+def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     """What each channel sees of the structure; `name` stands before it."""
     structure, found = setup.structure, []
-    nearest = {tie.label: tie.distance for tie in structure.ties if isinstance(tie, MeshPoint)}
+    free = structure.dofs
+    placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
+    nearest = {tie.label: tie.distance for tie in placed if tie.distance > 0 or isinstance(tie, MeshPoint)}
     for role, dofs in setup.channels:
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()
             pairs = zip(part.coords[0], part.data, strict=True)
-            terms = [f"{value:+.3g} {structure.dofs[int(row)].unsigned}"[:-1] for row, value in pairs]
+            terms = [f"{value:+.3g} {free[int(row)].unsigned}"[:-1] for row, value in pairs]
             terms += [f"(nearest node, {nearest[dof.node]:.3g} m away)"] if dof.node in nearest else []
             found.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
     return found

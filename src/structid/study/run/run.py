@@ -161,15 +161,15 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepa
     with method.located("evaluation_band"):
         _, judged = setup.axes(options)
     values = setup.parameters.values(setup.parameters.start)
-    with _placed_mechanism(structure):
+    with placed_mechanism(structure):
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
-    with _placed_mechanism(structure), place.located():
+    with placed_mechanism(structure), place.located():
         prepared = setup.prepared(options)
         return prepared, setup.looked_at(prepared, options)
 
 
 @contextmanager
-def _placed_mechanism(section: Section) -> Iterator[None]:
+def placed_mechanism(section: Section) -> Iterator[None]:
     """Gives a `SingularModelError`, and what a factorization raises on such matrices, the place of the structure."""
     try:
         yield

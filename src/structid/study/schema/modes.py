@@ -14,6 +14,7 @@ from structid.observation import ModalProblem
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
+from structid.study.schema.sensors import used_names
 from structid.study.schema.tables import Key, Table, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)
@@ -36,6 +37,8 @@ class ModesSource:
     relabel : mapping of str to str
         See `renamed`.
     settings : ModalSettings
+    aimed : mapping of str to str
+        See `RecordSource`.
     """
 
     section: Section
@@ -44,6 +47,7 @@ class ModesSource:
     channels_used: tuple[Dof, ...]
     relabel: Mapping[str, str]
     settings: ModalSettings
+    aimed: Mapping[str, str]
 
     @property
     def modes_section(self) -> Section:
@@ -62,19 +66,22 @@ class ModesSource:
             record = read_modes(self.path)
         with self.section.located("relabel"):
             record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
+        with self.section.located("sensors"):
+            renamed(record.channels, (), self.aimed)  # whether every channel is there
         with self.modes_section.located("use"):
             record = chosen_modes(record, self.use)
-        if not self.channels_used:
-            return record
-        place = {dof.unsigned: i for i, dof in enumerate(record.channels)}
-        for dof in self.channels_used:
-            if dof.unsigned not in place:
-                known = ", ".join(map(str, record.channels))
-                raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
-        return record.some_channels([place[dof.unsigned] for dof in self.channels_used])
+        if self.channels_used:
+            place = {dof.unsigned: i for i, dof in enumerate(record.channels)}
+            for dof in self.channels_used:
+                if dof.unsigned not in place:
+                    known = ", ".join(map(str, record.channels))
+                    raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
+            record = record.some_channels([place[dof.unsigned] for dof in self.channels_used])
+        with self.section.located("sensors"):
+            return replace(record, channels=renamed(record.channels, (), used_names(self.aimed, record.channels))[0])
 
 
-def read_modes_source(section: Section, table: Table, files: InputFiles) -> ModesSource:
+def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:
     """The source that a ``[record]`` with ``[record.modes]`` describes, its file found but not read.
 
     `table` has the keys of such a record.
@@ -86,4 +93,4 @@ def read_modes_source(section: Section, table: Table, files: InputFiles) -> Mode
         used = parse_dofs(as_list(given.get("channels_used", [])))
     inner = section.section("modes")
     own = {} if inner is None else inner.values(MODES)
-    return ModesSource(section, path, own.pop("use", ()), used, given.get("relabel", {}), ModalSettings(**own))
+    return ModesSource(section, path, own.pop("use", ()), used, given.get("relabel", {}), ModalSettings(**own), aimed)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
+from structid.study.schema.sensors import SENSORS, used_names
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.time import TIME, TimeSource, read_time
 from structid.study.schema.unknowns import CHANNEL_ERROR
+
+R = TypeVar("R", bound=FrfRecord | TimeRecord)
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class RecordSource:
         How time histories are fitted themselves; their FRFs then only show the fit.
     modes : ModesSource, optional
         Measured modes in place of responses; what is told of responses then does not count.
+    aimed : mapping of str to str
+        What channels of ``[record.sensors]`` are called in the structure, by their name after `relabel`.
     """
 
     section: Section
@@ -81,6 +87,7 @@ class RecordSource:
     window_decay: float | None = None
     time: TimeSource | None = None
     modes: ModesSource | None = None
+    aimed: Mapping[str, str] = field(default_factory=dict)
 
 
 _ALWAYS = {
@@ -90,6 +97,7 @@ _ALWAYS = {
         CHANNEL_NAMES, "What sensors, or loads where no sensor is called so, are in truth, by their name in the file"
     ),
     "channels_used": Key(TEXTS, "Sensors used, whatever their sense; all by default"),
+    "sensors": SENSORS,
 }
 
 
@@ -108,15 +116,17 @@ def record_table(changes: Table) -> Table:
     }
 
 
-def read_source(section: Section, files: InputFiles) -> RecordSource:
-    """The source that ``[record]`` describes, its files found but not read."""
+def read_source(section: Section, files: InputFiles, aimed: Mapping[str, str] | None = None) -> RecordSource:
+    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed`."""
+    called = aimed or {}
     table = record_table(Table())
     if "modes" in section.table:
         table = table.only(*_ALWAYS, "structure", "modes") | {"path": replace(_ALWAYS["path"], required=True)}
-        modes = read_modes_source(section, table, files)
+        modes = read_modes_source(section, table, files, called)
         return RecordSource(
-            section, (modes.path,), ReadOptions(), modes.channels_used, modes.relabel, NoiseSource(), None, modes=modes
-        )
+            section, (modes.path,), ReadOptions(), modes.channels_used, modes.relabel, NoiseSource(), None, modes=modes,
+            aimed=called,
+        )  # fmt: skip
     given = section.values(table)
     if ("path" in given) == ("repeats" in given):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
@@ -139,7 +149,8 @@ def read_source(section: Section, files: InputFiles) -> RecordSource:
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
     names, noise = given.get("relabel", {}), _noise(section, averaged)
-    return RecordSource(section, paths, options, used, names, noise, frf, given.get("window_decay"), time)
+    decay = given.get("window_decay")
+    return RecordSource(section, paths, options, used, names, noise, frf, decay, time, aimed=called)
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
@@ -172,7 +183,9 @@ def load_record(source: RecordSource) -> FrfRecord:
     if source.window_decay is not None:
         record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
     with source.section.located("channels_used"):
-        return record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
+        record = record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
+    with source.section.located("sensors"):
+        return _relabelled(record, used_names(source.aimed, (*record.outputs, *record.inputs)))
 
 
 def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
@@ -195,13 +208,15 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
     if missing:
         raise source.section.error(f"the record has no channel {', '.join(missing)}", "channels_used")
     variance = None if record.variance is None else record.variance[keep]
-    return replace(
+    record = replace(
         record,
         values=record.values[:, keep],
         channels=tuple(record.channels[i] for i in keep),
         quantities=tuple(record.quantities[i] for i in keep),
         variance=variance,
     )
+    with source.section.located("sensors"):
+        return _relabelled(record, used_names(source.aimed, record.channels))
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
@@ -214,12 +229,17 @@ def read_histories(source: RecordSource) -> list[TimeRecord]:
 def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
-        records = [_relabelled(record, source.relabel) for record in records] if source.relabel else records
+        records = [_relabelled(record, source.relabel) for record in records]
+    with source.section.located("sensors"):
+        for record in records:
+            _relabelled(record, source.aimed)  # whether every channel is there; they get these names when all is chosen
     return [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
 
 
-def _relabelled(record: FrfRecord | TimeRecord, names: Mapping[str, str]) -> FrfRecord | TimeRecord:
+def _relabelled(record: R, names: Mapping[str, str]) -> R:
     """`record` with what its channels are in truth."""
+    if not names:
+        return record
     if isinstance(record, FrfRecord):
         outputs, inputs = renamed(record.outputs, record.inputs, names)
         return replace(record, outputs=outputs, inputs=inputs)

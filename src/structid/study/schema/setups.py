@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from structid.identification.setups import AnySetup
 from structid.observation import ChannelUnknown
 from structid.structure import Structure
+from structid.structure.aimed_sensor import AimedSensor
 from structid.study.schema.record import RecordSource, read_source
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
+from structid.study.schema.sensors import channel_names
 from structid.study.schema.structure import read_structure
 from structid.study.schema.unknowns import CHANNEL_ERROR, read_parameters, read_prior
 from structid.unknowns import Parameters
@@ -59,14 +61,14 @@ def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
         If one of them, the structure or the unknowns cannot be read.
     """
     records, structure = _records(root), root.inner("structure")
-    structures = [read_structure(structure, files, record.section("structure")) for record in records]
+    structures = [read_structure(structure, files, record.section("structure"), record) for record in records]
     known = frozenset(element.name for made in structures for element in made.elements)
     names: set[str] = set()
     setups = []
     for record, made in zip(records, structures, strict=True):
         unknown = read_parameters(root, made, known)
         errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
-        source = read_source(record, files)
+        source = read_source(record, files, channel_names([tie for tie in made.ties if isinstance(tie, AimedSensor)]))
         name = record.table.get("name", "")
         if name and name in names:
             raise record.error(f"two records are called {name!r}; give one of them another name", "name")

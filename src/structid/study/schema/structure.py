@@ -30,6 +30,7 @@ from structid.study.schema.mesh import (
 )
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
+from structid.study.schema.sensors import read_sensors
 from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]
@@ -89,7 +90,9 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
     return table | {"nodes": replace(nodes, required=not on_mesh), "group": Key(TEXT, words)}
 
 
-def read_structure(section: Section, files: InputFiles, changes: Section | None = None) -> Structure:
+def read_structure(
+    section: Section, files: InputFiles, changes: Section | None = None, record: Section | None = None
+) -> Structure:
     """The structure that `section` describes.
 
     Parameters
@@ -101,6 +104,8 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
     changes : Section, optional
         ``[record.structure]``: element sets, nodes and ties that one set-up has beside, what it is `without`, and what
         is `fixed` instead.
+    record : Section, optional
+        ``[record]``, whose ``[record.sensors]`` may have nodes of their own.
     """
     given = section.values(structure_table())
     groups, held = read_groups(section, files)
@@ -125,6 +130,12 @@ def read_structure(section: Section, files: InputFiles, changes: Section | None 
     if changes is not None:
         elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
     structure = _built(section, nodes, elements, ties, [*fixed, *held], given)
+    if record is not None and "sensors" in record.table:
+        aimed = read_sensors(record, nodes, structure.elements, structure.active or ())
+        for entry, sensor in aimed:
+            nodes.setdefault(sensor.label, nodes[sensor.node])
+            ties.append((entry, sensor))
+        structure = _built(section, nodes, elements, ties, [*fixed, *held], given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure

@@ -1,0 +1,60 @@
+"""The command `structid correlate`: test and model side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
+from structid.cli.tables import show
+from structid.correlation.correlating import CORRELATION_PAGE
+from structid.correlation.correlating import correlate as correlated
+from structid.correlation.options import CorrelateOptions
+from structid.correlation.summary import correlation_summary, expanded_record
+from structid.modal.files.files import write_modes
+from structid.report.correlation.text import correlation_text
+from structid.study.results.folder import json_text, staged_folder
+from structid.study.run.run import load_study
+
+
+def correlate(
+    study: StudyPath,
+    options: CorrelateOptions,
+    at: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Results folder whose values the model has [default: start values]."),
+    ] = None,
+    out: Annotated[Path | None, results_folder("<study name>_correlation")] = None,
+    report: Report = True,
+    png: Png = False,
+) -> None:
+    """Hold measured and modelled modes or FRFs side by side: pairs, MAC, COMAC, FRAC; write correlation.json and a page.
+
+    Nothing is estimated: the model has the start values of the study, or those of an earlier run. Measured shapes carried
+    on to the model are written as expanded_modes.csv. Exit code 1: no measured mode has a like in the model.
+
+    \b
+    Examples:
+      structid correlate frame.toml
+      structid correlate frame.toml --at frame_results --out after
+      structid correlate wing.toml --expansion dynamic --model-error 0.01
+    """
+    check_png(report, png)
+    found = correlated(load_study(study), options, at)
+    folder, name = out if out is not None else Path(f"{study.stem}_correlation"), "correlation.json"
+    with staged_folder(folder, CORRELATION_PAGE) as staged:
+        (staged / name).write_text(json_text(correlation_summary(found)), encoding="utf-8")
+        for count, part in enumerate(found.modes, 1):
+            expanded = expanded_record(part)
+            if expanded is not None:
+                write_modes(staged / f"expanded_modes{f'_{count}' if count > 1 else ''}.csv", expanded)
+        if report:
+            from structid.report.correlation.page import correlation_page  # so that nothing else waits for it
+
+            name = correlation_page(found).write(staged, png).name
+    show(correlation_text(found))
+    typer.echo(str(folder / name))
+    if not found.is_paired:
+        fail("no measured mode has a like in the model; check sensors, supports and units", NOT_DETERMINED)

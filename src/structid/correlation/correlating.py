@@ -1,0 +1,155 @@
+"""A study's measurements beside its model, before anything is estimated or at what an earlier run identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.correlation.modes import ModesCorrelation, correlated_modes
+from structid.correlation.options import DEFAULT, CorrelateOptions
+from structid.correlation.responses import ResponsesCorrelation, correlated_responses
+from structid.errors import InputError, SingularModelError
+from structid.identification.identified import Identification
+from structid.identification.modal_fit import ModalFit
+from structid.identification.modal_setup import ModalSettings
+from structid.identification.record_fit import Own
+from structid.identification.setups import AnySetup, titles
+from structid.observation import Models
+from structid.provenance import Provenance
+from structid.study.results.result import provenance
+from structid.study.results.values import stored_values
+from structid.study.run.check import ChannelCheck, channel_checks
+from structid.study.run.run import loaded, placed_mechanism
+from structid.study.schema.modes import ModesSource
+from structid.study.schema.study import Study
+
+Correlation: TypeAlias = ModesCorrelation | ResponsesCorrelation
+CORRELATION_PAGE = "correlation.html"
+
+
+@dataclass(frozen=True, eq=False)
+class StudyCorrelation:
+    """Each record of a study beside the model.
+
+    Attributes
+    ----------
+    study : Study
+    at : Path, optional
+        Results folder whose values the model has; those of the study's start without one.
+    modes : tuple of ModesCorrelation
+    responses : tuple of ResponsesCorrelation
+    channels : tuple of ChannelCheck
+        What each sensor sees of the model, and how far the nearest node is.
+    warnings : tuple of str
+    provenance : Provenance
+    """
+
+    study: Study
+    at: Path | None
+    modes: tuple[ModesCorrelation, ...]
+    responses: tuple[ResponsesCorrelation, ...]
+    channels: tuple[ChannelCheck, ...]
+    warnings: tuple[str, ...]
+    provenance: Provenance
+
+    @property
+    def is_paired(self) -> bool:
+        """Whether a measured mode has a pair, or responses are held against each other."""
+        return bool(self.responses) or any(part.n_paired for part in self.modes)
+
+
+def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
+    """The records of `study` beside its model at the start values, or at the values that the folder `at` holds.
+
+    Raises
+    ------
+    InputError
+        If a record or its sensors cannot be used, or the folder holds no value of the study's parameters.
+    SingularModelError
+        If the model has a mechanism.
+    """
+    known = {} if at is None else stored_values(at)
+    models = Models()
+    setups = [loaded(source, models) for source in study.setups]
+    names = titles(setups) if len(setups) > 1 else [""] * len(setups)
+    modal: list[ModesCorrelation] = []
+    responses: list[ResponsesCorrelation] = []
+    warnings: list[str] = []
+    for name, setup, source in zip(names, setups, study.setups, strict=True):
+        part: Correlation
+        with placed_mechanism(study.section("structure")), source.section.located():
+            if source.record.modes is not None:
+                part = _modes(name, setup, source.record.modes, known, options)
+                modal.append(part)
+            else:
+                part = _responses(name, setup, study, known)
+                responses.append(part)
+        warnings += [f"{name}: {words}" if name else words for words in part.warnings]
+    channels = tuple(
+        one
+        for name, setup in zip(names, setups, strict=True)
+        for one in channel_checks(f"{name}: " if name else "", setup)
+    )
+    return StudyCorrelation(study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study))
+
+
+def _modes(
+    name: str, setup: AnySetup, source: ModesSource, known: Mapping[str, float], options: CorrelateOptions
+) -> ModesCorrelation:
+    unknown = setup.parameters
+    values = unknown.values(_at(unknown.names, unknown.start, known))
+    return correlated_modes(setup.structure, values, source.load(), options, source.settings, name)
+
+
+def _responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
+    problem = setup.prepared(study.options).problem
+    values = _at(problem.names, problem.unknowns.start, known)
+    fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
+    if fit is None:
+        raise InputError("the record has neither modes nor responses to hold against the model")
+    return correlated_responses(fit.evaluation, fit.evaluation_predicted, name)
+
+
+def _at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -> FloatArray:
+    """`start` with the values that are known."""
+    if known and not any(name in known for name in names):
+        raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
+    return np.array([known.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
+
+
+def before_and_after(
+    found: Identification, options: CorrelateOptions = DEFAULT
+) -> tuple[
+    tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
+]:
+    """Each record of modes, and each of responses, beside the initial and beside the identified model.
+
+    A record whose model cannot be evaluated, as after a search that failed, is left out.
+    """
+    modal, responses = [], []
+    for one in found.modal_fits:
+        with suppress(InputError, SingularModelError):
+            values = one.initial_values, one.problem.physical(one.theta)
+            before, after = (_fitted_modes(one, physical, options) for physical in values)
+            modal.append((before, after))
+    for fit in found.fits:
+        with suppress(InputError):
+            record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
+            first, last = (correlated_responses(record, model, fit.name) for model in both)
+            responses.append((first, last))
+    return tuple(modal), tuple(responses)
+
+
+def _fitted_modes(fit: ModalFit, physical: FloatArray, options: CorrelateOptions) -> ModesCorrelation:
+    problem = fit.problem
+    settings = ModalSettings(
+        closeness=problem.closeness, frequency_guard=problem.frequency_guard, shape_error=problem.shape_error
+    )
+    values = problem.parameters.values(physical)
+    return correlated_modes(problem.structure, values, fit.measured, options, settings, fit.name)

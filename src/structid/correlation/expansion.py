@@ -1,0 +1,157 @@
+"""Measured shapes carried on to all degrees of freedom of a model, each value with its standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray
+from structid.correlation.reduction import constrained_shapes
+from structid.dynamics import Modes
+from structid.errors import InputError
+
+Method: TypeAlias = Literal["serep", "dynamic"]
+#: Condition of the modes at the sensors beyond which they are not told apart.
+_WORST = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ExpandedShapes:
+    """Measured shapes on all degrees of freedom.
+
+    Attributes
+    ----------
+    shapes : (n_dofs, n_modes) float array
+        In the scale of the measured shapes.
+    std : (n_dofs, n_modes) float array
+        From noise of the shapes and, where stated, error of the model; NaN where neither is known.
+    residual : (n_channels, n_modes) float array
+        Expanded less measured, at the sensors; zero of a dynamic expansion, which keeps what was measured.
+    noise : (n_channels, n_modes) float array
+        Standard deviation of the measured entries that was counted on: stated, or from the residual.
+    basis : tuple of tuple of int
+        Modes of the model that each shape is made of; () of a dynamic expansion.
+    """
+
+    shapes: FloatArray
+    std: FloatArray
+    residual: FloatArray
+    noise: FloatArray
+    basis: tuple[tuple[int, ...], ...]
+
+
+def expand(
+    measured: FloatArray,
+    frequency: FloatArray,
+    sensors: sparse.csc_array,
+    modes: Modes,
+    basis: Sequence[Sequence[int]],
+    *,
+    shape_std: FloatArray | None = None,
+    model_error: float = 0.0,
+    dynamic: tuple[sparse.csc_array, sparse.csc_array] | None = None,
+) -> ExpandedShapes:
+    """Shapes psi = S' x + n measured at sensors as shapes x = G psi of all degrees of freedom.
+
+    SEREP takes G = Phi_b (S' Phi_b)^+ with the modes b of `basis`: shapes are sums of those modes. The dynamic expansion
+    takes the motion at the measured frequency without force where no sensor is, see `constrained_shapes`.
+
+    The error of x is (I - G S') e - G n. Noise n has the covariance diag(`shape_std`)^2. An error of the model turns its
+    mode r towards the others, e = q sum_j c_j phi_j; with a `model_error` of eps its stiffness errs between two modes by
+    phi_j' dK phi_r = eps omega_j omega_r (one standard deviation), so that to first order
+    std(c_j) = eps omega_j omega_r / |omega_j^2 - omega_r^2|, and never above 1.
+    q is the part of phi_r in x.
+
+    Parameters
+    ----------
+    measured : (n_channels, n_modes) float array
+        Real shapes psi, see `structid.similarity.shapes.most_real`.
+    frequency : (n_modes,) float array
+        Measured, Hz.
+    sensors : (n_dofs, n_channels) sparse array
+        S, see `Structure.selection`.
+    modes : Modes
+        Of the model; those that an error of the model may bring in.
+    basis : sequence of sequence of int
+        Of each shape the modes b, counted from 0, first the one that it is: as many as the sensors tell apart are used.
+    shape_std : (n_channels, n_modes) float array, optional
+        Standard deviation of every entry; from the residual of SEREP where sensors are more than modes, else unknown.
+    model_error : float
+        eps, 1. Elements that are each off by 10 % on their own make about 0.1 over the root of their number. The error is
+        taken to first order: at 0.01 its intervals hold, well above they are too short.
+    dynamic : (mass, stiffness), optional
+        Matrices (n_dofs, n_dofs) for the dynamic expansion; without them it is SEREP.
+
+    Raises
+    ------
+    InputError
+        If sizes disagree, or no mode of the basis moves the sensors.
+
+    References
+    ----------
+    O'Callahan, Avitabile and Riemer (1989), Proc. 7th IMAC; Kidder (1973), AIAA Journal 11(6), 892-893; Brincker,
+    Skafte, Lopez-Aenlle, Sestieri, D'Ambrogio and Canteli (2014), Mech. Syst. Signal Process. 45, 91-104, for few modes
+    near the measured one as the basis; Fox and Kapoor (1968), AIAA Journal 6(12), 2426-2429, Eq. (24) for the turning.
+    """
+    n_channels, n_modes = measured.shape
+    if sensors.shape[1] != n_channels or len(frequency) != n_modes or len(basis) != n_modes or not all(map(len, basis)):
+        raise InputError(
+            f"`measured` is {measured.shape}, and `sensors` has {sensors.shape[1]} channels, `frequency` {len(frequency)} and"
+            f" `basis` {len(basis)} modes; they must agree, and every shape needs a mode"
+        )
+    seen = np.asarray(sensors.T @ modes.mode_shapes)
+    shapes, std = (np.zeros((sensors.shape[0], n_modes)) for _ in range(2))
+    residual, noise = np.zeros_like(measured), np.full(measured.shape, np.nan)
+    used: list[tuple[int, ...]] = []
+    for r in range(n_modes):
+        if dynamic is None:
+            chosen = _told_apart(seen, basis[r])
+            carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
+        else:
+            mass, stiffness = dynamic
+            omega = 2 * np.pi * float(frequency[r])
+            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors)
+        shapes[:, r] = carry @ measured[:, r]
+        residual[:, r] = sensors.T @ shapes[:, r] - measured[:, r]
+        if shape_std is not None:
+            noise[:, r] = shape_std[:, r]
+        elif chosen and n_channels > len(chosen):
+            noise[:, r] = np.sqrt((residual[:, r] ** 2).sum() / (n_channels - len(chosen)))
+        variance = np.square(carry) @ np.square(noise[:, r])
+        if model_error > 0:
+            left = modes.mode_shapes - carry @ seen
+            variance = variance + np.square(left) @ _turning(shapes[:, r], modes, basis[r][0], model_error)
+        std[:, r] = np.sqrt(variance)
+        used.append(chosen)
+    return ExpandedShapes(shapes, std, residual, noise, tuple(used))
+
+
+def _told_apart(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
+    """The first of `modes` as far as the sensors tell them apart."""
+    size = np.abs(seen).max(axis=0)
+    found: list[int] = []
+    for k in modes:
+        wanted = [*found, k]
+        values = np.linalg.svd(seen[:, wanted] / np.maximum(size[wanted], 1e-300), compute_uv=False)
+        if size[k] > 0 and len(wanted) <= len(seen) and values[0] <= _WORST * values[-1]:
+            found.append(k)
+    if not found:
+        raise InputError("no mode of the model that a shape could be made of moves the sensors; check the channels")
+    return tuple(found)
+
+
+def _turning(shape: FloatArray, modes: Modes, own: int, model_error: float) -> FloatArray:
+    """Variance of the part that every mode of the model has in a measured one, (n_modes,), in the scale of `shape`.
+
+    The part of the mode `own` is known; it counts where an expansion does not keep it.
+    """
+    squares = (2 * np.pi * modes.frequency) ** 2
+    between = model_error**2 * squares[own] * squares
+    part = between / ((squares - squares[own]) ** 2 + between + np.finfo(float).tiny)
+    part[own] = 1.0
+    phi = modes.mode_shapes[:, own]
+    return np.asarray(part * (phi @ shape / (phi @ phi)) ** 2)

@@ -1,0 +1,286 @@
+"""Measured modes beside those of a model: pairs, likeness by mode and by sensor, orthogonality, expansion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray, IntArray
+from structid.correlation.expansion import ExpandedShapes, expand
+from structid.correlation.options import DEFAULT, CorrelateOptions
+from structid.correlation.reduction import constrained_shapes, reduced_mass, serep_basis
+from structid.dynamics import Modes
+from structid.dynamics.modes import modes
+from structid.errors import InputError
+from structid.identification.modal_setup import ModalSettings
+from structid.modal import ModalRecord
+from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
+from structid.structure import Structure
+
+#: Degrees of freedom beyond which all modes are not sought, and beyond which no mass is reduced statically.
+_DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000
+#: Modes of the model, in parts of the range of those measured, that are shown beside them.
+_SHOWN = (0.6, 1.4)
+_SETTINGS = ModalSettings()
+#: Gain in mean MAC from which a sensor is said to be turned round.
+_TURNED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class ModesCorrelation:
+    """Measured modes beside a model's at the same sensors. Modes count from 0; those at 0 Hz are left out.
+
+    Attributes
+    ----------
+    name : str
+    structure : Structure
+    measured : ModalRecord
+    model : Modes
+    sensors : (n_dofs, n_channels) sparse array
+    shapes, seen : (n_channels, n_measured) and (n_channels, n_model) float arrays
+        Measured, as real as can be, and the model's.
+    pairing : Pairing
+    coefficients : (n_model, n_measured) float array
+        The sum of the model's modes that is the like of each measured shape, in its scale: of close modes several, of
+        one without a pair none.
+    comac, ecomac : (n_channels,) float arrays
+        Over the pairs; NaN without one.
+    self_orthogonality : (n_measured, n_measured) float array or None
+    cross_orthogonality : (n_measured, n_model) float array or None
+        Of measured shapes with the mass reduced to the sensors; None where it cannot be.
+    expanded : ExpandedShapes or None
+    options : CorrelateOptions
+    notes : tuple of str
+        What could not be done, and why.
+    """
+
+    name: str
+    structure: Structure
+    measured: ModalRecord
+    model: Modes
+    sensors: sparse.csc_array
+    shapes: FloatArray
+    seen: FloatArray
+    pairing: Pairing
+    coefficients: FloatArray
+    comac: FloatArray
+    ecomac: FloatArray
+    self_orthogonality: FloatArray | None
+    cross_orthogonality: FloatArray | None
+    expanded: ExpandedShapes | None
+    options: CorrelateOptions
+    notes: tuple[str, ...]
+
+    @property
+    def n_paired(self) -> int:
+        return len(self.pairing.paired)
+
+    @cached_property
+    def shown(self) -> IntArray:
+        """Modes of the model worth showing beside the measured ones: pairs, and all near their range."""
+        f, g = self.measured.frequency, self.model.frequency
+        near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & (self.pairing.mac.max(axis=0, initial=0.0) > 0)
+        near[self.pairing.number[self.pairing.paired]] = True
+        return np.flatnonzero(near)
+
+    @property
+    def frequency_difference(self) -> FloatArray:
+        """Model / measured less 1 of every measured mode, (n_measured,); NaN without a pair."""
+        number = self.pairing.number
+        ratio = self.model.frequency[number] / self.measured.frequency - 1
+        return np.where(number >= 0, ratio, np.nan)
+
+    def remark(self, mode: int) -> str:
+        """What the reader should know of a measured mode's pair; "" where it is plain."""
+        pairing, f, i = self.pairing, self.model.frequency, mode
+        if pairing.number[i] < 0:
+            best = int(pairing.mac[i].argmax()) if pairing.mac.shape[1] else -1
+            if best < 0 or pairing.mac[i, best] == 0:
+                return "missing in the model"
+            like = f"missing in the model: nearest is mode {best + 1}, {f[best]:.5g} Hz, MAC {pairing.mac[i, best]:.2f}"
+            owner = next((k for k in pairing.paired.tolist() if best in pairing.partners(k)), None)
+            return like + (f", the pair of measured mode {owner + 1}" if owner is not None else "")
+        words = []
+        for measured, model in pairing.groups:
+            if i in measured:
+                angle = subspace_angles(self.shapes[:, measured], self.seen[:, model])[-1]
+                members = " and ".join(str(k + 1) for k in model)
+                words.append(
+                    f"close modes: held against modes {members} together, largest angle {np.degrees(angle):.2g}°"
+                )
+        for k in pairing.ambiguous.get(i, ()):
+            words.append(f"ambiguous: mode {k + 1}, {f[k]:.5g} Hz, MAC {pairing.mac[i, k]:.2f}, is as good")
+        return "; ".join(words)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the pairs say of model and test: missing, surplus and doubtful modes, and sensors that stand out."""
+        found = list(self.notes)
+        missing, surplus = self.pairing.missing, self.pairing.surplus
+        if len(missing):
+            found.append(
+                f"the model has no like of the modes measured at {_listed(self.measured.frequency[missing])} Hz (MAC below"
+                f" {self.options.least_mac:g}): check sensors and model, or they are no modes of the structure"
+            )
+        if surplus:
+            found.append(
+                f"no measured mode is like the model's at {_listed(self.model.frequency[list(surplus)])} Hz: missed in the"
+                " test, or the model has motions that the structure has not"
+            )
+        if self.pairing.ambiguous:
+            numbers = ", ".join(str(i + 1) for i in self.pairing.ambiguous)
+            found.append(f"pairs of measured modes {numbers} are ambiguous: other modes of the model are as good")
+        if len(self.measured.channels) == 1:
+            found.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
+        return (*found, *self._turned())
+
+    def _turned(self) -> list[str]:
+        """The sensor that agrees much better if it is turned round."""
+        pairs = self.pairing.paired
+        if len(pairs) < 2 or len(self.shapes) < 3:
+            return []
+        x, y = self.shapes[:, pairs], self.seen @ self.coefficients[:, pairs]
+        energy = (x**2).sum(axis=0) * (y**2).sum(axis=0)
+        turned = (((x * y).sum(axis=0) - 2 * x * y) ** 2 / np.where(energy > 0, energy, np.inf)).mean(axis=1)
+        now = float(((x * y).sum(axis=0) ** 2 / np.where(energy > 0, energy, np.inf)).mean())
+        best = int(turned.argmax())
+        if turned[best] - now < _TURNED:
+            return []
+        return [
+            f"{self.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the pairs from"
+            f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
+        ]
+
+
+def _listed(values: FloatArray) -> str:
+    told = ", ".join(f"{value:.5g}" for value in values[:6].tolist())
+    return told + (f" and {len(values) - 6} more" if len(values) > 6 else "")
+
+
+def correlated_modes(
+    structure: Structure,
+    values: FloatArray,
+    record: ModalRecord,
+    options: CorrelateOptions = DEFAULT,
+    settings: ModalSettings = _SETTINGS,
+    name: str = "",
+) -> ModesCorrelation:
+    """The modes of `record` beside those of `structure` with the property values `values`.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of which the record's channels are part.
+    values : (n_values,) float array
+    record : ModalRecord
+    options : CorrelateOptions
+    settings : ModalSettings
+        Its `closeness`, `frequency_guard` and `shape_error` count.
+    name : str
+
+    Raises
+    ------
+    InputError
+        If there is no mode above 0 Hz, no channel, or a channel that is not part of the structure.
+    """
+    record = record.some_modes(np.flatnonzero(record.frequency > 0))
+    if not record.n_modes or not record.channels:
+        raise InputError("the record has no mode above 0 Hz with a shape; there is nothing to pair")
+    sensors = structure.selection(record.channels)
+    mass, stiffness, damping, structural = (
+        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    count = None if structure.n_dofs <= _DENSE_UP_TO else 2 * record.n_modes + 10
+    model = modes(mass, stiffness, damping, structural, count)
+    seen, shapes = np.asarray(sensors.T @ model.mode_shapes), most_real(record.mode_shapes)
+    pairing = pair_modes(
+        record.frequency,
+        record.mode_shapes,
+        model.frequency,
+        seen,
+        least_mac=options.least_mac,
+        closeness=settings.closeness,
+        frequency_guard=settings.frequency_guard,
+    )
+    coefficients = _coefficients(shapes, seen, pairing)
+    pairs, notes = pairing.paired, []
+    coordinate, enhanced = (np.full(len(shapes), np.nan) for _ in range(2))
+    like = seen @ coefficients[:, pairs]
+    moving = np.abs(like).max(axis=0, initial=0.0) > 0 if len(pairs) else np.zeros(0, bool)
+    if moving.any():
+        x, y = shapes[:, pairs[moving]], like[:, moving]
+        coordinate, enhanced = comac(x, y), ecomac(x, y)
+    bases = [_basis(model, seen, pairing, i, float(f)) for i, f in enumerate(record.frequency)]
+    own = cross = expanded = None
+    try:
+        reduced = _reduced(mass, stiffness, sensors, model, seen, pairs, pairing, options)
+        own, cross = orthogonality(reduced, shapes), np.zeros_like(pairing.mac)
+        use = pairing.mac.max(axis=0, initial=0.0) > 0
+        cross[:, use] = orthogonality(reduced, shapes, seen[:, use])
+    except (InputError, ArithmeticError) as error:
+        notes.append(f"no orthogonality with the reduced mass: {error}")
+    try:
+        dynamic = (mass, stiffness) if options.expansion == "dynamic" else None
+        std = _shape_std(record, shapes, settings.shape_error)
+        expanded = expand(
+            shapes, record.frequency, sensors, model, bases,
+            shape_std=std, model_error=options.model_error, dynamic=dynamic,
+        )  # fmt: skip
+    except (InputError, ArithmeticError) as error:
+        notes.append(f"no expansion of the measured shapes: {error}")
+    return ModesCorrelation(
+        name, structure, record, model, sensors, shapes, seen, pairing, coefficients, coordinate, enhanced, own, cross, expanded,
+        options, tuple(notes),
+    )  # fmt: skip
+
+
+def _coefficients(shapes: FloatArray, seen: FloatArray, pairing: Pairing) -> FloatArray:
+    """Of the model's partners in each measured shape, by least squares at the sensors."""
+    found = np.zeros((seen.shape[1], shapes.shape[1]))
+    for i in pairing.paired.tolist():
+        own = list(pairing.partners(i))
+        found[own, i] = np.linalg.lstsq(seen[:, own], shapes[:, i], rcond=None)[0]
+    return found
+
+
+def _basis(model: Modes, seen: FloatArray, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
+    """Modes that a measured shape is expanded in: its partners, then paired ones near it, half as many as sensors."""
+    own = pairing.partners(mode)
+    first = (int(pairing.number[mode]), *(k for k in own if k != pairing.number[mode])) if own else ()
+    centre = model.frequency[first[0]] if first else frequency
+    moving = np.flatnonzero((pairing.mac.max(axis=0, initial=0.0) > 0) & (model.frequency > 0))
+    pool = sorted({*pairing.number[pairing.paired].tolist(), *(k for _, group in pairing.groups for k in group)})
+    pool = pool or moving.tolist()
+    near = sorted(pool, key=lambda k: abs(np.log(model.frequency[k] / centre)))
+    most = max(len(first), (len(seen) + 1) // 2, 1)
+    return tuple(dict.fromkeys((*first, *near)))[:most]
+
+
+def _reduced(
+    mass: sparse.csc_array,
+    stiffness: sparse.csc_array,
+    sensors: sparse.csc_array,
+    model: Modes,
+    seen: FloatArray,
+    pairs: IntArray,
+    pairing: Pairing,
+    options: CorrelateOptions,
+) -> FloatArray:
+    """The mass at the sensors."""
+    if options.reduction == "guyan" and sensors.shape[0] <= _STATIC_UP_TO:
+        return reduced_mass(mass, constrained_shapes(stiffness, sensors))
+    chosen = pairing.number[pairs][: len(seen)]
+    if not len(chosen):
+        raise InputError("SEREP needs pairs, and there is none")
+    return reduced_mass(mass, serep_basis(seen[:, chosen], model.mode_shapes[:, chosen]))
+
+
+def _shape_std(record: ModalRecord, shapes: FloatArray, stated: float) -> FloatArray | None:
+    """Standard deviation of the entries of `shapes`: the record's, and what is stated in parts of the largest."""
+    if record.shape_std is None and stated == 0:
+        return None
+    own = np.zeros(shapes.shape) if record.shape_std is None else record.shape_std
+    return np.hypot(own, stated * np.abs(shapes).max(axis=0))

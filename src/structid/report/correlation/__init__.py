@@ -1,0 +1,1 @@
+"""What a correlation of a measurement and a model shows."""

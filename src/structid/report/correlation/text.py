@@ -1,0 +1,155 @@
+"""A correlation in words and tables, as the terminal and the page show it."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from structid.correlation.correlating import StudyCorrelation
+from structid.correlation.modes import ModesCorrelation
+from structid.correlation.responses import ResponsesCorrelation
+from structid.correlation.summary import expansion_sizes
+from structid.report.tables import Table, printed
+from structid.report.text import NOTHING, number, percent
+from structid.shown import counted
+
+#: Modes of a basis that are named at most.
+_MOST_NAMED = 8
+
+
+def modes_table(part: ModesCorrelation) -> Table:
+    """Every measured mode with its pair in the model."""
+    rows, f = [], part.model.frequency
+    for i, own in enumerate(part.measured.frequency.tolist()):
+        k = int(part.pairing.number[i])
+        pair = (NOTHING,) * 4
+        if k >= 0:
+            difference = percent(float(part.frequency_difference[i]))
+            pair = (str(k + 1), number(float(f[k]), 5), difference, f"{part.pairing.mac[i, k]:.3f}")
+        rows.append((str(i + 1), number(own, 5), *pair, part.remark(i)))
+    header = ("Measured mode", "Measured (Hz)", "Mode of the model", "Model (Hz)", "Difference", "MAC", "Remark")
+    marks = tuple("lost" if k < 0 else "" for k in part.pairing.number)
+    return Table(header, tuple(rows), tuple(range(6)), marks)
+
+
+def surplus_table(part: ModesCorrelation) -> Table | None:
+    """Modes of the model within the measured range without a measured like; None where there is none."""
+    if not part.pairing.surplus:
+        return None
+    rows = []
+    for k in part.pairing.surplus:
+        best = int(part.pairing.mac[:, k].argmax())
+        like = f"{best + 1}, MAC {part.pairing.mac[best, k]:.2f}"
+        rows.append((str(k + 1), number(float(part.model.frequency[k]), 5), like))
+    return Table(("Mode of the model", "Model (Hz)", "Nearest measured mode"), tuple(rows), (0, 1))
+
+
+def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
+    """How far measured shapes are from orthogonal with the reduced mass, and how well pairs agree."""
+    own, cross = part.self_orthogonality, part.cross_orthogonality
+    if own is None or cross is None:
+        return ()
+    name = {"guyan": "static (Guyan)", "serep": "by modes (SEREP)"}[part.options.reduction]
+    off = own - np.eye(len(own))
+    pairs = [cross[i, part.pairing.number[i]] for i in part.pairing.paired]
+    found = [("Reduction of the mass", name)]
+    if len(own) > 1:
+        i, j = sorted(int(k) for k in np.unravel_index(np.argmax(off), off.shape))
+        found.append(("Self-orthogonality", f"largest off-diagonal {off.max():.3f}, modes {i + 1} and {j + 1}"))
+    if pairs:
+        worst = int(part.pairing.paired[int(np.argmin(pairs))])
+        found.append(("Cross-orthogonality", f"least of a pair {min(pairs):.3f}, measured mode {worst + 1}"))
+    return tuple(found)
+
+
+def expansion_table(part: ModesCorrelation) -> Table | None:
+    """How well each measured shape is carried on to the model."""
+    if part.expanded is None:
+        return None
+    rows = []
+    for i, (residual, median) in enumerate(expansion_sizes(part)):
+        basis = part.expanded.basis[i]
+        made = ", ".join(str(k + 1) for k in basis) if len(basis) <= _MOST_NAMED else f"{len(basis)} modes near it"
+        made = made or "dynamic stiffness"
+        sizes = percent(residual, 2, signed=False), percent(median, 2, signed=False)
+        rows.append((str(i + 1), number(float(part.measured.frequency[i]), 5), made, *sizes))
+    header = (
+        "Measured mode", "Measured (Hz)", "Made of modes", "Residual at the sensors",
+        "Median std of the expanded shape",
+    )  # fmt: skip
+    return Table(header, tuple(rows), (0, 1, 3, 4))
+
+
+def resonances_table(part: ResponsesCorrelation) -> Table | None:
+    """Peaks of the record with the model's nearest; None where it has none."""
+    if not part.resonances:
+        return None
+    rows = tuple(
+        (number(one.measured, 5), number(one.predicted, 5), percent(one.predicted / one.measured - 1))
+        for one in part.resonances
+    )
+    return Table(("Measured (Hz)", "Model (Hz)", "Difference"), rows, (0, 1, 2))
+
+
+def frac_table(part: ResponsesCorrelation) -> Table:
+    """FRAC of every function."""
+    rows = tuple(
+        (str(output), str(load), f"{part.frac[o, i]:.3f}")
+        for i, load in enumerate(part.record.inputs)
+        for o, output in enumerate(part.record.outputs)
+    )
+    return Table(("Output", "Input", "FRAC"), rows, (2,))
+
+
+def channels_table(found: StudyCorrelation) -> Table:
+    """What each sensor and load sees of the model."""
+    rows = tuple((one.channel, one.role, one.seen) for one in found.channels)
+    return Table(("Channel", "Role", "Sees"), rows)
+
+
+def summary_words(part: ModesCorrelation) -> str:
+    """The correlation of modes in a sentence."""
+    if not part.n_paired:
+        return f"None of {counted(part.measured.n_modes, 'measured mode')} has a like in the model"
+    paired = part.pairing.paired
+    worst = float(np.nanmax(np.abs(part.frequency_difference)))
+    return (
+        f"{part.n_paired} of {counted(part.measured.n_modes, 'measured mode')} paired: frequencies within"
+        f" {percent(worst, signed=False)}, MAC {part.pairing.mac[paired, part.pairing.number[paired]].min():.3f} or more"
+    )
+
+
+def frac_words(part: ResponsesCorrelation) -> str:
+    """The correlation of responses in a sentence."""
+    values = part.frac[np.isfinite(part.frac)]
+    if not values.size:
+        return "No function of the model responds where the record does"
+    f = part.record.frequency
+    return (
+        f"FRAC from {f[0]:.5g} to {f[-1]:.5g} Hz: median {np.median(values):.3f} of {counted(values.size, 'function')},"
+        f" least {values.min():.3f}"
+    )
+
+
+def at_words(found: StudyCorrelation) -> str:
+    """At which values the model stands."""
+    return "Model at the start values of the study" if found.at is None else f"Model as identified in {found.at.name}"
+
+
+def correlation_text(found: StudyCorrelation) -> list[RenderableType]:
+    """What the terminal shows."""
+    parts: list[RenderableType] = [Text(found.study.title, style="bold"), Text(at_words(found))]
+    parts += [Text(f"warning: {words}", style="yellow") for words in found.warnings]
+    for part in found.modes:
+        parts += [Text(_named(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
+        parts += [Text(f"{label}: {words}") for label, words in orthogonality_facts(part)]
+    for response in found.responses:
+        parts += [Text(_named(response.name, frac_words(response)), style="bold"), printed(frac_table(response))]
+        table = resonances_table(response)
+        parts += [] if table is None else [Text("Resonances"), printed(table)]
+    return parts
+
+
+def _named(name: str, words: str) -> str:
+    return f"{name}: {words}" if name else words

@@ -1,0 +1,216 @@
+"""Measured shapes and the model's like, moving side by side on the structure, or on one row of sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.correlation.modes import ModesCorrelation
+from structid.dof import DIRECTIONS
+from structid.report.drawing import palette
+from structid.report.drawing.faces import cell_edges, is_cells
+from structid.report.figures.survey import MOST_SHAPES
+from structid.report.rendering import plot
+from structid.report.text import number
+from structid.structure import Structure
+from structid.structure.aimed_sensor import AimedSensor
+from structid.structure.supports import RigidLink
+
+#: Largest displacement, and gap between the two, in parts of the diagonal.
+_AMPLITUDE, _GAP = 0.1, 0.3
+#: Lines and nodes of a structure that are drawn at most.
+_MOST_LINES, _MOST_NODES = 2500, 1200
+_MEASURED, _MODEL = palette.MEASURED, palette.FITTED
+
+
+def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
+    """Each measured mode beside its like in the model; None where no mode has one."""
+    chosen = part.pairing.paired[:MOST_SHAPES]
+    if not len(chosen):
+        return None
+    scene = _in_place(part)
+    panels = _row_panels(part, chosen) if scene is None else _panels(part, chosen, scene)
+    caption = (
+        "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
+        if scene is None
+        else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Red: the"
+        " model's, in the same scale. Grey: at rest."
+    )
+    if len(part.pairing.paired) > len(chosen):
+        caption += f" The first {len(chosen)} of {len(part.pairing.paired)} pairs."
+    small = (330.0, 230.0) if scene is None else (380.0, 300.0)
+    choice = plot.Choice("Mode", tuple(range(min(len(panels), 12))), small, moves=True)
+    return plot.Figure(panels, (1150.0, 420.0 if scene is None else 620.0), 3, caption, choice)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """The structure at rest, twice.
+
+    `rest` (n_nodes, 3) are places, `lines` a chain of nodes with -1 between lines, `shift` (3,) leads from the measured to
+    the modelled one, `used` are the axes that are drawn, `rows` the place of each node's displacement X, Y, Z among all
+    degrees of freedom (-1: held), `at` the node of each sensor and `along` (n_channels, 3) its direction.
+    """
+
+    nodes: tuple[int, ...]
+    rest: FloatArray
+    lines: IntArray
+    shift: FloatArray
+    used: list[int]
+    rows: IntArray
+    at: IntArray
+    along: FloatArray
+    diagonal: float
+
+
+def _in_place(part: ModesCorrelation) -> _Scene | None:
+    """None where the nodes have no places, or nothing of the structure moves in space."""
+    structure = part.structure
+    labels = tuple(structure.nodes)
+    rest = np.zeros((len(labels), 3))
+    rest[:, : structure.dimension] = np.array([structure.nodes[node] for node in labels])
+    diagonal = float(np.linalg.norm(np.ptp(rest, axis=0)))
+    if diagonal == 0:
+        return None
+    place = {node: i for i, node in enumerate(labels)}
+    rows = np.full((len(labels), 3), -1)
+    for row, code in enumerate(structure.numbering.codes.tolist()):
+        node, axis = divmod(code, 6)
+        if node in place and axis < 3:
+            rows[place[node], axis] = row
+    if not (rows >= 0).any():
+        return None
+    aimed = {tie.dof: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
+    along = np.zeros((len(part.measured.channels), 3))
+    at = np.array([place[dof.node] for dof in part.measured.channels])
+    for c, dof in enumerate(part.measured.channels):
+        sensor = aimed.get(dof.unsigned)
+        if sensor is not None:
+            at[c], along[c] = place[sensor.node], dof.sign * np.array(sensor.direction)
+        elif not dof.is_rotation:
+            along[c, dof.axis] = dof.sign
+    extent = np.ptp(rest, axis=0)
+    moving = [axis for axis in range(3) if extent[axis] > 0 or (rows[:, axis] >= 0).any()]
+    used = sorted({*moving, *[axis for axis in range(3) if axis not in moving][: max(0, 2 - len(moving))]})
+    aside = min(used, key=lambda axis: (extent[axis] == 0 and axis == 2, extent[axis], axis))
+    shift = np.zeros(3)
+    shift[aside] = extent[aside] + _GAP * diagonal
+    return _Scene(labels, rest, _lines(structure, place), shift, used, rows, at, along, diagonal)
+
+
+def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
+    """Edges of the elements as a chain; single nodes where they are too many or there are none."""
+    edges: dict[tuple[int, int], None] = {}
+    for element in structure.elements:
+        found = cell_edges(element) if is_cells(element) else _spans(element.nodes)
+        edges.update(dict.fromkeys((min(edge), max(edge)) for edge in found))
+    for tie in structure.ties:
+        if isinstance(tie, RigidLink):
+            edges.update(dict.fromkeys((tie.main, node) for node in tie.dependents))
+    if not edges or len(edges) > _MOST_LINES:
+        step = -(-len(place) // _MOST_NODES)
+        return np.array([entry for i in range(0, len(place), step) for entry in (i, -1)])
+    chain: list[int] = []
+    for first, second in edges:
+        if first in place and second in place:
+            one, other = place[first], place[second]
+            chain += [other] if chain and chain[-1] == one else [*([-1] if chain else []), one, other]
+    return np.array(chain)
+
+
+def _spans(nodes: IntArray) -> list[tuple[int, int]]:
+    """From node to node of elements with two."""
+    rows = [row[row >= 0].tolist() for row in np.atleast_2d(nodes)]
+    return [pair for row in rows if len(row) == 2 for pair in pairwise(row)]
+
+
+def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
+    """A panel for each pair, on axes that hold them all."""
+    structure = part.structure
+    like = part.model.mode_shapes @ part.coefficients[:, chosen]
+    carried = like if part.expanded is None else part.expanded.shapes[:, chosen]
+    moved = [_moved(structure, scene, shapes) for shapes in (carried, like)]
+    at_sensors = [part.shapes[:, chosen], part.seen @ part.coefficients[:, chosen]]
+    dots = [np.einsum("cm,cx->mcx", values, scene.along) for values in at_sensors]
+    largest = np.array([max(float(np.abs(m[k]).max()) for m in (*moved, *dots)) for k in range(len(chosen))])
+    scale = _AMPLITUDE * scene.diagonal / np.where(largest > 0, largest, 1.0)
+    reach = 1.3 * _AMPLITUDE * scene.diagonal
+    low = np.minimum(scene.rest.min(axis=0), scene.rest.min(axis=0) + scene.shift) - reach
+    high = scene.rest.max(axis=0) + scene.shift + reach
+    x, y, *deep = (plot.Axis(DIRECTIONS[j], "m", (float(low[j]), float(high[j]))) for j in scene.used)
+    panels = []
+    for k, i in enumerate(chosen.tolist()):
+        curves: list[plot.Curve] = []
+        sides = ((0.0, _MEASURED, "measured"), (1.0, _MODEL, "model"))
+        for (side, colour, label), motion, dot in zip(sides, moved, dots, strict=True):
+            offset = side * scene.shift
+            curves.append(_curve(scene, scene.lines, offset, plot.Pen(palette.FAINT, 1.0), None, "at rest"))
+            sway = scale[k] * motion[k]
+            curves.append(_curve(scene, scene.lines, offset, plot.Pen(colour, 2.2), None, label, sway))
+            own = np.stack([scene.at, np.full(len(scene.at), -1)], axis=1).ravel()
+            swing = np.zeros((len(scene.nodes), 3))
+            np.add.at(swing, scene.at, scale[k] * dot[k])
+            marker = plot.Marker("circle", 5.0 if len(scene.at) <= 30 else 3.0, colour)
+            curves.append(_curve(scene, own, offset, None, marker, f"{label} at sensors", swing))
+        curves.sort(key=lambda curve: curve.sway is not None)
+        strip = plot.Strip(y, tuple(curves))
+        panels.append(plot.Panel(x, (strip,), name=_name(part, i), z=deep[0] if deep else None, equal=True))
+    return tuple(panels)
+
+
+def _moved(structure: Structure, scene: _Scene, shapes: FloatArray) -> FloatArray:
+    """Displacements of the nodes, (n_modes, n_nodes, 3)."""
+    everything = np.vstack([structure.numbering.matrix @ shapes, np.zeros((1, shapes.shape[1]))])
+    return np.moveaxis(everything[scene.rows], 2, 0)
+
+
+def _curve(
+    scene: _Scene,
+    path: IntArray,
+    offset: FloatArray,
+    pen: plot.Pen | None,
+    marker: plot.Marker | None,
+    label: str,
+    motion: FloatArray | None = None,
+) -> plot.Curve:
+    lifted = (path < 0)[:, None]
+    x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
+    words = None if marker is None else tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
+    sway = None if motion is None else np.where(lifted, 0.0, motion[path][:, scene.used]).astype(complex)
+    is_dots = not (path[1:] >= 0)[path[:-1] >= 0].any()
+    if pen is not None and is_dots:
+        marker = plot.Marker("circle", 2.5, pen.colour)
+        pen = None
+    return plot.Curve(x, y, pen, marker, label, words, deep[0] if deep else None, sway)
+
+
+def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
+    """Both shapes over the sensors in order."""
+    names = [str(dof) for dof in part.measured.channels]
+    place = np.arange(len(names), dtype=float)
+    x = plot.Axis("sensor", limits=(-0.5, len(names) - 0.5), ticks=plot.named_ticks(names, 40))
+    y = plot.Axis("shape", "1", (-1.2, 1.2))
+    rest = np.zeros(len(names))
+    panels = []
+    for i in chosen.tolist():
+        own, like = part.shapes[:, i], part.seen @ part.coefficients[:, i]
+        size = max(float(np.abs(own).max()), float(np.abs(like).max()))
+        curves = [plot.Curve(place, rest, plot.Pen(palette.FAINT, 1.0), None, "at rest")]
+        for values, colour, label, symbol in (
+            (own, _MEASURED, "measured", "circle"), (like, _MODEL, "model", "diamond"),
+        ):  # fmt: skip
+            sway = np.column_stack([rest, values / size]).astype(complex)
+            marker = plot.Marker(symbol, 6.0, colour)
+            curves.append(plot.Curve(place, rest, plot.Pen(colour, 2.0), marker, label, tuple(names), sway=sway))
+        panels.append(plot.Panel(x, (plot.Strip(y, tuple(curves)),), name=_name(part, i)))
+    return tuple(panels)
+
+
+def _name(part: ModesCorrelation, i: int) -> str:
+    """Both frequencies and the MAC."""
+    k = int(part.pairing.number[i])
+    own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
+    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {part.pairing.mac[i, k]:.2f}"

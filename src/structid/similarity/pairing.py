@@ -1,0 +1,218 @@
+"""Which mode of a model each measured mode is: by shape and frequency together, close ones by the space they span."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.arrays import FloatArray, IntArray
+from structid.errors import InputError
+from structid.similarity.shapes import mac, subspace_angles
+
+#: Part of the worth of a pair that another must reach to be as good a choice.
+_AS_GOOD = 0.8
+#: MAC from which a close mode of the model has a part in a measured one.
+_PART = 0.1
+#: MAC of every pair from which close modes are told apart, and are held against each other one by one.
+_TOLD = 0.95
+#: Logarithmic distance in frequency, in parts of the guard, beyond which there is no pair.
+_FARTHEST = 3.0
+#: Frequencies beyond those measured, in parts, within which a mode that was not measured is named.
+_BEYOND = 0.03
+#: Part of the largest motion of a sensor from which a mode of the model moves the sensors at all.
+_MOVES = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Pairing:
+    """Measured modes and their like in a model. Modes count from 0.
+
+    Attributes
+    ----------
+    number : (n_measured,) int array
+        The model's mode; -1 where none is like it.
+    likeness : (n_measured,) float array
+        MAC with that mode; of close modes cos^2 of the largest principal angle between the spans. Also where it is too
+        low for a pair: then of the best candidate that no other measured mode has.
+    mac : (n_measured, n_model) float array
+        0 for modes of the model that move no sensor.
+    groups : tuple of (measured, model)
+        Close modes that are compared as spans, one-to-many where the measurement has not told them apart: numbers of
+        measured and of modelled modes.
+    ambiguous : mapping of int to tuple of int
+        Measured modes, with modes of the model that are as good a choice as the one taken.
+    surplus : tuple of int
+        Modes of the model within the measured range that no measured one is like, though they move the sensors.
+    """
+
+    number: IntArray
+    likeness: FloatArray
+    mac: FloatArray
+    groups: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+    ambiguous: Mapping[int, tuple[int, ...]]
+    surplus: tuple[int, ...]
+
+    @property
+    def paired(self) -> IntArray:
+        """Measured modes that have a pair."""
+        return np.flatnonzero(self.number >= 0)
+
+    @property
+    def missing(self) -> IntArray:
+        """Measured modes that have none."""
+        return np.flatnonzero(self.number < 0)
+
+    def partners(self, mode: int) -> tuple[int, ...]:
+        """All modes of the model that the measured `mode` is held against; () where none is like it."""
+        for measured, model in self.groups:
+            if mode in measured:
+                return model
+        return (int(self.number[mode]),) if self.number[mode] >= 0 else ()
+
+
+def pairing_worth(likeness: FloatArray, measured: FloatArray, model: FloatArray, guard: float) -> FloatArray:
+    """MAC / (1 + (log(f_model / f) / guard)^2) of every pair, (n_measured, n_model).
+
+    Parameters
+    ----------
+    likeness : (n_measured, n_model) float array
+        MAC.
+    measured, model : (n_measured,) and (n_model,) float arrays
+        Frequencies above 0, Hz.
+    guard : float
+        Logarithmic distance in frequency at which a pair is worth half as much.
+    """
+    distance = np.log(model[None, :] / measured[:, None]) / guard
+    return np.asarray(likeness / (1 + distance**2))
+
+
+def assigned(worth: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the pairs whose sum of `worth` is largest, each used once; rows in order."""
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    return rows, columns
+
+
+def pair_modes(
+    measured_frequency: ArrayLike,
+    measured_shapes: ArrayLike,
+    model_frequency: ArrayLike,
+    model_shapes: ArrayLike,
+    *,
+    least_mac: float = 0.5,
+    closeness: float = 0.02,
+    frequency_guard: float = 0.3,
+) -> Pairing:
+    """Measured modes paired with modes of a model, each of these used once, so that the sum of `pairing_worth` is largest.
+
+    Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
+    measured shapes, belong to it: where single shapes are not told apart, the span is.
+
+    Parameters
+    ----------
+    measured_frequency, model_frequency : (n_measured,) and (n_model,) arrays
+        Hz, in increasing order. Modes of the model below a thousandth of the lowest measured one (rigid bodies) are left
+        out.
+    measured_shapes, model_shapes : (n_channels, n_measured) and (n_channels, n_model) arrays, real or complex
+        At the same channels.
+    least_mac : float
+        Below it, or below it in cos^2 of the largest angle of close modes, there is no pair.
+    closeness : float
+        Relative distance of neighbouring frequencies within which modes are close.
+    frequency_guard : float
+        Logarithmic distance in frequency at which a pair is worth half as much; beyond three times that there is none.
+
+    Returns
+    -------
+    Pairing
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, or a measured frequency is not above 0.
+
+    References
+    ----------
+    Allemang (2003), Sound and Vibration 37(8), 14-23; Knyazev and Argentati (2002) for angles between spans; Kuhn (1955)
+    for the assignment.
+    """
+    f, g = (np.asarray(given, dtype=np.float64) for given in (measured_frequency, model_frequency))
+    x, y = np.asarray(measured_shapes), np.asarray(model_shapes)
+    for name, axis, shapes in (("measured", f, x), ("model", g, y)):
+        if axis.ndim != 1 or shapes.ndim != 2 or shapes.shape[1] != len(axis):
+            raise InputError(
+                f"`{name}_shapes` must be (n_channels, {axis.size}), one column a frequency, got shape {shapes.shape}"
+            )
+    if not len(f) or not (f > 0).all():
+        raise InputError("`measured_frequency` must hold frequencies above 0 Hz; leave rigid-body modes out")
+    size = np.abs(y).max(axis=0, initial=0.0)
+    use = np.flatnonzero((g > 1e-3 * f.min()) & (size > _MOVES * size.max(initial=0.0)))
+    likeness = np.zeros((len(f), len(g)))
+    number, worth = np.full(len(f), -1), np.zeros_like(likeness)
+    if len(use):
+        likeness[:, use] = mac(x, y[:, use])
+        worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
+        rows, columns = assigned(worth[:, use])
+        near = np.abs(np.log(g[use[columns]] / f[rows])) <= _FARTHEST * frequency_guard
+        number[rows[near]] = use[columns[near]]
+    own = np.where(number >= 0, likeness[np.arange(len(f)), number], 0.0)
+    groups = []
+    for members in _close(f, closeness):
+        model = _extended(members, number, likeness, g, closeness)
+        told = bool((own[members] >= _TOLD).all())
+        small = not told and len(members) <= len(model) <= max(len(x) // 2, 1)
+        if len(model) > 1 and small:
+            like = float(np.cos(subspace_angles(x[:, members], y[:, model])[-1]) ** 2)
+            if like >= least_mac:
+                own[members] = like
+                groups.append((tuple(members), tuple(model)))
+    number = np.where(own >= least_mac, number, -1)
+    taken = {*number[number >= 0].tolist(), *(k for _, model in groups for k in model)}
+    ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
+    inside = (g >= (1 - _BEYOND) * f.min()) & (g <= (1 + _BEYOND) * f.max())
+    surplus = tuple(int(k) for k in use if inside[k] and int(k) not in taken)
+    return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus)
+
+
+def _close(frequency: FloatArray, closeness: float) -> list[list[int]]:
+    """Modes in order, neighbours within `closeness` in one list."""
+    found = [[0]]
+    for k, (low, high) in enumerate(pairwise(frequency.tolist()), 1):
+        if high - low <= closeness * high:
+            found[-1].append(k)
+        else:
+            found.append([k])
+    return found
+
+
+def _extended(
+    members: list[int], number: IntArray, likeness: FloatArray, frequency: FloatArray, closeness: float
+) -> list[int]:
+    """The model's modes of a group: the pairs, and free ones close to them that have a part in the measured shapes."""
+    own = [int(k) for k in number[members] if k >= 0]
+    others = set(number.tolist()) - set(own)
+    part = likeness[members].max(axis=0, initial=0.0) >= _PART
+    for k in np.flatnonzero(part).tolist():
+        near = any(abs(frequency[k] - frequency[j]) <= closeness * frequency[j] for j in own)
+        if near and k not in own and k not in others:
+            own.append(k)
+    return sorted(own)
+
+
+def _ambiguous(
+    number: IntArray, likeness: FloatArray, worth: FloatArray, grouped: set[int], least_mac: float
+) -> dict[int, tuple[int, ...]]:
+    found = {}
+    for i, k in enumerate(number.tolist()):
+        if k < 0 or i in grouped:
+            continue
+        good = (worth[i] >= _AS_GOOD * worth[i, k]) & (likeness[i] >= least_mac)
+        good[k] = False
+        if good.any():
+            found[i] = tuple(np.flatnonzero(good).tolist())
+    return found

@@ -1,0 +1,98 @@
+"""How alike two sets of response functions are: FRAC and FDAC."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from structid.arrays import FloatArray, require_finite
+from structid.errors import InputError
+
+
+def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """Frequency response assurance criterion: `mac` along the frequency axis, function by function.
+
+    Parameters
+    ----------
+    first, second : (n_frequencies, ...) arrays, real or complex
+        Response functions at the same frequencies.
+
+    Returns
+    -------
+    (...) float array
+        From 0 to 1. A common factor of a whole function does not lower it, a shift of its peaks does.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or a function is zero throughout.
+
+    References
+    ----------
+    Heylen and Lammens (1996), FRAC: a consistent way of comparing frequency response functions.
+    """
+    x, y = np.asarray(first), np.asarray(second)
+    if x.shape != y.shape or x.ndim == 0:
+        raise InputError(f"`first` and `second` must have one shape, got {x.shape} and {y.shape}")
+    require_finite("first", x)
+    require_finite("second", y)
+    x, y = x.reshape(len(x), -1), y.reshape(len(y), -1)
+    cross = np.abs(np.sum(x.conj() * y, axis=0)) ** 2
+    values = cross / (energies("first", x) * energies("second", y))
+    return values.reshape(np.shape(first)[1:])
+
+
+def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """Frequency domain assurance criterion: `mac` of the operating shapes at every pair of frequencies, load by load.
+
+    FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). Where the model is too stiff
+    throughout, the ridge of ones lies beside the diagonal.
+
+    Parameters
+    ----------
+    first : (n_first, n_outputs, n_inputs) array, real or complex
+        Response functions, outputs and loads those of `second`.
+    second : (n_second, n_outputs, n_inputs) array
+        At frequencies of its own.
+
+    Returns
+    -------
+    (n_inputs, n_first, n_second) float array
+        From 0 to 1; NaN where nothing responds. Of a single output it is 1 everywhere.
+
+    Raises
+    ------
+    InputError
+        If outputs or loads differ in number.
+
+    References
+    ----------
+    Pascual, Golinval and Razeto (1997), A frequency domain correlation technique for model correlation and updating,
+    Proc. 15th IMAC.
+    """
+    x, y = np.asarray(first), np.asarray(second)
+    if x.ndim != 3 or y.ndim != 3 or x.shape[1:] != y.shape[1:]:
+        raise InputError(
+            "`first` and `second` must be (n_frequencies, n_outputs, n_inputs) with the same outputs and inputs, got"
+            f" {x.shape} and {y.shape}"
+        )
+    require_finite("first", x)
+    require_finite("second", y)
+    cross = np.abs(np.moveaxis(x, 2, 0).conj() @ np.moveaxis(y, 2, 0).transpose(0, 2, 1)) ** 2
+    energy = [np.sum(np.abs(z) ** 2, axis=1).T for z in (x, y)]
+    size = energy[0][:, :, None] * energy[1][:, None, :]
+    return np.divide(cross, size, out=np.full(size.shape, np.nan), where=size > 0)
+
+
+def energies(name: str, x: NDArray[np.inexact]) -> FloatArray:
+    """Sum of squares of every column of (n, n_columns).
+
+    Raises
+    ------
+    InputError
+        If a column is zero throughout.
+    """
+    found: FloatArray = np.sum(np.abs(x) ** 2, axis=0)
+    if (found == 0).any():
+        raise InputError(f"`{name}` is zero throughout in column {int(np.argmin(found)) + 1}; leave it out")
+    return found

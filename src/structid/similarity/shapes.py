@@ -1,0 +1,211 @@
+"""How alike two sets of mode shapes are: MAC, COMAC, ECOMAC, orthogonality and angles between their spans."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from structid.arrays import FloatArray, require_finite
+from structid.errors import InputError
+from structid.similarity.responses import energies
+
+
+def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
+    """Modal assurance criterion |x_i^H y_j|^2 / (x_i^H x_i  y_j^H y_j) of every pair of columns.
+
+    1 where two shapes agree up to a factor, real or complex; 0 where they are orthogonal.
+
+    Parameters
+    ----------
+    first : (n_channels, n_first) array, real or complex
+        Mode shapes; one shape may be given as (n_channels,).
+    second : (n_channels, n_second) array, optional
+        By default `first` against itself.
+
+    Returns
+    -------
+    (n_first, n_second) float array
+
+    Raises
+    ------
+    InputError
+        If the channels differ in number, or a shape is zero throughout.
+
+    References
+    ----------
+    Allemang and Brown (1982), A correlation coefficient for modal vector analysis, Proc. 1st IMAC.
+
+    Examples
+    --------
+    >>> mac([1.0, 2.0], [2.0, 4.0]).item()
+    1.0
+    """
+    x = _columns("first", first)
+    y = x if second is None else _columns("second", second)
+    _require_same_rows(x, y)
+    cross = np.abs(x.conj().T @ y) ** 2
+    return cross / np.outer(energies("first", x), energies("second", y))
+
+
+def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """Coordinate modal assurance criterion: `mac` along the modes, channel by channel, of paired shapes.
+
+    COMAC_c = |sum_r x_cr^* y_cr|^2 / (sum_r |x_cr|^2  sum_r |y_cr|^2), each pair of shapes scaled to size 1 and y turned
+    to the phase of x: 1 where a channel follows the other set in every mode. A channel that is only turned round keeps
+    its COMAC; see `ecomac`.
+
+    Parameters
+    ----------
+    first, second : (n_channels, n_modes) arrays, real or complex
+        Column r of one is paired with column r of the other.
+
+    Returns
+    -------
+    (n_channels,) float array
+        NaN where a channel moves in no mode of one of the sets.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or a column is zero throughout.
+
+    References
+    ----------
+    Lieven and Ewins (1988), Spatial correlation of mode shapes, the COMAC, Proc. 6th IMAC; Allemang (2003), The modal
+    assurance criterion: twenty years of use and abuse, Sound and Vibration 37(8), 14-23.
+    """
+    x, y = _paired_columns(first, second)
+    cross = np.abs(np.sum(x.conj() * y, axis=1)) ** 2
+    energy = np.sum(np.abs(x) ** 2, axis=1) * np.sum(np.abs(y) ** 2, axis=1)
+    return np.divide(cross, energy, out=np.full(len(x), np.nan), where=energy > 0)
+
+
+def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """Enhanced COMAC: mean distance of the paired shapes at each channel, sum_r |x_cr - y_cr| / (2 n_modes).
+
+    Each pair of shapes is scaled to size 1 (in the mean over channels) and y turned to the phase of x: 0 where a channel
+    agrees in every mode, large where its sense, its gain or its place is wrong.
+
+    Parameters
+    ----------
+    first, second : (n_channels, n_modes) arrays, real or complex
+        Column r of one is paired with column r of the other.
+
+    Returns
+    -------
+    (n_channels,) float array
+
+    References
+    ----------
+    Hunt (1992), Application of an enhanced coordinate modal assurance criterion, Proc. 10th IMAC; Allemang (2003).
+    """
+    x, y = _paired_columns(first, second)
+    distance: FloatArray = np.abs(x - y).mean(axis=1) * (0.5 * np.sqrt(len(x)))
+    return distance
+
+
+def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
+    """|x_i^H M y_j| / sqrt(x_i^H M x_i  y_j^H M y_j) of every pair of columns: 1 for the same motion, 0 for orthogonal ones.
+
+    Of one set (self-orthogonality, second left out) the off-diagonal entries of measured modes stay below 0.1 by the usual
+    rule; of measured and modelled shapes (cross-orthogonality) those of pairs are above 0.9.
+
+    Parameters
+    ----------
+    mass : (n_channels, n_channels) array
+        Reduced to the channels; see `structid.correlation.reduction`.
+    first : (n_channels, n_first) array, real or complex
+    second : (n_channels, n_second) array, optional
+        By default `first` against itself.
+
+    Returns
+    -------
+    (n_first, n_second) float array
+
+    Raises
+    ------
+    InputError
+        If sizes differ, or a shape has no mass.
+
+    References
+    ----------
+    Ewins (2000), Modal Testing, 2nd ed., section 5.5; NASA-STD-5002 (1996) for the limits.
+    """
+    x = _columns("first", first)
+    y = x if second is None else _columns("second", second)
+    _require_same_rows(x, y)
+    m = np.asarray(mass, dtype=np.float64)
+    if m.shape != (len(x), len(x)):
+        raise InputError(f"`mass` must be ({len(x)}, {len(x)}) like the channels, got shape {m.shape}")
+    sizes = [np.einsum("cm,cd,dm->m", z.conj(), m, z).real for z in (x, y)]
+    if min(size.min() for size in sizes) <= 0:
+        raise InputError("a shape has no mass at the channels; leave it out, or measure places that have")
+    return np.asarray(np.abs(x.conj().T @ m @ y) / np.sqrt(np.outer(*sizes)))
+
+
+def most_real(shapes: ArrayLike) -> FloatArray:
+    """Shapes turned to the phase in which they are as real as can be, and their real part, (n_channels, n_modes)."""
+    given = np.asarray(shapes)
+    return np.asarray((given * real_turn(given)).real if np.iscomplexobj(given) else given)
+
+
+def real_turn(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+    """The factor of size 1 on each of (n_channels, n_modes) shapes that makes it as real as can be, (n_modes,)."""
+    turn: NDArray[np.inexact] = np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))
+    return turn
+
+
+def subspace_angles(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """Principal angles between the spans of two sets of shapes, rad, smallest first.
+
+    The measure for close or repeated modes, whose single shapes are not determined though their span is.
+
+    Parameters
+    ----------
+    first, second : (n_channels, n_first) and (n_channels, n_second) arrays, real or complex
+        Columns span the two subspaces.
+
+    Returns
+    -------
+    (min(n_first, n_second),) float array
+        0 to pi/2; all zero where one span holds the other.
+
+    References
+    ----------
+    Knyazev and Argentati (2002), SIAM J. Sci. Comput. 23(6), 2009-2041.
+    """
+    x, y = _columns("first", first), _columns("second", second)
+    _require_same_rows(x, y)
+    angles: FloatArray = linalg.subspace_angles(x, y)[::-1]
+    return angles
+
+
+def _columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
+    array = np.asarray(values)
+    if not np.issubdtype(array.dtype, np.inexact):
+        array = array.astype(np.float64)
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or array.size == 0:
+        raise InputError(f"`{name}` must be (n_channels, n_shapes), got shape {np.shape(values)}; one shape a column")
+    require_finite(name, array)
+    return array
+
+
+def _paired_columns(first: ArrayLike, second: ArrayLike) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """Both sets with columns of size 1, the second turned to the phase of the first."""
+    x, y = _columns("first", first), _columns("second", second)
+    if x.shape != y.shape:
+        raise InputError(f"`first` and `second` must have one shape, got {x.shape} and {y.shape}; pair them first")
+    x, y = x / np.sqrt(energies("first", x)), y / np.sqrt(energies("second", y))
+    product = np.sum(y.conj() * x, axis=0)
+    size = np.abs(product)
+    return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0)
+
+
+def _require_same_rows(x: NDArray[np.inexact], y: NDArray[np.inexact]) -> None:
+    if x.shape[0] != y.shape[0]:
+        raise InputError(
+            f"`first` and `second` must have the same channels, got {x.shape[0]} and {y.shape[0]}; "
+            "bring them to common sensors first"
+        )

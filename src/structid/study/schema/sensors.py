@@ -1,0 +1,131 @@
+"""``[record.sensors]``: channels that read along a direction of their own, at a node or at the node nearest to a point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from structid.declared import Positive
+from structid.dof import DIRECTIONS, Dof, parse_dof
+from structid.errors import InputError
+from structid.structure.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
+from structid.structure.elements import ElementSet
+from structid.study.schema.kinds import POSITION, VECTOR, Kind, as_list
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, table_of
+
+_LOAD = "load "
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class SensorEntry:
+    """One channel of ``[record.sensors]``."""
+
+    node: Annotated[int | None, "Node that it reads; that of its name by default"] = None
+    point: Annotated[Any, POSITION, "In place of `node`: where it is, m; it reads the nearest node"] = None
+    direction: Annotated[Any, VECTOR, "Along which it reads, X Y Z; that of its name by default"] = None
+    tolerance: Annotated[Positive | None, "Of `point`: farthest node, m; by default a hundredth of the structure"] = (
+        None
+    )
+
+
+_ENTRY = table_of(SensorEntry)
+SENSORS = Key(
+    Kind(
+        'a table of channels, as in { "101Z" = { node = 12, direction = [0.3, 0.95, 0.0] } }',
+        {"type": "object", "minProperties": 1, "additionalProperties": _ENTRY.schema},
+        bool,
+    ),
+    "Channels that read along a direction of their own, or at the node nearest to a point",
+)
+
+
+def read_sensors(
+    record: Section, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet], active: Sequence[str]
+) -> list[tuple[Section, AimedSensor]]:
+    """The sensors that ``[record.sensors]`` of a record declares, each with its place in the study.
+
+    Parameters
+    ----------
+    record : Section
+    nodes : mapping of int to position
+        Of the structure.
+    elements : sequence of ElementSet
+        Only nodes that they use can be nearest.
+    active : sequence of str
+        Directions in which the structure can move.
+
+    Raises
+    ------
+    StudyError
+        If a channel or its node cannot be used, a direction has no length, or a point is far from every node.
+    """
+    section = record.section("sensors")
+    if section is None:
+        return []
+    if not section.table:
+        raise section.error('holds no channel; add lines such as "101Z" = { node = 12, direction = [0.3, 0.95, 0.0] }')
+    names = [name.removeprefix(_LOAD) for name in section.table]
+    with section.located():
+        own = [parse_dof(name) for name in names]
+    fresh = max([*nodes, *(dof.node for dof in own)]) + 1
+    moves = [d for d in DIRECTIONS[:3] if d in active]
+    found = []
+    for channel, dof in zip(section.table, own, strict=True):
+        entry = _entry(section, channel)
+        given = SensorEntry(**entry.values(_ENTRY))
+        if dof.is_rotation or not moves:
+            raise section.error("must be a translation, of a structure that has some; leave it out", channel)
+        with section.located(channel):
+            node, distance = _node(given, dof.node, nodes, elements)
+            direction = unit_direction(_AXES[dof.axis] if given.direction is None else given.direction)
+        label, seen = dof.node, dof.direction
+        if label in nodes or seen not in moves:
+            label, seen, fresh = fresh, moves[0], fresh + 1
+        found.append((section, AimedSensor(f"sensor {channel}", channel, label, seen, node, direction, distance)))
+    return found
+
+
+def _entry(section: Section, channel: str) -> Section:
+    if not isinstance(section.table[channel], dict):
+        raise section.error("must be a table, as in { node = 12, direction = [0.3, 0.95, 0.0] }", channel)
+    return Section(section.source, (*section.path, channel), section.table[channel])
+
+
+def _node(
+    given: SensorEntry, own: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
+) -> tuple[int, float]:
+    """The node that a sensor reads, and how far it is."""
+    if given.point is not None:
+        if given.node is not None:
+            raise InputError("has `node` and `point`; keep one of them")
+        place = [*map(float, as_list(given.point)), 0.0, 0.0][:3]
+        used = {int(n) for element in elements for n in element.nodes.ravel()}
+        near = nearest_nodes([place], {n: np.asarray(nodes[n]) for n in nodes if n in used}, given.tolerance)
+        return near.nodes[0], float(near.distance[0])
+    node = own if given.node is None else given.node
+    if node not in nodes:
+        raise InputError(f"node {node} does not exist; give `node` of the structure, or `point = [x, y, z]` in m")
+    return node, 0.0
+
+
+def channel_names(sensors: Sequence[AimedSensor]) -> dict[str, str]:
+    """What channels are called in the structure, by their name in the record.
+
+    Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
+    """
+    found = {}
+    for one in sensors:
+        load, own = _LOAD * one.channel.startswith(_LOAD), parse_dof(one.channel.removeprefix(_LOAD))
+        found[load + own.place] = one.dof.place
+    return found
+
+
+def used_names(names: Mapping[str, str], channels: Iterable[Dof]) -> dict[str, str]:
+    """Those of `channel_names` that are among `channels`."""
+    places = {dof.place for dof in channels}
+    return {name: dof for name, dof in names.items() if name.removeprefix(_LOAD) in places}
