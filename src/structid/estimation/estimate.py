@@ -393,9 +393,10 @@ def estimate(
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         n_iterations += len(best.costs) - 1
     found = chosen.uncertainty(problem, best, misfit_probability, search.seed)
-    if not best.converged and found.carried.all():
-        status = Status.NOT_CONVERGED
-    elif not (found.identified | ~found.is_free).all() or sum(answer.fits for answer in answers) > 1:
+    is_known = bool((found.identified | ~found.is_free).all())
+    if not best.converged and found.carried.all() and (found.misfit or is_known):
+        status = Status.NOT_CONVERGED  # one that fits the noise, and leaves a parameter open, need not go on
+    elif not is_known or sum(answer.fits for answer in answers) > 1:
         status = Status.NOT_IDENTIFIABLE
     else:
         status = Status.CONVERGED

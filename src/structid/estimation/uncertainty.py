@@ -212,7 +212,7 @@ def dense_uncertainty(
     initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
     at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
     identified = at_start & (adopted <= sizes)
-    stopped = not converged and bool(at_start.all())
+    stopped = not converged and misfit and bool(at_start.all())
     refused = not identified[free].all() and not stopped
     final = Bound(np.where(free, noise.std, 0.0), sizes, "the estimate")
     refusal = refusal_words(initial, final, at_start, problem.names) if refused else ""

@@ -141,7 +141,8 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
-    if (moved > np.log(search.doubt_beyond) * sizes_at(problem, start)).any():
+    far = np.log(search.doubt_beyond)
+    if np.isfinite(far) and (moved > far * sizes_at(problem, start)).any():
         return True
     return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 

@@ -153,7 +153,7 @@ def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatA
     found = peaks(record.frequency, values, record.kind)
     near = np.abs(record.frequency[:, None] - found).argmin(axis=0)
     part = values.real if record.kind == "mobility" else values.imag
-    return found, part[near].reshape(len(found), -1)
+    return found, part[near].reshape(len(found), values[0].size)
 
 
 def in_order(
