@@ -12,6 +12,7 @@ from structid.dynamics.reduced_sweep import FEWEST_LINES, reduced_sweep
 def chain(n_lines, loss=0.02, n=120):
     """Springs and masses, fixed at one end: Z at `n_lines` lines over the first modes, its pattern, two loads."""
     stiffness = sparse.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]).tocsc()
+    stiffness.sort_indices()
     mass = sparse.csc_array((np.where(stiffness.data == 2, 1.0, 0.0), stiffness.indices, stiffness.indptr), (n, n))
     omega = np.linspace(0.005, 0.25, n_lines)
     data = np.stack([mass.data, 0 * mass.data, stiffness.data, loss * stiffness.data])
