@@ -78,7 +78,10 @@ def test_eliminated_form_gives_the_step_of_the_arrow_system(sensors):
     made = parameters(structure, UNKNOWNS)
     record = record_of(ACTUAL, GRID, sensors)
     step = ArrowSystem(structure, made, record).step()
-    assert np.abs(eliminated_step(structure, made, record) - step).max() <= 1e-9 * np.abs(step).max()
+    problem = FrfProblem(structure, made, record, "equation")
+    rounding = 1e-11 + 10 * np.finfo(float).eps * np.linalg.cond(problem.linearize(problem.theta_start).jacobian)
+    assert rounding < 1e-7  # the worst, one sensor: a condition of 1.4e7
+    assert np.abs(eliminated_step(structure, made, record) - step).max() <= rounding * np.abs(step).max()
 
 
 @pytest.mark.parametrize("sensors", [[10, 11], [0, 4, 7, 10], list(range(12))])

@@ -127,7 +127,9 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     if len(sums) > 1:
         channels = np.diag(root @ (sums[1] + known) @ root)
         least = np.maximum(least, channels)
-    scale = np.maximum(scale, np.sqrt(least / np.diag(along)))
+    size = np.diag(along)
+    along[np.diag_indices_from(along)] = size = np.where(size > 0, size, least)  # rounding, where nothing is left over
+    scale = np.maximum(scale, np.sqrt(least / size))
     covariance[inner] = along * np.outer(scale, scale)
     return covariance
 
