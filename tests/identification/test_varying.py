@@ -292,7 +292,7 @@ def test_a_study_reports_the_common_value_the_scatter_and_who_stands_out(benchma
 
 
 def test_one_value_for_clamps_that_differ_is_a_wrong_model_whose_cause_is_named(benchmark, tmp_path):
-    clamps = benchmark.CLAMP * np.exp([0.03, -0.04, 0.02, 0.05])
+    clamps = benchmark.CLAMP * np.exp([0.03, -0.04, 0.02, 0.05, -0.02])
     ready = started(load_study(study(tmp_path, benchmark, clamps, "")))
     result, fits = criticized(ready, run_started(ready))
     assert result.criticism.judgement.verdict == "wrong_model"

@@ -8,7 +8,6 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate
 from structid.explanation.trial import Trial
-from structid.identification.varying import FEWEST_RECORDS
 from structid.observation import FrfProblem
 from structid.observation.scatter import scatter_problems
 from structid.structure import Beam, Spring, Structure
@@ -21,6 +20,8 @@ _PIECES = 3.0
 _ELASTIC = ("mass", "stiffness", "rotary_inertia")
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.
 _SHEAR = 0.02
+#: Records of which a scatter is told from one that stands out: of fewer, the one is the likelier cause.
+_FEWEST_VARYING = 5
 #: Sets that are tried one by one.
 _MOST_SLENDER = 6
 
@@ -63,7 +64,7 @@ def _varying(trial: Trial) -> Iterator[Candidate]:
             if kind in _ELASTIC and low >= 0 and name not in known:
                 counts[name] = counts.get(name, 0) + 1
     for name, count in counts.items():
-        if count >= FEWEST_RECORDS:
+        if count >= _FEWEST_VARYING:
             yield _candidate("varies", (name,), BEGUN)
 
 
