@@ -14,11 +14,12 @@ from structid.estimation import Status
 from structid.identification.identified import Identification
 from structid.identification.ran_away import ran_away_words
 from structid.identification.record_fit import RecordFit
+from structid.identification.resonances import LEAST_DAMPING
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 
-#: Half-bandwidths by which a resonance of the model may be off, and the least damping ratio that this is measured by.
-_OFF, _LEAST_DAMPING = 1.0, 0.001
+#: Half-bandwidths by which a resonance of the model may be off.
+_OFF = 1.0
 #: Mean square of the whitened residual about a resonance from which on the model may miss it.
 _LOCAL_MISFIT = 4.0
 #: Standard deviations by which an accepted cause may move a value of an approximate answer.
@@ -325,7 +326,7 @@ def _off_resonances(fit: RecordFit) -> list[str]:
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
     for peak in fit.resonances:
         near = int(np.argmin(np.abs(fit.modes.frequency - peak.measured))) if len(fit.modes.frequency) else -1
-        damping = max(float(fit.modes.damping_ratio[near]), _LEAST_DAMPING) if near >= 0 else _LEAST_DAMPING
+        damping = max(float(fit.modes.damping_ratio[near]), LEAST_DAMPING) if near >= 0 else LEAST_DAMPING
         half = max(damping * peak.measured, spacing)
         about = np.abs(frequency - peak.measured) <= 3 * half
         if not about.any() or of_line[about].mean() < _LOCAL_MISFIT:

@@ -13,7 +13,7 @@ from scipy import special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import correlation_length
-from structid.estimation.diagnostics.bounds import AtBound
+from structid.estimation.diagnostics.bounds import AtBound, is_free
 from structid.estimation.diagnostics.identifiability import Identifiability
 from structid.estimation.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.estimation.problem import Problem, Way
@@ -126,9 +126,7 @@ class Spread:
     @property
     def is_free(self) -> np.ndarray:
         """Which parameters are not at a bound, (n_params,) bool."""
-        free = np.ones(len(self.identified), dtype=bool)
-        free[[one.index for one in self.at_bound]] = False
-        return free
+        return is_free(self.at_bound, len(self.identified))
 
     @property
     def uncertainty(self) -> Covariance:

@@ -11,7 +11,7 @@ from scipy import sparse, special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance
-from structid.estimation.diagnostics.bounds import AtBound, at_bounds
+from structid.estimation.diagnostics.bounds import AtBound, at_bounds, is_free
 from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
 from structid.estimation.linearization import Linearization
@@ -176,9 +176,7 @@ class Uncertainty:
     @property
     def is_free(self) -> np.ndarray:
         """Which parameters are not at a bound, (n_params,) bool."""
-        free = np.ones(len(self.identified), dtype=bool)
-        free[[one.index for one in self.at_bound]] = False
-        return free
+        return is_free(self.at_bound, len(self.identified))
 
 
 def dense_uncertainty(

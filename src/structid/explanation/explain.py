@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -25,6 +26,7 @@ from structid.errors import StructidError
 from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
+from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.by_study import study_candidates
 from structid.explanation.trial import QUICK, Trial
 from structid.identification.setups import titles
@@ -33,7 +35,7 @@ from structid.observation import FrfProblem
 _FIRST, _OF_EACH_KIND, _REFITTED, _FINALISTS = 6, 2, 30, 8
 _LEAST_DROP = 0.02
 _MOST_PASSES = 4
-#: Probability of a misfit below which a second cause is looked for.
+#: Probability of a misfit below which noise alone is not its cause, and a second cause is looked for.
 _MISFIT = 1e-3
 #: Kinds that are always refitted to the end: smoothed data do not show them.
 _ALWAYS = ("friction",)
@@ -74,6 +76,13 @@ class Fitted:
     def values(self) -> dict[str, float]:
         """Physical values by name."""
         return self.trial.values(self.theta)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the physical values, (n_params, n_params): from noise, or where that is missed from model error."""
+        target = self.trial.target
+        found = dense_uncertainty(target, self.theta, target.linearize(self.theta), True, _MISFIT)
+        return (found.model_error if found.misfit else found.noise).matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +177,10 @@ def _once(base: Fitted, told: Told | None, stage: str) -> Explanation:
             fits.append(_finally(base, trial, theta))
     if told is not None:
         told(stage, steps, steps)
-    priced = _priced(base, fits)
-    causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, _scale(base, fits), tried)]
-    likeliest = min([_criterion(base, base, _scale(base, fits)), *(criterion for _, criterion in priced)])
+    scale = _scale(base, fits)
+    priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1])
+    causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
+    likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     near = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, near)
 
@@ -328,12 +338,6 @@ def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
 
 def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
     return one.cost / scale + n_parameters(one.trial) * float(np.log(base.trial.target.n_data))
-
-
-def _priced(base: Fitted, fits: Sequence[Fitted]) -> list[tuple[Fitted, float]]:
-    """Fits with their criteria, the likeliest first."""
-    scale = _scale(base, fits)
-    return sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1])
 
 
 def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:

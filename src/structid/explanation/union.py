@@ -8,29 +8,19 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
-from structid.estimation.uncertainty import DenseCovariance, dense_uncertainty
+from structid.estimation.uncertainty import DenseCovariance
 from structid.explanation.explain import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
 
-_MISFIT = 1e-3
-
 Ends = dict[str, tuple[float, float]]
-
-
-def covariance_of(fitted: Fitted) -> FloatArray:
-    """Covariance of the physical values of a fitted study: from noise, or where that is missed from model error."""
-    target, theta = fitted.trial.target, fitted.theta
-    found = dense_uncertainty(target, theta, target.linearize(theta), True, _MISFIT)
-    return (found.model_error if found.misfit else found.noise).matrix
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
     """Normal intervals of the free variables of a fitted study, in physical units by name; see `Estimate.interval`."""
     target, theta = fitted.trial.target, fitted.theta
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        std = np.sqrt(np.diag(covariance_of(fitted))) / np.abs(target.slope(theta))
+        std = np.sqrt(np.diag(fitted.covariance)) / np.abs(target.slope(theta))
         half = float(special.ndtri(0.5 + level / 2)) * std
         ends = np.sort([target.physical(theta + side * half) for side in (-1, 1)], axis=0)
     return dict(zip(target.names, zip(*ends.tolist(), strict=True), strict=True))
@@ -65,7 +55,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         there = np.array([place[estimate.names[number]] for number in here], dtype=np.intp)
         change = np.array(list(fitted.values.values()))[there] - estimate.values[here]
         square = covariance.copy()
-        square[np.ix_(here, here)] = covariance_of(fitted)[np.ix_(there, there)] + np.outer(change, change)
+        square[np.ix_(here, here)] = fitted.covariance[np.ix_(there, there)] + np.outer(change, change)
         if np.isfinite(square).all():
             squares.append(square)
         others = np.array(list(intervals_of(fitted, own.level).values()))[there]

@@ -10,6 +10,8 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 
+#: Damping ratio that a resonance is taken to have at least where its half-bandwidth is a measure.
+LEAST_DAMPING = 0.001
 _PROMINENCE = np.log(3.0)
 _FARTHEST = 0.15
 

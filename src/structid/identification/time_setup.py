@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -161,7 +162,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> TimeSetup:
-        return replace(self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns)
+        return replace(
+            self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns, shown=self._averaged
+        )
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
@@ -177,7 +180,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        shown = self._averaged()
+        shown = self._averaged
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
         used = super().axes(options)[0] if self.own_estimator else self._spectra(options).frequency
         return used, judged.frequency
@@ -195,7 +198,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
-        return record_fit(title, self._averaged(), self.shown_problem(options, problem.channels), own, options)
+        return record_fit(title, self._averaged, self.shown_problem(options, problem.channels), own, options)
 
     def _options(self, options: IdentifyOptions) -> TimeOptions:
         method = self.settings.fit
@@ -209,12 +212,13 @@ class TimeSetup(RecordSetup[RecordProblem]):
             seed=options.seed,
         )
 
+    @cached_property
     def _averaged(self) -> FrfRecord:
         return self.shown or averaged_frfs(self.record)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
         """The problem of averaged FRFs, which only shows the fit, with errors of the record's channels."""
-        used = used_lines(self._averaged(), options)
+        used = used_lines(self._averaged, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
         return FrfProblem(

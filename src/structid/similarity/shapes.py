@@ -41,9 +41,7 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
     >>> mac([1.0, 2.0], [2.0, 4.0]).item()
     1.0
     """
-    x = _columns("first", first)
-    y = x if second is None else _columns("second", second)
-    _require_same_rows(x, y)
+    x, y = _both(first, second)
     cross = np.abs(x.conj().T @ y) ** 2
     return cross / np.outer(energies("first", x), energies("second", y))
 
@@ -132,9 +130,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     ----------
     Ewins (2000), Modal Testing, 2nd ed., section 5.5; NASA-STD-5002 (1996) for the limits.
     """
-    x = _columns("first", first)
-    y = x if second is None else _columns("second", second)
-    _require_same_rows(x, y)
+    x, y = _both(first, second)
     m = np.asarray(mass, dtype=np.float64)
     if m.shape != (len(x), len(x)):
         raise InputError(f"`mass` must be ({len(x)}, {len(x)}) like the channels, got shape {m.shape}")
@@ -175,8 +171,7 @@ def subspace_angles(first: ArrayLike, second: ArrayLike) -> FloatArray:
     ----------
     Knyazev and Argentati (2002), SIAM J. Sci. Comput. 23(6), 2009-2041.
     """
-    x, y = _columns("first", first), _columns("second", second)
-    _require_same_rows(x, y)
+    x, y = _both(first, second)
     angles: FloatArray = linalg.subspace_angles(x, y)[::-1]
     return angles
 
@@ -203,9 +198,13 @@ def _paired_columns(first: ArrayLike, second: ArrayLike) -> tuple[NDArray[np.ine
     return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0)
 
 
-def _require_same_rows(x: NDArray[np.inexact], y: NDArray[np.inexact]) -> None:
+def _both(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """Columns of both sets, of the first one twice where there is no second, at the same channels."""
+    x = _columns("first", first)
+    y = x if second is None else _columns("second", second)
     if x.shape[0] != y.shape[0]:
         raise InputError(
             f"`first` and `second` must have the same channels, got {x.shape[0]} and {y.shape[0]}; "
             "bring them to common sensors first"
         )
+    return x, y

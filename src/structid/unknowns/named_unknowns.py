@@ -150,7 +150,7 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
     def both(one: FloatArray, other: FloatArray) -> FloatArray:
         return np.concatenate([one, other])
 
-    one, other, n = first.transforms, second.transforms, first.n_params + second.n_params
+    n = first.n_params + second.n_params
     held = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
     couplings = [c.among(n, 0) for c in first.couplings] + [c.among(n, first.n_params) for c in second.couplings]
     return NamedUnknowns(
@@ -158,7 +158,7 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
         kinds=first.kinds + second.kinds,
         units=first.units + second.units,
         start=both(first.start, second.start),
-        transforms=Transforms(one.kinds + other.kinds, both(one.lower, other.lower), both(one.upper, other.upper)),
+        transforms=first.transforms.followed_by(second.transforms),
         prior_mean=both(first.prior_mean, second.prior_mean),
         prior_std=both(first.prior_std, second.prior_std),
         prior_lognormal=both(first.prior_lognormal, second.prior_lognormal),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -9,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray, locked
 
 Transform = Literal["log", "linear", "interval"]
 #: How many times its start a parameter may become in a search: answers beyond a thousand times are doubted already.
@@ -31,6 +32,17 @@ class Transforms:
     kinds: tuple[Transform, ...]
     lower: FloatArray
     upper: FloatArray
+
+    def at(self, index: Sequence[int] | IntArray) -> Transforms:
+        """Those of some parameters, in the order of `index`."""
+        chosen = np.asarray(index, dtype=np.intp)
+        kinds = tuple(self.kinds[i] for i in chosen.tolist())
+        return Transforms(kinds, locked(self.lower[chosen]), locked(self.upper[chosen]))
+
+    def followed_by(self, other: Transforms) -> Transforms:
+        """These, then those of `other`."""
+        lower, upper = (np.concatenate(pair) for pair in ((self.lower, other.lower), (self.upper, other.upper)))
+        return Transforms(self.kinds + other.kinds, locked(lower), locked(upper))
 
     @cached_property
     def _masks(self) -> tuple[np.ndarray, np.ndarray]:

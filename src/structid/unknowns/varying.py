@@ -11,7 +11,6 @@ from scipy import sparse
 
 from structid.arrays import locked
 from structid.estimation.comparison.states import OF_RECORD
-from structid.unknowns.transforms import Transforms
 
 if TYPE_CHECKING:
     from structid.unknowns.parameters import Parameters
@@ -72,11 +71,7 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
         units=(*parameters.units, *(parameters.units[i] for i in columns)),
         elements=(*parameters.elements, *(parameters.elements[i] for i in columns)),
         start=locked(np.concatenate([parameters.start, parameters.start[columns]])),
-        transforms=Transforms(
-            (*ranges.kinds, *(ranges.kinds[i] for i in columns)),
-            locked(np.concatenate([ranges.lower, ranges.lower[columns]])),
-            locked(np.concatenate([ranges.upper, ranges.upper[columns]])),
-        ),
+        transforms=ranges.followed_by(ranges.at(columns)),
         prior_mean=locked(np.concatenate([parameters.prior_mean, none])),
         prior_std=locked(np.concatenate([parameters.prior_std, none])),
         prior_lognormal=locked(np.concatenate([parameters.prior_lognormal, np.zeros(m, bool)]), bool),

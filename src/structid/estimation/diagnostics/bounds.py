@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -75,6 +76,13 @@ class AtBound:
             f"{at}; the data push {side} it (a bound wider by one standard deviation, {self.std:.2g}{unit}, would lower"
             f" chi-square by {self.gain_per_std:.3g}): widen the bound or doubt the model"
         )
+
+
+def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
+    """Which of `n_params` parameters are not at a bound, (n_params,)."""
+    free = np.ones(n_params, dtype=bool)
+    free[[one.index for one in at_bound]] = False
+    return free
 
 
 def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scale: float = 1.0) -> tuple[AtBound, ...]:

@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from structid.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.identification.before.refining import Refined, n_split, obstacle, refined, split_power
 from structid.identification.model_modes import structure_modes
+from structid.identification.resonances import LEAST_DAMPING
+from structid.similarity.pairing import assigned
 from structid.structure import Structure
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
 _MOST_DOFS, _MOST_MODES = 20_000, 40
 #: Degrees of freedom up to which all modes come at once.
 _ALL = 600
-#: Damping ratio that half-bandwidths have at least, and where there is none.
-_LEAST_DAMPING, _USUAL_DAMPING = 0.001, 0.01
+#: Damping ratio where there is none.
+_USUAL_DAMPING = 0.01
 #: Pieces from which on smaller elements are no remedy.
 _MOST_PIECES = 16
 #: Part of a half-bandwidth by which a mode may be off by its mesh, and relative change of a frequency that is rounding.
@@ -148,7 +149,7 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     kept = np.isfinite(limit) & (np.maximum(limit, frequency) >= low) & (np.minimum(limit, frequency) <= high)
     error = frequency[kept] / limit[kept] - 1
     ratio = own.damping_ratio[looked[kept]]
-    damping = np.where(ratio > 0, np.maximum(ratio, _LEAST_DAMPING), _USUAL_DAMPING)
+    damping = np.where(ratio > 0, np.maximum(ratio, LEAST_DAMPING), _USUAL_DAMPING)
     tolerance = _PART * float(damping.min(initial=_USUAL_DAMPING))
     lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
     is_off = bool((np.abs(error) > _PART * damping).any())
@@ -201,7 +202,7 @@ def _paired(
     near = np.abs(np.log(np.maximum(found.frequency, 1e-300) / own.frequency[looked][:, None])) < _FARTHEST
     likeness = np.where(near, likeness, 0.0)
     pairs: IntArray = np.full(len(looked), -1)
-    left, right = optimize.linear_sum_assignment(-likeness)
+    left, right = assigned(likeness)
     good = likeness[left, right] >= _ALIKE
     pairs[left[good]] = right[good]
     return pairs

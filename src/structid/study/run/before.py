@@ -8,8 +8,9 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dynamics import Modes
+from structid.identification.before.aligned import ResonancePair
 from structid.identification.before.mesh import MeshErrors, mesh_errors
-from structid.identification.model_modes import structure_modes
+from structid.identification.resonances import LEAST_DAMPING
 from structid.identification.setups import AnySetup, Look
 from structid.observation import RecordProblem
 from structid.records import FrfRecord, TimeRecord
@@ -17,10 +18,7 @@ from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts
 from structid.records.quality.window_checks import leakage
 from structid.study.schema.record import RecordSource, read_histories
-from structid.study.schema.study import Study
 
-#: Damping ratio that half-bandwidths have at least.
-_LEAST_DAMPING = 0.001
 #: Part of its frequency within which a mode that shows no peak may belong to a measured one.
 _HIDDEN = 0.1
 #: Averages from which on the chi-square that their coherence leads to is not worth a word.
@@ -28,22 +26,16 @@ _MANY = 100
 
 
 @dataclass(frozen=True)
-class ResonanceCheck:
-    """A measured resonance beside that of the initial model.
+class ResonanceCheck(ResonancePair):
+    """A pair, and how far apart it is.
 
     Attributes
     ----------
-    measured, model : float
-        Hz; NaN where one has no like.
     half_bandwidths : float
         How far the model is above, by the model's damping; NaN where it has none.
-    mac : float
     """
 
-    measured: float
-    model: float
     half_bandwidths: float
-    mac: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +58,21 @@ class RecordCheck:
 
 
 def checked_record(
-    title: str, study: Study, source: RecordSource, setup: AnySetup, problem: RecordProblem, look: Look
+    title: str, source: RecordSource, setup: AnySetup, problem: RecordProblem, look: Look, modes: Modes
 ) -> RecordCheck:
     """What is to be said of one record.
 
     Parameters
     ----------
     title : str
-    study : Study
     source : RecordSource
     setup : RecordSetup
     problem : RecordProblem
         Of the lines in the band.
     look : Look
+    modes : Modes
+        Of the initial model.
     """
-    modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), study.options.n_modes)
     warnings: list[str] = []
     histories = read_histories(source)
     for record in histories:
@@ -116,8 +108,8 @@ def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
                 model, free[near] = float(modes.frequency[near]), False
             damping = float(modes.damping_ratio[near])
             if damping > 0:
-                distance = (model - pair.measured) / (max(damping, _LEAST_DAMPING) * model)
-        found.append(ResonanceCheck(pair.measured, model, distance, pair.mac))
+                distance = (model - pair.measured) / (max(damping, LEAST_DAMPING) * model)
+        found.append(ResonanceCheck(pair.measured, model, pair.mac, distance))
     return tuple(found)
 
 

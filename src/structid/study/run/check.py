@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.dynamics import Modes
 from structid.estimation import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.estimation.covariance import inverse_information
 from structid.estimation.diagnostics.identifiability import identifiability
@@ -156,13 +157,17 @@ def check_study(study: Study) -> CheckResult:
     ready = started(study)
     predicted = _by_draws(ready) if is_matrix_free(ready) else _by_jacobian(ready)
     problem, options = predicted.problem, study.options
-    checked = [_modes(setup, part, options.n_modes) for setup, part in zip(ready.setups, ready.problems, strict=True)]
+    modes = [
+        structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), options.n_modes)
+        for setup in ready.setups
+    ]
+    checked = [_mode_checks(found, part) for found, part in zip(modes, ready.problems, strict=True)]
     titled = prefixes(ready.setups)
     values = study.parameters.values(study.parameters.start)
     beside = [
-        checked_record(title, study, source.record, setup, part, look)
-        for title, source, setup, part, look in zip(
-            titled, study.setups, ready.setups, ready.problems, ready.looks, strict=True
+        checked_record(title, source.record, setup, part, look, found)
+        for title, source, setup, part, look, found in zip(
+            titled, study.setups, ready.setups, ready.problems, ready.looks, modes, strict=True
         )
     ]
     mesh = checked_mesh(ready.setups[0], ready.problems[0])
@@ -189,8 +194,8 @@ def check_study(study: Study) -> CheckResult:
             *ready.warnings,
             *(
                 name + words
-                for name, modes in zip(titled, checked, strict=True)
-                for words in (*rounding_warnings(np.array([m.rounding for m in modes])), *_mode_warnings(modes))
+                for name, own in zip(titled, checked, strict=True)
+                for words in (*rounding_warnings(np.array([m.rounding for m in own])), *_mode_warnings(own))
             ),
             *predicted.warnings,
         ),
@@ -277,8 +282,7 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     return found
 
 
-def _modes(setup: AnySetup, problem: RecordProblem, n_modes: int) -> tuple[ModeCheck, ...]:
-    found = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), n_modes)
+def _mode_checks(found: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     axis, spacing = problem.frequency, problem.line_spacing
     near = np.clip(np.searchsorted(axis, found.frequency), 0, len(axis) - 1)
     inside = (axis[0] <= found.frequency) & (found.frequency <= axis[-1])
