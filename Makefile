@@ -17,7 +17,7 @@ SEED ?= 1
 .PHONY: demo test lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
-	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame
+	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
 
 test: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2

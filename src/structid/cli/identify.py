@@ -81,7 +81,7 @@ def identify(
                 run.progress = progress.tasks
                 ready = started(read)
                 result = run_started(ready, progress.search, run)
-                result, fits = criticized(ready, result, explain, progress.tasks)
+                result, fits = criticized(ready, result, explain, run)
             with staged_folder(folder) as staged:
                 name = _write(result, staged, report, png)
                 write_suggestions(result, fits, staged, folder)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,11 @@ class Candidate:
     others: tuple[str, ...] = ()
     alike: Candidate | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
+
+
+def bare(candidate: Candidate) -> Candidate:
+    """The same without its effect, which no other process can be sent."""
+    return replace(candidate, effect=_unchanged, alike=None)
 
 
 def steps(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:

@@ -11,13 +11,16 @@ import numpy as np
 from structid.criticism.candidate import Candidate
 from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
 from structid.errors import StructidError
-from structid.explanation.explain import ALIKE, Explanation, Fitted, Told, explained
+from structid.estimation.search.work import ALONE, Work
+from structid.explanation.explain import ALIKE, Explanation, explained
+from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.study.results.result import StudyResult
 from structid.study.run.run import Start
+from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4
 #: Of models whose changes are screened: Z^-1 is formed at some forty lines.
@@ -27,7 +30,7 @@ _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mod
 
 
 def criticized(
-    ready: Start, result: StudyResult, explain: bool | None = None, told: Told | None = None
+    ready: Start, result: StudyResult, explain: bool | None = None, work: Work = ALONE
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with its verdict, and the fits behind its causes.
 
@@ -38,8 +41,8 @@ def criticized(
     result : StudyResult
     explain : bool, optional
         Whether causes are looked for; by default where the answer is not sound.
-    told : callable, optional
-        Called with the name of a stage, and how many of how many steps of it are done.
+    work : Work
+        Where candidates are looked at and refitted.
     """
     found = result.identification
     if is_sound(found) and not explain:
@@ -62,7 +65,8 @@ def criticized(
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
-        explanation = explained(base, told)
+        with threads_for(found.problems):
+            explanation = explained(base, work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         judgement = judged(found)
         notes = (f"causes could not be looked for: {error}",)

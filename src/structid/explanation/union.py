@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.estimation.uncertainty import DenseCovariance
-from structid.explanation.explain import Fitted
+from structid.explanation.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
 

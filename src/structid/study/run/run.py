@@ -21,6 +21,7 @@ from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
+from structid.study.run.workers import threads_for
 from structid.study.schema.record import load_histories, load_record
 from structid.study.schema.section import Section
 from structid.study.schema.setups import SetupSource
@@ -210,7 +211,8 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
     if not is_matrix_free(ready):
         require_room(study, ready.problems)
     try:
-        found = identify_together(ready.setups, study.options, progress, work)
+        with threads_for(ready.problems):
+            found = identify_together(ready.setups, study.options, progress, work)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"

@@ -14,10 +14,10 @@ import sys
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import get_context
@@ -29,6 +29,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.errors import InputError, StructidError
+from structid.estimation import Problem
 from structid.estimation.search.work import PLAIN_TOOLS, Task, Tools
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
@@ -38,6 +39,8 @@ AHEAD = 4
 #: How many shared objects workers keep, and how often workers may be lost.
 KEPT, MOST_LOSSES = 4, 5
 _PATIENCE = 5.0
+#: Entries of a Jacobian up to which a second thread costs more than it gains.
+SMALL_JACOBIAN = 500_000
 
 Batch = list[tuple[int, Any]]
 #: Numbered results and the seconds that they took.
@@ -290,6 +293,12 @@ def one_thread(pools: ThreadpoolController) -> Iterator[None]:
             os.environ.pop(THREADS_VARIABLE, None)
         else:
             os.environ[THREADS_VARIABLE] = variable
+
+
+def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
+    """One thread while Jacobians of this size are worked with, to which more threads bring nothing; else as it is."""
+    size = sum(problem.n_data * len(problem.names) for problem in problems)
+    return one_thread(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
 
 
 def in_batches(

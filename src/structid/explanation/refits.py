@@ -1,0 +1,161 @@
+"""Fits of changed studies: near, and to the end; each a task of its own, wherever it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.criticism.candidate import Candidate
+from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit
+from structid.errors import StructidError
+from structid.estimation.search.minimum import Minimum
+from structid.estimation.search.work import Tools
+from structid.estimation.uncertainty import dense_uncertainty
+from structid.explanation.trial import Trial
+from structid.observation import FrfProblem
+
+#: Probability of a misfit below which noise alone is not its cause.
+MISFIT = 1e-3
+_MOST_PASSES = 4
+#: Factors on the strength of kinds whose strength is no parameter, or has far minima.
+_OTHER_STRENGTHS = {"direction": (1.6, 1.25, 1.1, 1.04, 1.015), "friction": (3.0, 2.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A study with changes, fitted.
+
+    Attributes
+    ----------
+    trial : Trial
+    theta : (n_params,) float array
+    cost : float
+        Sum of squares.
+    aside : float
+        The part of it that data make which are left out, their errors larger by the likeliest factor.
+    """
+
+    trial: Trial
+    theta: FloatArray
+    cost: float
+    aside: float = 0.0
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Physical values by name."""
+        return self.trial.values(self.theta)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the physical values, (n_params, n_params): from noise, or where that is missed from model error."""
+        target = self.trial.target
+        found = dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT)
+        return (found.model_error if found.misfit else found.noise).matrix
+
+
+#: A change and its strength.
+Change = tuple[Candidate, float]
+
+
+def approached(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
+    """Free variables and misfit of the anchored fit of a change; nothing where the study has no place for it."""
+    try:
+        trial = base.trial.changed(*change)
+        theta, cost = trial.approached()
+        return {"theta": theta, "cost": cost + base.aside + _left_out(base, trial, theta)}
+    except (StructidError, np.linalg.LinAlgError):
+        return {}  # not a cause that could be offered
+
+
+def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Tools) -> dict[str, Any]:
+    """The fit of a change as the study asks for, from `approached`; nothing where there is no model with it."""
+    candidate, strength, theta = item
+    try:
+        return _stored(_finally(base, base.trial.changed(candidate, strength), theta))
+    except (StructidError, np.linalg.LinAlgError):
+        return {}
+
+
+def _stored(found: Fitted) -> dict[str, Any]:
+    """A fit of one change more in numbers and texts."""
+    candidate, strength = found.trial.changes[-1]
+    own = {"where": list(candidate.where), "strength": float(strength)}
+    return {**own, "theta": found.theta, "cost": found.cost, "aside": found.aside}
+
+
+def restored(base: Fitted, candidate: Candidate, stored: Mapping[str, Any]) -> Fitted:
+    """The fit that `refitted` gave of a candidate."""
+    trial = base.trial.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
+    return Fitted(trial, np.asarray(stored["theta"]), float(stored["cost"]), float(stored["aside"]))
+
+
+def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
+    """The fit as the study asks for; of outlying lines those that stand out from it once more."""
+    found = trial.fitted([theta, trial.theta_of(base.values)])
+    trial, found = _stronger(base, trial, found)
+    for _ in range(_MOST_PASSES):
+        again = _other_lines(base, trial, found.theta)
+        if again is None:
+            break
+        trial = again
+        found = trial.fitted([trial.theta_of(base.values)])
+    aside = base.aside + _left_out(base, trial, found.theta)
+    return Fitted(trial, found.theta, float(found.costs[-1]) + aside, aside)
+
+
+def _stronger(base: Fitted, trial: Trial, found: Minimum) -> tuple[Trial, Minimum]:
+    """The best of some strengths, where the strength is no parameter of the changed study, or far starts of it matter."""
+    candidate, strength = trial.changes[-1]
+    factors = _OTHER_STRENGTHS.get(candidate.kind, ())
+    for step in factors:
+        for factor in (step, 1 / step):
+            q = strength * factor
+            if not candidate.bounds[0] < q < candidate.bounds[1]:
+                continue
+            try:
+                other = base.trial.changed(candidate, q)
+                again = other.fitted([other.theta_of({**base.values, **_values(trial, found.theta, base)})])
+            except (StructidError, np.linalg.LinAlgError):
+                continue
+            if again.costs[-1] < found.costs[-1]:
+                trial, found = other, again
+        strength = trial.changes[-1][1]
+    return trial, found
+
+
+def _values(trial: Trial, theta: FloatArray, base: Fitted) -> dict[str, float]:
+    """Of a trial's parameters those that the study has as it is."""
+    return {name: value for name, value in trial.values(theta).items() if name in base.trial.target.names}
+
+
+def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
+    """The trial with all lines that stand out from its fit left out; None where these are the ones."""
+    candidate, strength = trial.changes[-1]
+    if candidate.kind != "outlying_lines" or len(base.trial.problems) > 1:
+        return None
+    residual = _seen_from(base, trial, theta)
+    [problem] = base.trial.problems
+    spans = outlying(problem, residual[: problem.n_data]) if isinstance(problem, FrfProblem) else ()
+    if not spans or spans == candidate.where:
+        return None
+    return base.trial.changed(replace(candidate, where=spans), strength)
+
+
+def _seen_from(base: Fitted, trial: Trial, theta: FloatArray) -> FloatArray:
+    """The residual of all data of `base` at what a trial found."""
+    return base.trial.target.residual(base.trial.theta_of({**base.values, **trial.values(theta)}))
+
+
+def _left_out(base: Fitted, trial: Trial, theta: FloatArray) -> float:
+    """What data that the last change leaves out add to the misfit, their errors larger by the likeliest factor."""
+    candidate = trial.changes[-1][0]
+    if candidate.kind not in DATA_KINDS:
+        return 0.0
+    rows = changed_rows(candidate, base.trial.problems)
+    residual = _seen_from(base, trial, theta)[: len(rows)]
+    return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))

@@ -1,0 +1,122 @@
+"""What is refitted: of hundreds of changes those that lower the misfit of a linear look most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from structid.criticism.data import changed_rows, data_candidates
+from structid.criticism.pool import pool
+from structid.criticism.screen import Point, Screened, point_at
+from structid.errors import StructidError
+from structid.estimation import JointProblem
+from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.work import Tools, Work
+from structid.explanation.by_study import study_candidates
+from structid.explanation.refits import Fitted
+from structid.explanation.trial import QUICK
+from structid.identification.setups import titles
+from structid.observation import FrfProblem
+
+_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
+_LEAST_DROP = 0.02
+_SCREENED_LEVELS = (0.12, 0.06, 0.015)
+
+
+def of_study(base: Fitted) -> Iterator[Screened]:
+    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit or at the anchored fit."""
+    for candidate in study_candidates(base.trial):
+        strength = float(candidate.strengths[0])
+        try:
+            trial = base.trial.changed(candidate, strength)
+            theta = trial.theta_of(base.values)
+            at = trial.target.linearize(theta)
+        except (StructidError, np.linalg.LinAlgError):
+            continue
+        basis = np.linalg.qr(at.jacobian)[0]
+        left = float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
+        if left < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window"):
+            yield Screened(candidate, strength, left)
+
+
+def screening_points(base: Fitted) -> list[Point]:
+    """Where candidates are screened: on smoothed data, at the anchored fit, and at the fit."""
+    trial, points = base.trial, []
+    theta = np.asarray(trial.target.theta_start)
+    for level, stage in trial.smoothed():
+        theta = minimize(stage, QUICK, theta).theta
+        if level in _SCREENED_LEVELS:
+            points.append(point_at(_frfs(stage), theta))
+    theta = minimize(trial.anchored(), QUICK, theta).theta
+    points.append(point_at(trial.anchored_views(), theta))
+    points.append(point_at(trial.views, base.theta))
+    return points
+
+
+def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
+    return tuple(part for part in stage.problems if isinstance(part, FrfProblem))
+
+
+def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], int]:
+    """Of every point the best candidates, and the best of each kind, each once, the most telling first; and how many there were.
+
+    Parameters
+    ----------
+    base : Fitted
+    work : Work
+    name : str
+        What the points are called in progress and checkpoints.
+    """
+    points = screening_points(base)
+    names = titles(base.trial.setups)
+    answers = work.map(name, _looked, tuple(points), range(len(points)))
+    best: dict[tuple[object, ...], tuple[float, Screened]] = {}
+    tried = 0
+    for point, answer in zip(points, answers, strict=True):
+        candidates = pool(point.records)
+        problems = [fields.problem for fields in point.records]
+        data = list(data_candidates(problems, names))
+        tried = max(tried, len(candidates) + len(data))
+        whole, kinds = point.left, dict[str, int]()
+        seen_left = zip(candidates, answer["strength"], answer["left"], strict=True)
+        rows = [Screened(one, float(strength), float(left)) for one, strength, left in seen_left]
+        rows += [Screened(one, 1.0, point.without(changed_rows(one, problems))) for one in data]
+        rows.sort(key=lambda row: row.left)
+        seen: set[tuple[object, ...]] = set()
+        place = 0
+        for row in rows:
+            drop = 1 - row.left / whole
+            if drop <= _LEAST_DROP:
+                break
+            key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
+            if key in seen:
+                continue  # an appendage of another frequency at the same place
+            seen.add(key)
+            count = kinds.setdefault(row.candidate.kind, 0)
+            is_early = place < _FIRST or count < _OF_EACH_KIND
+            if is_early and (key not in best or drop > best[key][0]):
+                best[key] = (drop, row)
+            kinds[row.candidate.kind] += 1
+            place += 1
+    _with_friction(best)
+    found = sorted(best.values(), key=lambda pair: -pair[0])
+    return [row for _, row in found[:_REFITTED]], tried
+
+
+def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any]:
+    """The best strength of every candidate at a point, and what it leaves."""
+    point = points[number]
+    rows = [point.screened(candidate) for candidate in pool(point.records)]
+    return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
+
+
+def _with_friction(best: dict[tuple[object, ...], tuple[float, Screened]]) -> None:
+    """Beside the best dampers, friction at the same places: smoothed data show one as the other."""
+    dampers = [pair for key, pair in best.items() if key[0] == "dashpot" and len(pair[1].candidate.where) == 1]
+    for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:_OF_EACH_KIND]:
+        where = row.candidate.where
+        if ("friction", where, None) not in best and row.candidate.alike is not None:
+            twin = row.candidate.alike
+            best["friction", where, None] = (drop, Screened(twin, float(np.median(twin.strengths)), row.left))

@@ -1,0 +1,52 @@
+"""Causes are the same wherever their fits run, and those that are kept are not fitted again."""
+
+import numpy as np
+import pytest
+from frame_cases import STUDY, off, written
+
+from structid.explanation import refits
+from structid.explanation.answer import criticized
+from structid.study.run.checkpoint import Checkpoint, fingerprint
+from structid.study.run.long_run import LongRun
+from structid.study.run.run import load_study, run_started, started
+from structid.study.run.workers import Processes
+
+TRUTH = STUDY.replace(
+    "[[unknown]]", '[[structure.point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4\n\n[[unknown]]', 1
+)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return load_study(written(tmp_path_factory.mktemp("frame"), off(), TRUTH))
+
+
+def causes(study, run):
+    ready = started(study)
+    result, fits = criticized(ready, run_started(ready, None, run), True, run)
+    return result.criticism, fits
+
+
+def same(one, other):
+    (own, fits), (others, other_fits) = one, other
+    assert own == others
+    assert len(fits) == len(other_fits) > 0
+    for first, second in zip(fits, other_fits, strict=True):
+        assert np.array_equal(first.theta, second.theta)
+        assert (first.cost, first.aside) == (second.cost, second.aside)
+        assert first.trial.study.root.table == second.trial.study.root.table
+
+
+def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(study, tmp_path, monkeypatch):
+    kept = Checkpoint(tmp_path / "c", fingerprint(study), seconds=0.0)
+    whole = causes(study, LongRun(checkpoint=kept))
+    pool = Processes(2)
+    same(causes(study, LongRun(pool)), whole)
+    pool.close()
+
+    def again(*arguments):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(refits, "_finally", again)
+    kept = Checkpoint(tmp_path / "c", fingerprint(study), resume=True, seconds=0.0)
+    same(causes(study, LongRun(checkpoint=kept)), whole)
