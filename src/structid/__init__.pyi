@@ -35,6 +35,8 @@ from structid.modal import ModalRecord as ModalRecord
 from structid.modal import identify_modes as identify_modes
 from structid.modal import merge_modes as merge_modes
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
+from structid.modal.survey.survey import ModesOptions as ModesOptions
+from structid.modal.survey.survey import modes_of_file as modes_of_file
 from structid.observation import ChannelUnknown as ChannelUnknown
 from structid.observation import FrfProblem as FrfProblem
 from structid.observation import ModalProblem as ModalProblem

@@ -17,6 +17,7 @@ from structid.identification.resonances import Resonance
 from structid.identification.together import places
 from structid.identification.varying import Varied
 from structid.observation import FrfProblem, RecordProblem
+from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.shown import Overview, Shown
 from structid.structure import Structure
@@ -117,7 +118,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Identification(Shown, Known, Fits):
+class Identification(Shown, IdentificationPlots, Known, Fits):
     """An estimate with what it was made from and what it predicts; see `Fits` and `Known` for its parts.
 
     Attributes

@@ -14,6 +14,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, locked, require_finite
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
+from structid.plotting import StructurePlots
 from structid.shown import Overview, Shown, counted, listed
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
@@ -28,7 +29,7 @@ _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Structure(Shown):
+class Structure(Shown, StructurePlots):
     """Nodes, element sets, supports and ties.
 
     Parameters

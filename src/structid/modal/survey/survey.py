@@ -26,6 +26,7 @@ from structid.modal.spectral.peaks import singular_spectrum
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.modal.window_damping import without_window_damping
+from structid.plotting import ModesPlots
 from structid.provenance import Provenance
 from structid.records import (
     Finding,
@@ -73,7 +74,7 @@ class ModeSpectra:
 
 
 @dataclass(frozen=True, eq=False)
-class ModesResult:
+class ModesResult(ModesPlots):
     """Modes of a record, with what they were found from.
 
     Attributes

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import matplotlib
 import numpy as np
@@ -20,6 +21,7 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import NullLocator
 
+from structid.errors import InputError
 from structid.files import atomic_write, made_folder
 from structid.report.drawing import palette
 from structid.report.rendering.plot import (
@@ -93,6 +95,66 @@ def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
     return found
 
 
+class NotebookPicture(Picture):
+    """A figure that notebooks show without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        self.savefig(content, dpi=DPI, format="png")
+        return content.getvalue()
+
+
+def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Picture:
+    """The figure with all strips, above each other; on `axes` where they are given, one for each strip from the first on.
+
+    Raises
+    ------
+    InputError
+        If there are more axes than strips, or fewer than panels.
+    """
+    with matplotlib.rc_context(STYLE):
+        strips = [
+            replace(panel, strips=(strip,), title=panel.title if strip is panel.strips[0] else "")
+            for panel in figure.panels
+            for strip in panel.strips
+        ]
+        if axes is None:
+            if len(strips) == len(figure.panels):
+                return drawn(figure)
+            picture: Picture = NotebookPicture(
+                figsize=(figure.size[0] / 100, figure.size[1] / 100), layout="constrained"
+            )
+            weights = [panel.strips[0].weight for panel in strips]
+            places = list(picture.subplots(len(strips), height_ratios=weights, sharex=True))
+        else:
+            places = [axes] if isinstance(axes, Axes) else list(axes)
+            if not len(figure.panels) <= len(places) <= len(strips):
+                raise InputError(f"`axes` must be {len(strips)}, one for each panel, got {len(places)}")
+            picture = cast("Picture", places[0].get_figure(root=True))
+        handles: dict[str, Artist] = {}
+        last = len(places) - 1
+        for k, (place, panel) in enumerate(zip(places, strips, strict=False)):
+            named = k == last or axes is not None
+            _whole_panel(picture, place, panel, handles, figure.size[0], (named, True))
+            place.set_title(plain(panel.title), loc="left")
+        if handles and axes is None:
+            picture.legend([*handles.values()], [*handles], loc="outside upper center", ncols=len(handles))
+        elif handles:
+            places[0].legend([*handles.values()], [*handles])
+        return picture
+
+
+def _whole_panel(
+    picture: Picture, axes: Axes, panel: Panel, handles: dict[str, Artist], width: float, named: tuple[bool, bool]
+) -> None:
+    """A panel of one strip with its scales, `width` pixels wide; `named` says which of x and y is told."""
+    _panel(axes, panel, handles)
+    _scale(axes, "x", panel.x, width, named[0])
+    _scale(axes, "y", panel.strips[0].y, width, named[1])
+    if panel.scale is not None:
+        _bar(picture, axes, panel.scale)
+
+
 def drawn(figure: Figure) -> Picture:
     """The figure of Matplotlib; its panels have one strip each."""
     choice = figure.choice
@@ -104,19 +166,16 @@ def drawn(figure: Figure) -> Picture:
     across = max(1, min(len(figure.legend), int(columns * width / (62 + 6.2 * longest))))
     below = _NOTE if choice and choice.note else 0
     high = rows * height + _LEGEND_ROW * -(-len(figure.legend) // across) + below
-    picture = Picture(figsize=(columns * width / 100, high / 100), layout="constrained")
+    picture = NotebookPicture(figsize=(columns * width / 100, high / 100), layout="constrained")
     handles: dict[str, Artist] = {}
     same_x, same_y = (
         len({axis.title for axis in axes}) == 1 for axes in zip(*((p.x, p.strips[0].y) for p in shown), strict=True)
     )
     for k, panel in enumerate(shown):
         axes = picture.add_subplot(rows, columns, k + 1, projection=None if panel.z is None else "3d")
-        _panel(axes, panel, handles)
+        named = not same_x or k + columns >= len(shown), not same_y or k % columns == 0
+        _whole_panel(picture, axes, panel, handles, width, named)
         axes.set_title(plain(panel.title if choice is None else panel.name), loc="left")
-        _scale(axes, "x", panel.x, width, not same_x or k + columns >= len(shown))
-        _scale(axes, "y", panel.strips[0].y, width, not same_y or k % columns == 0)
-        if panel.scale is not None:
-            _bar(picture, axes, panel.scale)
     if handles:
         picture.legend([*handles.values()], [*handles], loc="outside upper center", ncols=across)
     if choice and choice.note:

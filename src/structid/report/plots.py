@@ -1,0 +1,103 @@
+"""Single figures of the pages as pictures of Matplotlib: what the ``plot_...`` methods draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+
+from structid.dof import parse_dof
+from structid.errors import InputError
+from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
+from structid.modal.survey.survey import ModesResult
+from structid.report.drawing.changes import shadings
+from structid.report.drawing.drawing import structure_picture
+from structid.report.figures.modes import band_used, mode_rows, modes_figure
+from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
+from structid.report.figures.responses import residual_map_figure, responses_figure, worst_channels
+from structid.report.figures.shapes import shapes_figure
+from structid.report.figures.structure import structure_figure
+from structid.report.figures.survey import stabilization_figure
+from structid.report.rendering.plot import Figure
+from structid.report.rendering.png import plotted
+from structid.structure import Structure
+
+Where = Axes | Sequence[Axes] | None
+
+
+def parameters(found: Identification, axes: Where) -> Picture:
+    return plotted(parameters_figure(found), axes)
+
+
+def correlation(found: Identification, axes: Where) -> Picture:
+    return plotted(correlation_figure(found), axes)
+
+
+def convergence(found: Identification, axes: Where) -> Picture:
+    return plotted(convergence_figure(found), axes)
+
+
+def modes(found: Identification, axes: Where) -> Picture:
+    return plotted(modes_figure(mode_rows(found), band_used(found.fits[:1], found.modal_fits)), axes)
+
+
+def changes(found: Identification, axes: Where) -> Picture:
+    drawn = structure_picture(found.structure, found.sensors, found.loads)
+    return plotted(structure_figure(drawn, shadings(found)), axes)
+
+
+def structure(shown: Structure, axes: Where) -> Picture:
+    return plotted(structure_figure(structure_picture(shown, (), ())), axes)
+
+
+def frf(found: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
+    fit = _fit(found, record)
+    outputs, inputs = fit.measured.outputs, fit.measured.inputs
+    if sensor or load:
+        places = []
+        for role, given, dofs in (("sensor", sensor, outputs), ("load", load, inputs)):
+            texts = [dof.place for dof in dofs]
+            wanted = parse_dof(given).place if given else texts[0]
+            if wanted not in texts:
+                raise InputError(f"`{role}` must be one of {', '.join(texts)}, got {given!r}")
+            places.append(texts.index(wanted))
+        channel = places[0] * len(inputs) + places[1]
+    else:
+        [channel] = worst_channels(fit, 1)
+    whole = responses_figure(fit)
+    return plotted(replace(whole, panels=(whole.panels[channel],), choice=None), axes)
+
+
+def residuals(found: Identification, record: int, axes: Where) -> Picture:
+    return plotted(residual_map_figure(_fit(found, record)), axes)
+
+
+def stabilization(found: ModesResult, axes: Where) -> Picture:
+    return plotted(_drawable(stabilization_figure(found)), axes)
+
+
+def shape(found: ModesResult, mode: int, axes: Where) -> Picture:
+    whole = shapes_figure(found)
+    if not 1 <= mode <= len(whole.panels):
+        raise InputError(f"`mode` must be between 1 and {len(whole.panels)}, got {mode}")
+    panel = whole.panels[mode - 1]
+    alone = replace(whole, panels=(replace(panel, title=panel.name),), choice=None, size=(600.0, 420.0), columns=1)
+    return plotted(alone, axes)
+
+
+def _fit(found: Identification, record: int) -> RecordFit:
+    if not 0 <= record < len(found.fits):
+        raise InputError(
+            f"`record` must be one of the {len(found.fits)} records of responses, counted from 0, got {record};"
+            " records of modes have none"
+        )
+    return found.fits[record]
+
+
+def _drawable(figure: Figure | None) -> Figure:
+    if figure is None:
+        raise InputError("the method has no orders to choose among, so there is no stabilization diagram")
+    return figure
