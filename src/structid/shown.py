@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -36,12 +37,12 @@ class Overview:
     rows: Sequence[Sequence[str]] = ()
 
 
-class Shown:
+class Shown(ABC):
     """An object with an `overview`: its ``repr``, its table in notebooks, and `summary` as text."""
 
+    @abstractmethod
     def overview(self) -> Overview:
-        """What is shown; of classes that are shown."""
-        raise NotImplementedError
+        """What is shown."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.overview().words}>"

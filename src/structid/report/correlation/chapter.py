@@ -79,12 +79,10 @@ def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str,
     figures: Figures = {}
     parts: list[dict[str, object]] = []
     modal, responses = before_and_after(found)
-    for number, both in enumerate(modal, 1):
-        drawn, told = modes_part(both, f"correlation_{number}_modes")
-        figures |= drawn
-        parts.append(told)
-    for number, each in enumerate(responses, 1):
-        drawn, told = responses_part(each, f"correlation_{number}_responses")
+    for drawn, told in (
+        *(modes_part(both, f"correlation_{number}_modes") for number, both in enumerate(modal, 1)),
+        *(responses_part(both, f"correlation_{number}_responses") for number, both in enumerate(responses, 1)),
+    ):
         figures |= drawn
         parts.append(told)
     if len(parts) == 1:
