@@ -37,6 +37,7 @@ from structid.records import FrfRecord, TimeRecord, frf_from_time
 from structid.records.record import Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.structure import Structure
+from structid.structure.joint_force import together, with_joint_forces
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]
@@ -45,6 +46,9 @@ TimeWay = Literal["spectra", TimeMethod]
 _SEGMENTS = 4
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
+_FORCE: Quantity = "force"
+#: Distance of the label of a joint force's node from those of the structure, which may get some more.
+_FAR = 1000
 #: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
 _LEAST_NOISE = 1e-6
 
@@ -176,8 +180,16 @@ class TimeSetup(RecordSetup[RecordProblem]):
         record = self.record
         return (
             f"time histories, {len(record.values)} samples at {record.sampling_rate:g} Hz, {len(record.channels)} channels,"
-            f" fitted by {self.settings.fit.replace('_', ' ')}"
+            f" fitted by {self.settings.fit.replace('_', ' ')}{self._together_words}"
         )
+
+    @property
+    def _together_words(self) -> str:
+        if self._force_parts is None:
+            return ""
+        forces = ", ".join(str(dof) for dof in self._loads)
+        shown = ", ".join(str(dof) for dof in self._averaged.inputs)
+        return f"; forces at {forces} are never apart: responses are shown to what is independent of them, as {shown}"
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
         shown = self._averaged
@@ -214,16 +226,54 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     @cached_property
     def _averaged(self) -> FrfRecord:
-        return self.shown or averaged_frfs(self.record)
+        return self.shown or averaged_frfs(self._with_joint_forces)
+
+    @cached_property
+    def _force_parts(self) -> FloatArray | None:
+        """Of forces that are never apart, what each is made of; see `structid.structure.joint_force.together`."""
+        return together(self.record.values[:, self._is_force])
+
+    @property
+    def _is_force(self) -> np.ndarray:
+        return np.array([quantity == "force" for quantity in self.record.quantities])
+
+    @property
+    def _loads(self) -> list[Dof]:
+        return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
+
+    @property
+    def _with_joint_forces(self) -> TimeRecord:
+        """The record with forces that can be told apart: those that are never apart as one, at a node of its own."""
+        record, parts = self.record, self._force_parts
+        if parts is None:
+            return record
+        still = ~self._is_force
+        first = max(self.structure.nodes) + _FAR
+        made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]
+        motions = [
+            (dof, kind) for dof, kind, kept in zip(record.channels, record.quantities, still, strict=True) if kept
+        ]
+        values = np.hstack([record.values[:, ~still] @ parts, record.values[:, still]])
+        noise = None
+        if record.variance is not None:
+            noise = np.concatenate([record.variance[~still] @ parts**2, record.variance[still]])
+        return TimeRecord(
+            record.sampling_rate,
+            values,
+            (*made, *(dof for dof, _ in motions)),
+            (*(_FORCE for _ in made), *(kind for _, kind in motions)),
+            variance=noise,
+        )
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
         """The problem of averaged FRFs, which only shows the fit, with errors of the record's channels."""
         used = used_lines(self._averaged, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
-        return FrfProblem(
-            self.structure, self.parameters, used, options.residual, error, channels=seen, models=self.models
-        )
+        structure = self.structure
+        if self._force_parts is not None:
+            structure = with_joint_forces(structure, used.inputs, self._loads, self._force_parts)
+        return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, models=self.models)
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:

@@ -190,7 +190,10 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     condition = np.linalg.cond(spectra.inputs / (scale[:, :, None] * scale[:, None, :]))
     if condition.max() > _SEPARABLE:
         at = frequency[int(np.argmax(condition))]
-        raise InputError(f"the inputs cannot be told apart at {at:g} Hz, they are coherent; drive them independently")
+        raise InputError(
+            f"the inputs cannot be told apart at {at:g} Hz, they are coherent; drive them independently, or"
+            " fit the histories themselves ([record.time]), where forces may act together"
+        )
 
 
 def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) -> float:
