@@ -14,7 +14,7 @@ from structid.cli.base import EXIT_CODES
 from structid.cli.flags import command
 from structid.errors import InputError, NoModesError
 from structid.modal.survey.options import ModesOptions
-from structid.records import ReadOptions
+from structid.records import CsvLayout, ReadOptions
 
 RUN = CliRunner()
 
@@ -83,8 +83,24 @@ def test_options_that_cannot_be_used_are_one_message_and_a_code():
 @pytest.mark.parametrize("name, options", [("convert", ReadOptions), ("modes", ReadOptions), ("modes", ModesOptions)])
 def test_every_field_is_a_flag(name, options):
     text = RUN.invoke(app, [name, "--help"]).output
-    for field in fields(options):
-        assert f"--{field.name.replace('_', '-')} " in text
+    names = [field.name for field in fields(options) if field.name != "csv"]
+    names += [f"csv_{field.name}" for field in fields(CsvLayout)] if options is ReadOptions else []
+    for name in names:
+        assert f"--{name.replace('_', '-')} " in text
+
+
+def test_flags_of_a_dataclass_inside_arrive_in_it():
+    found = {}
+
+    def here(read: ReadOptions) -> None:
+        found["read"] = read
+
+    app = typer.Typer()
+    app.command()(command(here))
+    assert RUN.invoke(app, ["--csv-skip-rows", "3", "--csv-decimal", "comma", "--columns", "A,2"]).exit_code == 0
+    assert found["read"] == ReadOptions(csv=CsvLayout(skip_rows=3, decimal="comma"), columns=("A", "2"))
+    assert RUN.invoke(app, []).exit_code == 0
+    assert found["read"] == ReadOptions()
 
 
 def test_the_help_names_every_command_and_exit_code():

@@ -68,7 +68,7 @@ def test_frf_table(tmp_path):
         ("0.1,", "0.1000003,", "line 3, column 1: time must be even"),
         ("0.2,", "0.1,", "column 1: time must be even"),
         ("0.2,", "-0.2,", "time must increase"),
-        ("time_s", "t", "line 1, column 1 must be headed time_s"),
+        ("time_s", "strain", "line 1: no column is headed as time, as in time_s"),
         ("mm/s^2", "furlong", "line 1, column 2 .*furlong"),
         (" [mm/s^2]", "", "line 1, column 2 .*with degree of freedom and unit"),
         ("12Z+", "12Q", "line 1, column 2 .*12Q"),

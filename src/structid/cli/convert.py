@@ -31,6 +31,8 @@ def convert(
     record = read_record(source, read)
     with claimed(target):
         write_record(target, record)
+    if "; " in record.source:
+        typer.echo(f"read: {record.source}")
     typer.echo(_summary(record, target))
 
 

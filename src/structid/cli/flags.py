@@ -15,6 +15,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from structid.cli.base import reported
+from structid.declared import alternatives
 
 _AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
 _PAIR = tuple[float, float] | None
@@ -38,7 +39,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
-                given[name] = options[name](**told)
+                given[name] = _made(options[name], told)
             function(**given)
 
     parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
@@ -49,17 +50,39 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _flags(options: Any) -> Iterator[inspect.Parameter]:
-    """One parameter for each field of a dataclass."""
+def _inner(kind: Any) -> Any:
+    """The dataclass that a field holds, or None."""
+    return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
+
+
+def _made(options: Any, told: dict[str, Any]) -> Any:
+    """A dataclass from its flags, what begins with the name of a field that is a dataclass itself for that one."""
+    kinds, own = get_type_hints(options), dict(told)
+    for field in fields(options):
+        inner, prefix = _inner(kinds[field.name]), f"{field.name}_"
+        if inner is not None:
+            of_inner = [name for name in own if name.startswith(prefix)]
+            parts = {name.removeprefix(prefix): own.pop(name) for name in of_inner}
+            own |= {field.name: _made(inner, parts)} if parts else {}
+    return options(**own)
+
+
+def _flags(options: Any, prefix: str = "") -> Iterator[inspect.Parameter]:
+    """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
     kinds, words = get_type_hints(options), _words(options)
     for field in fields(options):
         kind, default = kinds[field.name], None if field.default is MISSING else field.default
+        inner = _inner(kind)
+        if inner is not None:
+            yield from _flags(inner, f"{prefix}{field.name}_")
+            continue
         if kind not in (*_AS_THEY_ARE, _PAIR):
             kind, default = str, str(default) if default else ""
-        names = _NAMES.get(field.name, (f"--{field.name.replace('_', '-')}",))
+        name = prefix + field.name
+        names = _NAMES.get(name, (f"--{name.replace('_', '-')}",))
         option = typer.Option(*names, help=words[field.name], metavar="LOW HIGH" if kind == _PAIR else None)
         yield inspect.Parameter(
-            field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
         )
 
 

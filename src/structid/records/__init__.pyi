@@ -1,5 +1,6 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
+from structid.records.io import CsvLayout as CsvLayout
 from structid.records.io import Geometry as Geometry
 from structid.records.io import ReadOptions as ReadOptions
 from structid.records.io import read_geometry as read_geometry

@@ -173,6 +173,8 @@ def modes_of_file(
     record = read_record(path, read)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
+    understood = record.source.removeprefix(str(path)).partition("; ")[2] if record.source.startswith(str(path)) else ""
+    steps = (f"read: {understood}", *steps) if understood else steps
     looked_at, motions = _shared(ready)
     identification, more = _identified(looked_at, options)
     kurtosis = _tone_kurtosis(looked_at, identification.modes)

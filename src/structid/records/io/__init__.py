@@ -13,6 +13,7 @@ import structid.records.io.npz as _npz
 import structid.records.io.uff.uff as _uff
 from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
+from structid.records.io.csv.layout import CsvLayout
 from structid.records.io.geometry import Geometry, read_geometry
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
@@ -20,7 +21,10 @@ from structid.records.record import FrfRecord, TimeRecord
 #: Each has SUFFIXES, read(path, options) and write(path, record).
 FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
 
-__all__ = ["FORMATS", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
+#: Those whose channels have names of their own, which `columns` and `time_column` of `ReadOptions` use.
+_NAMED: tuple[ModuleType, ...] = (_csv,)
+
+__all__ = ["FORMATS", "CsvLayout", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
 
 
 def _format(path: Path) -> ModuleType:
@@ -55,12 +59,25 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     >>> options = ReadOptions(sampling_rate=100, channels="1Z+,2Z+", units="g")
     >>> record = read_record("impact.npy", options)  # doctest: +SKIP
     """
-    path = Path(path)
+    path, options = Path(path), ReadOptions() if options is None else options
     module = _format(path)
+    _require_fitting(path, module, options)
     require_readable(path)
     with damage_told(path, "a record that can be read"):
-        record: FrfRecord | TimeRecord = module.read(path, ReadOptions() if options is None else options)
+        record: FrfRecord | TimeRecord = module.read(path, options)
     return record
+
+
+def _require_fitting(path: Path, module: ModuleType, options: ReadOptions) -> None:
+    """Refuse what is said of columns where a file has none."""
+    given = options.given()
+    if "csv" in given and module is not _csv:
+        raise InputError(f"{path}: is no table, which `csv` is about; leave it out")
+    for name in ("columns", "time_column"):
+        if name in given and module not in _NAMED:
+            raise InputError(
+                f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`"
+            )
 
 
 def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:

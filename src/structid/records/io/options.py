@@ -8,9 +8,10 @@ from typing import Any
 
 from structid.declared import Count, Positive
 from structid.errors import InputError
+from structid.records.io.csv.layout import CsvLayout
 
 _TEXTS = ("array", "frequency_array", "kind", "unit", "coherence_array")
-_LISTS = ("channels", "quantities", "units", "outputs", "inputs")
+_LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class ReadOptions:
     sampling_rate : float, optional
         Samples per second of a bare time array.
     channels : tuple of str
-        Degrees of freedom of the columns of a bare time array, as in ``1X+,2X+``; else those to use.
+        Degrees of freedom of the columns of a bare time array, or of columns and channels that another program named, as in
+        ``1X+,2X+``; else those to use.
     quantities : tuple of str
         ``displacement``, ``velocity``, ``acceleration`` or ``force`` of each channel, as in ``acceleration,force``, or
         one for all.
@@ -57,6 +59,13 @@ class ReadOptions:
     longest_gap : int, optional
         Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
         interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.
+    columns : tuple of str
+        Columns of a table, or channels of a logger's file (TDMS, MDF, miniSEED, WAV, Parquet), that are read, by name or by
+        number from 1, as in ``Acc 1,Acc 3`` or ``2,4``; all by default. `channels` says what they are, in this order.
+    time_column : str
+        Column or channel that holds the times, by name or number; recognised by its name by default.
+    csv : CsvLayout, optional
+        How a CSV table is laid out where that cannot be recognised.
 
     Raises
     ------
@@ -79,10 +88,14 @@ class ReadOptions:
     start: float | None = None
     stop: float | None = None
     longest_gap: Count | None = None
+    columns: tuple[str | int, ...] = ()
+    time_column: str | int = ""
+    csv: CsvLayout | None = None
 
     def __post_init__(self) -> None:
         for name in _LISTS:
             object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
+        object.__setattr__(self, "time_column", str(self.time_column))
         for name in _TEXTS:
             if not isinstance(getattr(self, name), str):
                 raise InputError(f"`{name}` must be a text, got {getattr(self, name)!r}")

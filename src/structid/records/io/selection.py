@@ -13,7 +13,9 @@ from structid.errors import InputError
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
-_OF_HISTORIES = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
+_OF_HISTORIES = (
+    "sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap", "columns", "time_column",
+)  # fmt: skip
 
 
 def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -> FrfRecord | TimeRecord:

@@ -80,7 +80,8 @@ def checked_record(
         slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
         warnings += [one.words for one in (*found, *slow)]
     warnings += _leaks(source, histories, problem, modes)
-    return RecordCheck(title, _resonances(look, modes), tuple(warnings), _facts(setup))
+    read = tuple(f"read: {record.source}" for record in histories if "; " in record.source)
+    return RecordCheck(title, _resonances(look, modes), tuple(warnings), (*read, *_facts(setup)))
 
 
 def checked_mesh(setup: AnySetup, problem: RecordProblem) -> MeshErrors | str:

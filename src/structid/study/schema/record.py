@@ -13,7 +13,7 @@ from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs, renamed
 from structid.identification.time_setup import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
-from structid.records.io import ReadOptions, read_record
+from structid.records.io import CsvLayout, ReadOptions, read_record
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
@@ -144,6 +144,9 @@ def read_source(section: Section, files: InputFiles, aimed: Mapping[str, str] | 
         ends = {end: tuple(as_list(given.pop(end, []))) for end in ("inputs", "outputs")}
         frf = read_frf(inner, ends["inputs"], ends["outputs"])
     own = {item.name for item in fields(ReadOptions)}
+    laid_out = section.section("csv")
+    if laid_out is not None:
+        given["csv"] = laid_out.read(CsvLayout)
     with section.located():
         options = ReadOptions(**{name: value for name, value in given.items() if name in own})
     averaged = key == "repeats" and frf is None
@@ -233,7 +236,16 @@ def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     with source.section.located("sensors"):
         for record in records:
             _relabelled(record, source.aimed)  # whether every channel is there; they get these names when all is chosen
-    return [replace(record, source=path.name) for record, path in zip(records, source.paths, strict=True)]
+    return [
+        replace(record, source=_named_shortly(record.source, path))
+        for record, path in zip(records, source.paths, strict=True)
+    ]
+
+
+def _named_shortly(source: str, path: Path) -> str:
+    """The name of the file, and what was said of how it was read."""
+    _, mark, words = source.removeprefix(str(path)).partition("; ") if source.startswith(str(path)) else ("", "", "")
+    return path.name + mark + words
 
 
 def _relabelled(record: R, names: Mapping[str, str]) -> R:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,18 +14,23 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
+from structid.records.io.csv.recognition import AXES, TIME_UNITS, as_date
 from structid.records.io.csv.table import Table
-from structid.records.io.gaps import sourced, whole
+from structid.records.io.named_channels import NamedChannels, chosen, name_and_unit, record_of
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
-from structid.units import FrfUnit, Unit, parse_frf_unit, parse_unit
+from structid.units import FrfUnit, parse_frf_unit
 
-_CHANNEL = re.compile(r"^(?P<dof>[^\[\]]+?)\s*\[(?P<unit>[^\[\]]+)\]$")
 _PAIR = re.compile(
     r"^(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)\s*(\[(?P<unit>[^\[\]]*)\])?\s*(?P<part>re|im|coherence|std)$"
 )
 #: Unevenness of the time column allowed, as a part of the step.
 _EVEN = 1e-6
+#: Distance of a rounded time from the even one, as a part of its last digit.
+_ROUNDED = 0.75
+#: Relative error of a sampling rate from rounded times that is let pass.
+_SURE = 1e-4
+_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
 
 
 def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
@@ -31,41 +38,142 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
     return FileError(f"{table.path}: line 1, column {j + 1} ({table.names[j]!r}): {reason}")
 
 
-def time_record(table: Table, options: ReadOptions | None = None) -> TimeRecord:
+def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
     """The time record in `table`, its gaps treated as `options` say.
 
     Raises
     ------
     FileError
-        If a header is not a degree of freedom with its unit, the time column is not even, or a gap stays.
+        If a header is not a degree of freedom with its unit and `options` do not say it, time is not even, or a gap
+        stays.
     """
-    channels: list[Dof] = []
-    units: list[Unit] = []
-    for j in range(1, len(table.names)):
-        match = _CHANNEL.match(table.names[j])
-        if match is None:
-            raise _column(table, j, text="head a channel with degree of freedom and unit, as in 12Z+ [m/s^2]")
-        try:
-            channels.append(parse_dof(match["dof"]))
-            units.append(parse_unit(match["unit"]))
-            require_same_rotation(table.path, match["dof"], channels[-1].is_rotation, units[-1].rotation)
-        except InputError as error:
-            raise _column(table, j, error) from error
-    rate = sampling_rate(table.path, table.values[:, 0])
-    start = float(table.values[0, 0])
-    kept = whole(table.path, table.values[:, 1:], channels, rate, start, options or ReadOptions(), first_line=2)
-    return TimeRecord(
-        sampling_rate=rate,
-        values=kept.values * np.array([unit.factor for unit in units]),
-        channels=tuple(channels),
-        quantities=tuple(unit.quantity for unit in units),
-        start=kept.start,
-        source=sourced(table.path, kept.note),
+    options = options or ReadOptions()
+    count = len(table.names)
+    numbers = tuple(range(1, count + 1))
+    axis = _time_column(table, options)
+    keep = [j for j in range(count) if j != axis]
+    clock = _clock(table, axis, options)
+    plain = axis == 0 and table.names[0].lower() in AXES and "commas, decimal points, names in line 1" in table.words
+    found = NamedChannels(
+        path=table.path,
+        names=tuple(table.names[j] for j in keep),
+        units=tuple(table.units[j] for j in keep),
+        values=table.values[:, keep],
+        rate=clock.rate,
+        start=clock.start,
+        numbers=tuple(numbers[j] for j in keep),
+        header_line=table.header_line,
+        first_line=table.first_line,
+        words=", ".join(filter(None, (table.words, clock.words))),
+        tells_all=plain and not clock.words,
     )
+    return record_of(found, options)
 
 
-def sampling_rate(path: Path, time: FloatArray) -> float:
-    """Samples per second of an even time column.
+def _time_column(table: Table, options: ReadOptions) -> int | None:
+    """The column of the times, None where `sampling_rate` stands for it."""
+    if options.time_column:
+        numbers = range(1, len(table.names) + 1)
+        return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
+    for j, name in enumerate(table.names):
+        if _TIME.match(name_and_unit(name)[0].replace("_s", "")) and not _is_chosen(table, j, options):
+            return j
+    if options.sampling_rate is None:
+        shown = ", ".join(table.names[:8])
+        raise FileError(
+            f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first frequency_hz; the"
+            f" columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz)"
+        )
+    return None
+
+
+def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
+    return options.sampling_rate is not None and table.names[j] in options.columns
+
+
+class _Clock(NamedTuple):
+    rate: float
+    start: float
+    words: str
+
+
+def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
+    """Sampling rate and first time, by the column of times or as given."""
+    given = options.sampling_rate
+    if axis is None:
+        return _Clock(given or 1.0, 0.0, "sampling rate as given")
+    texts = [row[axis].strip() for row in table.texts]
+    unit = table.units[axis] or name_and_unit(table.names[axis])[1] or "s"
+    scale = TIME_UNITS.get(unit.lower())
+    dates = [as_date(text) for text in texts]
+    if dates and dates[0] is not None:
+        time = _seconds(table, axis, dates)
+        scale, step = 1.0, 10.0 ** -max(_decimals(text[11:].partition("+")[0]) for text in texts)
+    else:
+        if scale is None:
+            raise _column(table, axis, text=f"times are in {unit!r}; use s, ms, us or min, or leave the column out and give"
+                          " `sampling_rate` and `columns`")  # fmt: skip
+        time = table.values[:, axis]
+        if not np.isfinite(time).all():
+            i = int(np.argmin(np.isfinite(time)))
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) is NaN, infinite or empty;"
+                " repair or remove the line"
+            )
+        digits = [0 if "e" in text.lower() else _decimals(text) for text in texts]
+        step = 0.0 if any("e" in text.lower() for text in texts) else 10.0 ** -max(digits) * scale
+    time = time * scale
+    rate, error = sampling_rate(table.path, time, step, table.first_line, axis + 1)
+    words = f"times rounded to {step:g} s" if error else ""
+    if given is None and error > _SURE:
+        raise FileError(
+            f"{table.path}: column {axis + 1} ({table.names[axis]}) is rounded to {step:g} s, so that it tells the sampling rate"
+            f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
+        )
+    if given is None:
+        return _Clock(rate, float(time[0]), words)
+    if abs(given / rate - 1) > max(error, 1e-9):
+        raise InputError(
+            f"{table.path}: column {axis + 1} ({table.names[axis]}) says sampling_rate {rate:.9g}, but `sampling_rate`"
+            f" {given:g} was given; leave it out, or correct it"
+        )
+    return _Clock(given, float(time[0]), words)
+
+
+def _decimals(text: str) -> int:
+    """Digits behind the decimal sign."""
+    return len(re.sub(r"^[^.,]*[.,]?", "", text))
+
+
+def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
+    """Dates as s after the first."""
+    first = dates[0]
+    found = np.empty(len(dates))
+    for i, date in enumerate(dates):
+        if date is None or first is None or (date.tzinfo is None) != (first.tzinfo is None):
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) must be a date like those"
+                " above; repair or remove the line"
+            )
+        found[i] = (date - first).total_seconds()
+    return found
+
+
+def sampling_rate(
+    path: Path, time: FloatArray, written: float = 0.0, first_line: int = 2, column: int = 1
+) -> tuple[float, float]:
+    """Samples per second of an even column of times, and its relative error where the times were rounded, 0 else.
+
+    Parameters
+    ----------
+    path : Path
+    time : (n_times,) float array
+        s.
+    written : float
+        The last digit of the times as written, s: a step that differs by the rounding to it is even too, where it is
+        longer than two such digits.
+    first_line, column : int
+        Of the file, for messages.
 
     Raises
     ------
@@ -74,18 +182,25 @@ def sampling_rate(path: Path, time: FloatArray) -> float:
     """
     if time.size < 2:
         raise FileError(f"{path}: one line does not tell a sampling rate; give at least two samples")
-    step = (time[-1] - time[0]) / (time.size - 1)
+    step = float(time[-1] - time[0]) / (time.size - 1)
     if step <= 0:
-        raise FileError(f"{path}: column 1: time must increase, got {time[0]:g} first and {time[-1]:g} last")
+        raise FileError(f"{path}: column {column}: time must increase, got {time[0]:g} first and {time[-1]:g} last")
     off = np.abs(np.diff(time) - step)
     allowed = _EVEN * step + 4 * np.finfo(float).eps * float(np.abs(time).max())
-    if off.max() > allowed:
-        i = int(np.argmax(off))
-        raise FileError(
-            f"{path}: line {i + 3}, column 1: time must be even, got a step of {time[i + 1] - time[i]:.9g} s where the "
-            f"mean is {step:.9g} s; {_uneven_remedy(time, i)}"
-        )
-    return float(1 / step)
+    if off.max() <= allowed:
+        return float(1 / step), 0.0
+    if time.size > 2 and step > 2 * written > 0:
+        order = np.arange(time.size) - (time.size - 1) / 2
+        slope = float(order @ time / (order @ order))
+        if np.abs(time - time.mean() - slope * order).max() <= _ROUNDED * written:
+            rate, error = 1 / slope, written / float(time[-1] - time[0])
+            near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
+            return float(near), error
+    i = int(np.argmax(off))
+    raise FileError(
+        f"{path}: line {i + first_line + 1}, column {column}: time must be even, got a step of {time[i + 1] - time[i]:.9g} s"
+        f" where the mean is {step:.9g} s; {_uneven_remedy(time, i)}"
+    )
 
 
 def _uneven_remedy(time: FloatArray, i: int) -> str:

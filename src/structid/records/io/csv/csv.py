@@ -1,8 +1,10 @@
-"""CSV tables as a spreadsheet writes them: one column an axis, one a channel, headed by what it holds.
+"""CSV tables as laboratories and spreadsheets write them: one column an axis, one a channel, headed by what it holds.
 
 Time histories: ``time_s``, then ``12Z+ [m/s^2]``, ``3Z+ [N]``.
 Frequency response functions: ``frequency_hz``, then for each pair of output and input
 ``12Z+/3Z+ [(m/s^2)/N] re`` and ``... im``, optionally ``12Z+/3Z+ coherence`` and ``12Z+/3Z+ [(m/s^2)/N] std``.
+Time histories of other headers are understood with `columns`, `channels` and `units` of `ReadOptions`; lines above and
+below, separators and decimal signs with its `csv` where they are not recognised.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from structid.arrays import FloatArray
 from structid.errors import FileError
 from structid.files import atomic_write
 from structid.records.io.csv.columns import frf_header, frf_record, time_header, time_record
-from structid.records.io.csv.table import AXES, read_table
+from structid.records.io.csv.table import read_table
 from structid.records.io.options import ReadOptions
 from structid.records.io.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
@@ -25,9 +27,10 @@ SUFFIXES: tuple[str, ...] = (".csv", ".txt", ".tsv")
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the table at `path`: UTF-8 with or without a mark, comma, semicolon or tab between cells.
+    """The record in the table at `path`: UTF-8 with or without a mark, comma, semicolon, tab or blanks between cells.
 
-    With semicolons or tabs a decimal comma is understood. Lines without an entry at the end are skipped.
+    Decimal commas are understood where cells are not separated by commas, and units in a second header line. Lines without an
+    entry at the end are skipped. The record's `source` says what was understood of a table that structid did not write.
 
     Raises
     ------
@@ -35,10 +38,10 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
         If a cell is no number, a line has too few cells, a header cannot be read, or time is not even; the
         message names line and column.
     """
-    table = read_table(path)
-    if AXES[table.names[0].lower()] == "time":
-        return selected(table.path, time_record(table, options), options)
-    return selected(table.path, frf_record(table), options)
+    table = read_table(path, options.csv)
+    if table.is_frequency:
+        return selected(table.path, frf_record(table), options)
+    return time_record(table, options)
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:

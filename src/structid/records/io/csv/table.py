@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import csv
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,98 +12,174 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.errors import FileError
 from structid.files import require_readable
+from structid.records.io.csv.layout import CsvLayout
+from structid.records.io.csv.recognition import AXES, Grid, as_date, is_number, recognised
 
-#: Header of the first column, in small letters, and what it is.
-AXES = {
-    "time_s": "time", "time [s]": "time", "time (s)": "time",
-    "frequency_hz": "frequency", "frequency [hz]": "frequency", "frequency (hz)": "frequency",
-}  # fmt: skip
+_FEW = 20
 
 
 class Table(NamedTuple):
-    """A table of numbers: column names and values (n_rows, n_columns)."""
+    """A table of numbers.
+
+    Attributes
+    ----------
+    path : Path
+    names : tuple of str
+        Header of every column; its number where the table has none.
+    units : tuple of str
+        What stands below each name in a second line; "" else.
+    values : (n_rows, n_columns) float array
+        NaN where a cell of a time table is empty, and where a date stands.
+    header_line, first_line : int
+        Lines of the file, from 1.
+    words : str
+        What the layout is.
+    texts : list of list of str
+        The cells.
+    """
 
     path: Path
     names: tuple[str, ...]
+    units: tuple[str, ...]
     values: FloatArray
+    header_line: int
+    first_line: int
+    words: str
+    texts: list[list[str]]
+
+    @property
+    def is_frequency(self) -> bool:
+        """Whether the first column is an axis of frequencies."""
+        return AXES.get(self.names[0].lower()) == "frequency"
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
     """The table in the CSV file at `path`.
 
     Raises
     ------
     FileError
-        If the file is not text, has no header or no lines, or a cell is not a finite number. Samples of time
+        If the file is not text, has no lines of numbers, or a cell is not a finite number. Samples of time
         histories may be NaN, infinite or empty: gaps are judged by `structid.records.io.gaps`.
     """
-    path = require_readable(path)
+    path, layout = require_readable(path), layout or CsvLayout()
+    text = _text(path, layout)
+    grid = recognised(path, text, layout)
+    names = _names(path, grid)
+    units = [cell.strip().strip("[]()").strip() for cell in grid.header[1]] if len(grid.header) > 1 else []
+    gaps = AXES.get(names[0].lower()) != "frequency"
+    values = _numbers(path, grid, names, gaps)
+    below = (*units, *("" for _ in names))[: len(names)]
+    return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows)
+
+
+def _text(path: Path, layout: CsvLayout) -> str:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: is not UTF-8 text (byte {error.start}); save it as CSV UTF-8") from error
-    except OSError as error:
+        text = path.read_text(encoding="utf-8-sig" if layout.encoding == "utf-8" else layout.encoding)
+    except UnicodeError as error:
+        at = error.start if isinstance(error, UnicodeDecodeError) else 0
+        raise FileError(
+            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give `encoding`, as in"
+            ' "cp1252" or "utf-16", in [record.csv]'
+        ) from error
+    except (OSError, LookupError) as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
     if "\0" in text:
         raise FileError(f"{path}: holds null characters, so it is not a CSV text; save it as CSV UTF-8")
-    if not text.endswith(("\n", "\r")):
-        raise FileError(f"{path}: its last line has no end, so it may be truncated; copy it again or end the line")
-    separator = _separator(text)
-    try:
-        rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise FileError(f"{path}: is not a CSV table ({error}); check quotes and separators") from error
-    while rows and not any(cell.strip() for cell in rows[-1]):
-        rows.pop()
-    names = _names(path, rows)
-    if len(rows) < 2:
-        raise FileError(f"{path}: has a header but no line of numbers; write it again")
-    gaps = AXES[names[0].lower()] == "time"
-    return Table(path, names, _numbers(path, rows[1:], names, separator != ",", gaps))
-
-
-def _separator(text: str) -> str:
-    """The separator of the first line, counted outside of quotes."""
-    outside = "".join(text.partition("\n")[0].split('"')[::2])
-    return max((";", "\t", ","), key=outside.count)
-
-
-def _names(path: Path, rows: list[list[str]]) -> tuple[str, ...]:
-    names = [cell.strip() for cell in rows[0]] if rows else []
-    while names and not names[-1]:
-        names.pop()
-    if not names or names[0].lower() not in AXES:
+    if not text.endswith(("\n", "\r")) and not layout.footer_rows:
         raise FileError(
-            f"{path}: line 1, column 1 must be headed time_s or frequency_hz, got {names[0] if names else ''!r:.60}"
+            f"{path}: its last line has no end, so it may be truncated; copy it again, end the line, or leave it out with"
+            " `footer_rows = 1` in [record.csv]"
         )
-    if len(names) < 2:
-        raise FileError(f"{path}: line 1 names no channel; head each column as in 12Z+ [m/s^2]")
+    return text
+
+
+def _names(path: Path, grid: Grid) -> tuple[str, ...]:
+    """Of the header, or numbers where there is none."""
+    if not grid.header:
+        return tuple(str(j) for j in range(1, len(_without_end(grid.rows[0])) + 1))
+    names = _without_end([cell.strip() for cell in grid.header[0]])
+    if not names:
+        raise FileError(f"{path}: line {grid.header_line} names no column; head each column as in 12Z+ [m/s^2]")
+    count = len(_without_end(grid.rows[0]))
+    if count > len(names) and _is_whole(grid.rows[0]):
+        raise FileError(
+            f"{path}: line {grid.header_line} names {len(names)} columns, but line {grid.first_line} has {count} cells: other"
+            " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
+            " column, or give `separator`, `decimal` or `skip_rows` in [record.csv]"
+        )
+    if "" in names:
+        raise FileError(
+            f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
+            " column, or leave the line out with `skip_rows` and give `header_rows = 0` in [record.csv]"
+        )
+    if len(names) < 2 and AXES.get(names[0].lower()):
+        raise FileError(
+            f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
+        )
     return tuple(names)
 
 
-def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...], decimal_comma: bool, gaps: bool) -> FloatArray:
-    """Cells as numbers; where `gaps` are allowed, empty ones beyond the first column as NaN."""
-    values = np.empty((len(rows), len(names)))
+def _without_end(row: Sequence[str]) -> list[str]:
+    """A row without empty cells at its end."""
+    kept = list(row)
+    while kept and not kept[-1].strip():
+        kept.pop()
+    return kept
+
+
+def _is_whole(row: Sequence[str]) -> bool:
+    return all(is_number(cell) or as_date(cell) is not None for cell in row if cell.strip())
+
+
+def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
+    """Cells as numbers; where `gaps` are allowed, empty ones beyond the first column as NaN, and dates too."""
+    rows, count = grid.rows, len(names)
+    values = np.empty((len(rows), count))
+    dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
     for i, row in enumerate(rows):
-        if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
-            raise FileError(
-                f"{path}: line {i + 2} has {len(row)} cells, but the header has {len(names)}; complete or "
-                "remove the line"
+        if len(row) < count or any(cell.strip() for cell in row[count:]):
+            raise _not_data(path, grid, i, count) or FileError(
+                f"{path}: line {grid.first_line + i} has {len(row)} cells, but {_where(grid)} {count}; complete or remove the"
+                " line"
             )
-        cells = [cell.replace(",", ".") for cell in row] if decimal_comma else row
-        if gaps and not all(cells[: len(names)]):
-            cells = [cells[0], *(cell.strip() or "nan" for cell in cells[1:])]
+        cells = [cell.replace(",", ".") for cell in row[:count]] if grid.decimal_comma else row[:count]
+        if gaps and (dated or not all(cells)):
+            first = 0 if count > 1 else count
+            cells = [
+                "nan" if (j > first or j in dated) and (j in dated or not cell.strip()) else cell
+                for j, cell in enumerate(cells)
+            ]
         try:
-            values[i] = [float(cell) for cell in cells[: len(names)]]
+            values[i] = [float(cell) for cell in cells]
         except ValueError as error:
-            raise _bad_cell(path, i + 2, row, cells, names) from error
-    bad = np.argwhere(~np.isfinite(values[:, :1] if gaps else values))
-    if bad.size:
-        i, j = bad[0]
+            raise _not_data(path, grid, i, count) or _bad_cell(path, grid.first_line + i, row, cells, names) from error
+    if not gaps and not np.isfinite(values).all():
+        i, j = np.argwhere(~np.isfinite(values))[0]
         raise FileError(
-            f"{path}: line {i + 2}, column {j + 1} ({names[j]}) is NaN or infinite; repair or remove the line"
+            f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) is NaN or infinite; repair or remove the line"
         )
     return values
+
+
+def _where(grid: Grid) -> str:
+    return "the header has" if grid.header else f"line {grid.first_line} has"
+
+
+def _not_data(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
+    """The error of a footer: few lines at the end, none of which is of numbers as those above."""
+    left = grid.rows[i:]
+    if i == 0 or len(left) > _FEW or any(len(_without_end(row)) == count and _is_whole(row) for row in left):
+        return None
+    if not any(re.search(r"[A-Za-z]", cell) and not is_number(cell) for cell in left[0]):
+        return None
+    if len(left) == 1 and len(left[0]) == count and is_number(left[0][0]):
+        return None  # a line of numbers with one bad cell
+    shown = ", ".join(cell.strip() for cell in left[0][:4])
+    return FileError(
+        f"{path}: line {grid.first_line + i} ({shown:.60}) ends the numbers: a footer? Leave it out with `footer_rows ="
+        f" {len(left)}` in [record.csv] (--csv-footer-rows {len(left)} on the command line)"
+    )
 
 
 def _bad_cell(path: Path, line: int, row: list[str], cells: list[str], names: tuple[str, ...]) -> FileError:
@@ -110,5 +187,8 @@ def _bad_cell(path: Path, line: int, row: list[str], cells: list[str], names: tu
         try:
             float(cells[j])
         except ValueError:
-            return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}")
+            hint = ""
+            if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
+                hint = "; export without thousands separators, or give `decimal` in [record.csv]"
+            return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
     return FileError(f"{path}: line {line} cannot be read as numbers")

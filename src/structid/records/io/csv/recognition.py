@@ -1,0 +1,206 @@
+"""What the lines of a table say about its layout: separator, decimal sign, header; refused with a remedy where in doubt."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from structid.errors import FileError, InputError
+from structid.records.io.csv.layout import SEPARATORS, CsvLayout
+from structid.units import parse_unit
+
+#: Header of the first column, in small letters, and what it is.
+AXES = {
+    "time_s": "time", "time [s]": "time", "time (s)": "time",
+    "frequency_hz": "frequency", "frequency [hz]": "frequency", "frequency (hz)": "frequency",
+}  # fmt: skip
+#: Units of a column of times, in s.
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
+_SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 12
+
+
+class Grid(NamedTuple):
+    """Cells of a table, (n_lines, any) each.
+
+    Attributes
+    ----------
+    header : list of list of str
+        None, one or two lines: names, and units below them.
+    rows : list of list of str
+    header_line, first_line : int
+        Lines of the file, counted from 1, of the names and of the first of `rows`.
+    decimal_comma : bool
+    words : str
+        What the layout is.
+    """
+
+    header: list[list[str]]
+    rows: list[list[str]]
+    header_line: int
+    first_line: int
+    decimal_comma: bool
+    words: str
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
+    return _NUMBER.fullmatch(cell.strip()) is not None
+
+
+def as_date(cell: str) -> datetime | None:
+    """The date and time in a cell as ISO 8601 writes them, None where it holds something else."""
+    text = cell.strip().replace(",", ".")
+    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
+        return None
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is the unit of a channel or of a time, in brackets or not."""
+    text = cell.strip().strip("[]()").strip()
+    if text.lower() in TIME_UNITS:
+        return True
+    try:
+        parse_unit(text)
+    except InputError:
+        return False
+    return True
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether most cells of a line are units that channels or times have, and the others as short as units are."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    known = sum(map(is_unit, cells))
+    return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
+
+
+def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
+    """The cells of a table and what heads them.
+
+    Raises
+    ------
+    FileError
+        If cells cannot be told, no line holds numbers, or what stands above the first of them is neither names nor
+        names and units; the message names lines and the keys of ``[record.csv]`` that help.
+    """
+    lines = text.splitlines()
+    while lines and not lines[-1].strip(" \t,;"):
+        lines.pop()
+    end = len(lines) - layout.footer_rows
+    if end <= layout.skip_rows:
+        raise FileError(
+            f"{path}: has {len(lines)} lines, of which `skip_rows` and `footer_rows` leave none; lower them"
+            if lines and layout.skip_rows + layout.footer_rows
+            else f"{path}: holds no header and no line of numbers; write it again"
+        )
+    lines = lines[layout.skip_rows : end]
+    separator = _separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
+    cells = _cells(path, lines, separator)
+    n_header = _header_rows(path, cells, layout)
+    rows = cells[n_header:]
+    if not rows:
+        raise FileError(f"{path}: has a header but no line of numbers; write it again")
+    first = layout.skip_rows + n_header + 1
+    comma = _decimal_comma(path, rows, separator, layout, first)
+    name = next(word for word, sign in SEPARATORS.items() if sign == separator)
+    head = {
+        0: "no header",
+        1: f"names in line {layout.skip_rows + 1}",
+        2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
+    }[n_header]
+    left = f", {layout.footer_rows} footer lines left out" if layout.footer_rows else ""
+    words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{left}"
+    return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
+
+
+def _cells(path: Path, lines: Sequence[str], separator: str) -> list[list[str]]:
+    if separator == " ":
+        return [line.split() for line in lines]
+    try:
+        return list(csv.reader(lines, delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise FileError(f"{path}: is not a CSV table ({error}); check quotes and separators") from error
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The separator that makes most of some lines whole rows of numbers; else the one most frequent in the first line."""
+    step = max(1, len(lines) // _SAMPLE)
+    sample = lines[-1::-step][:_SAMPLE]
+    found = {sign: _whole_rows(sample, sign) for sign in SEPARATORS.values()}
+    best = max(found, key=lambda sign: found[sign])
+    if found[best]:
+        return best
+    outside = "".join(lines[0].split('"')[::2])
+    return max((";", "\t", ","), key=outside.count)
+
+
+def _whole_rows(sample: Sequence[str], sign: str) -> int:
+    """How many lines are rows of two numbers or more."""
+    count = 0
+    for line in sample:
+        cells = line.split() if sign == " " else line.split(sign)
+        numbers = [is_number(cell.strip().strip('"')) for cell in cells if cell.strip()]
+        whole = sum(numbers) == len(numbers) or (as_date(cells[0]) is not None and sum(numbers) == len(numbers) - 1)
+        count += len(numbers) > 1 and whole
+    return count
+
+
+def _is_data(row: Sequence[str]) -> bool:
+    """Whether a line holds numbers, and dates at most, in all cells that are not empty."""
+    numbers = [is_number(cell) for cell in row if cell.strip()]
+    dates = sum(as_date(cell) is not None for cell in row)
+    return any(numbers) and sum(numbers) + dates == len(numbers)
+
+
+def _header_rows(path: Path, cells: Sequence[Sequence[str]], layout: CsvLayout) -> int:
+    if layout.header_rows is not None:
+        return layout.header_rows
+    first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
+    if first in (0, 1):
+        return first or 0
+    named = [cell.strip() for cell in cells[0]] if cells else []
+    if first == 2 and _are_units(cells[1]):
+        return 2
+    if named and named[0].lower() in AXES:
+        return 1  # and a line below cannot be read, which is told with its cell
+    skip = layout.skip_rows
+    if first is None:
+        raise FileError(
+            f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
+            " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
+        )
+    head = first - (2 if _are_units(cells[first - 1]) else 1)
+    shown = ", ".join(cell.strip() for cell in cells[head][:6])
+    raise FileError(
+        f"{path}: lines {skip + 1} to {skip + first} stand above the numbers; where line {skip + head + 1} ({shown:.60}) names"
+        f" the columns, give `skip_rows = {skip + head}` in [record.csv], and `header_rows` where units follow in one more line"
+    )
+
+
+def _decimal_comma(
+    path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
+) -> bool:
+    if layout.decimal != "auto":
+        return layout.decimal == "comma"
+    if separator == ",":
+        return False
+    seen: dict[bool, int] = {}
+    for at in range(0, len(rows), max(1, len(rows) // _HEAD)):
+        for cell in rows[at]:
+            if is_number(cell) and (_COMMA.search(cell) or _POINT.search(cell)):
+                seen.setdefault("," in cell, first_line + at)
+    if len(seen) == 2:
+        raise FileError(
+            f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
+            ' give `decimal = "comma"` or "point" in [record.csv] and leave the other lines out'
+        )
+    return seen.popitem()[0] if seen else False

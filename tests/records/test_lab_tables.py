@@ -1,0 +1,156 @@
+"""Tables of laboratories: what is recognised, what is said of it, and what is refused with its remedy."""
+
+import numpy as np
+import pytest
+
+from structid.errors import FileError, InputError
+from structid.records import CsvLayout, ReadOptions, read_record
+
+ROWS = np.array([[0.5, -1.25, 100.0], [1.5, 2.25, 110.0], [-2.5, 3.25, 120.0], [0.25, 0.75, 130.0], [1.0, -0.5, 90.0]])
+RATE = 512.0
+
+
+def table(separator=",", comma=False, head=(), time="{:.9f}", rows=ROWS, end="", names=("Acc A", "Acc B", "Load")):
+    lines = list(head) or [separator.join(["Time", *names])]
+    for i, row in enumerate(rows):
+        cells = [time.format(i / RATE)] if time else []
+        cells += [f"{x:.4f}" for x in row]
+        lines.append(separator.join(cell.replace(".", ",") if comma else cell for cell in cells))
+    return "\n".join([*lines, *([end] if end else [])]) + "\n"
+
+
+def read(tmp_path, text, encoding="utf-8", **options):
+    path = tmp_path / "lab.csv"
+    path.write_bytes(text.encode(encoding))
+    return read_record(path, ReadOptions(**options))
+
+
+THREE = {"channels": "1X,2X-,2X", "units": "g,g,kN"}
+UNITS = ";".join(["Zeit;Acc A;Acc B;Load", "s;g;g;kN"]).replace("Load;s", "Load\ns")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        (table(";", True), THREE, "separated by semicolons, decimal commas, names in line 1"),
+        (table("\t"), THREE, "separated by tabs, decimal points"),
+        (table(" ", head=["t a b c"]), THREE, "separated by spaces, decimal points"),
+        (table(), THREE, "separated by commas, decimal points"),
+        (table(";", True, head=UNITS.split("\n")), {"channels": "1X,2X-,2X"}, "names in line 1, units in line 2"),
+        (table(head=["Time [s],A [g],B (g),Force [kN]"]), {"channels": "1X,2X-,2X"}, "units g, kN"),
+        (table(head=["t,1X (g),2X- (g),2X (kN)"]), {}, "units g, kN"),
+        (
+            table(";", True, head=["Operator: N.N.", "Date;1.2.2026", *UNITS.split("\n")]),
+            {"channels": "1X,2X-,2X", "csv": CsvLayout(skip_rows=2)},
+            "names in line 3, units in line 4",
+        ),
+        (table(time="", head=["A,B,C"]), {**THREE, "sampling_rate": RATE}, "sampling rate as given"),
+        (table(time="", head=[]).partition("\n")[2], {**THREE, "sampling_rate": RATE}, "no header"),
+        (table(end="Mean,1,2,3"), {**THREE, "csv": CsvLayout(footer_rows=1)}, "1 footer lines left out"),
+        (table(time="{:.4f}"), {**THREE, "sampling_rate": RATE}, "times rounded to 0.0001 s"),
+        (table(head=["sample clock,A,B,C"]), {**THREE, "time_column": "sample clock"}, "3 columns"),
+        (table(head=["q,A,B,C"]), {**THREE, "time_column": "1"}, "3 columns"),
+        (table(), {**THREE, "columns": "Acc A,3,Load"}, "Acc A is 1X+, Acc B is 2X-, Load is 2X+"),
+    ],
+)
+def test_a_table_is_understood_and_says_so(tmp_path, text, options, said):
+    record = read(tmp_path, text, **options)
+    g = 9.80665
+    np.testing.assert_allclose(record.values, ROWS * [g, g, 1e3], rtol=1e-12)
+    assert [str(dof) for dof in record.channels] == ["1X+", "2X-", "2X+"]
+    assert record.quantities == ("acceleration", "acceleration", "force")
+    assert record.sampling_rate == pytest.approx(RATE, rel=1e-6)
+    assert said in record.source
+    assert "5 samples at 512 Hz" in record.source
+
+
+def test_columns_are_taken_in_the_order_asked_for(tmp_path):
+    record = read(tmp_path, table(), columns="Load,2", channels="7X,8Z", units="N,m/s^2")
+    np.testing.assert_allclose(record.values, ROWS[:, [2, 0]])
+
+
+def test_times_in_milliseconds_and_as_dates(tmp_path):
+    text = table(head=["Time [ms],A,B,C"], time="").splitlines()
+    milli = "\n".join([text[0], *(f"{2 * i}.5,{line}" for i, line in enumerate(text[1:]))]) + "\n"
+    record = read(tmp_path, milli, **THREE)
+    assert (record.sampling_rate, record.start) == (pytest.approx(500), pytest.approx(0.5e-3))
+    dates = "\n".join([text[0].replace(" [ms]", ""), *(f"2026-11-22 20:17:{59 + i // 2 % 1}.{2 * i:03d},{line}"
+                                                       for i, line in enumerate(text[1:]))]) + "\n"  # fmt: skip
+    assert read(tmp_path, dates, **THREE).sampling_rate == pytest.approx(500)
+
+
+def test_rounded_times_do_not_hide_a_lost_sample(tmp_path):
+    rows = np.tile(ROWS, (400, 1))
+    text = table(time="{:.4f}", rows=rows)
+    assert read(tmp_path, text, **THREE).sampling_rate == 512.0
+    lines = text.splitlines(keepends=True)
+    for lost in (2, 60, 1500, 1998):
+        with pytest.raises(FileError, match="time must be even"):
+            read(tmp_path, "".join(lines[:lost] + lines[lost + 1 :]), **THREE)
+    with pytest.raises(FileError, match="time must be even"):  # 2 ms as 2 digits of 1 ms: too coarse to be sure
+        read(tmp_path, table(time="{:.3f}", rows=rows), **THREE)
+
+
+def test_other_encodings_are_named_and_read(tmp_path):
+    text = table(head=["Time,A [µm],B [µm],C [N]"])
+    with pytest.raises(FileError, match='give `encoding`, as in "cp1252"'):
+        read(tmp_path, text, "cp1252", channels="1X,2X,3X")
+    record = read(tmp_path, text, "cp1252", channels="1X,2X,3X", csv=CsvLayout(encoding="cp1252"))
+    np.testing.assert_allclose(record.values, ROWS * [1e-6, 1e-6, 1])
+    assert read(tmp_path, text, "utf-16", channels="1X,2X,3X", csv=CsvLayout(encoding="utf-16")).sampling_rate > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (table(end="Mean;1;2;3"), THREE, r"line 7 \(Mean;1;2;3\) ends the numbers: a footer.*footer_rows = 1"),
+        (table(end="Mean,1,2,3\nMax,1,2,3"), THREE, r"line 7 \(Mean, 1, 2, 3\).*footer_rows = 2"),
+        (table(head=["Sensors,,,", "Time,A,B,C"]), THREE, "lines 1 to 2 stand above.*line 2 .Time, A, B, C.*skip_rows = 1`"),
+        (table(head=["Test 7", *UNITS.replace(";", ",").split("\n")]), THREE, "line 2 .*skip_rows = 1`"),
+        (table(head=["Time,Acc,,Load"]), THREE, "line 1, column 3 has no name, as where cells were merged"),
+        (table(";", True, head=["Time,A,B,C"]), THREE, "line 1 names 1 columns, but line 2 has 4 cells: other separators"),
+        (table(comma=True), THREE, "line 1 names 4 columns, but line 2 has 8 cells.*decimal commas between commas"),
+        (table(";", True).replace("0,5000;", "0.5000;"), THREE, "line [23] has decimal commas and line 2 decimal points"),
+        (table(";").replace("1.5000;", "1.500,0;"), THREE, "line 3, column 2 .*'1.500,0'.*thousands separators"),
+        (table(), {}, r"line 1, column 2 \('Acc A'\).*say what each of the 3 columns is by `channels`"),
+        (table(), {"channels": "1X,2X", "units": "g"}, "`channels` must have 3 entries.*Acc A, Acc B, Load, got 2"),
+        (table(), {"channels": "1X,2X,3X"}, "line 1, column 2 .*has no unit.*give `units`"),
+        (table(head=["Time,A [V],B [V],C [V]"]), {"channels": "1X,2X,3X"}, "line 1, column 2 .*'V'"),
+        (table(head=["Time,A [g],B [g],C [N]"]), {"channels": "1X,2X,3X", "units": "g"}, "column 4 .*is in N"),
+        (table(), {**THREE, "columns": "Acc A,Acc B,Force"}, "no column 'Force'; the file has 2 'Acc A', 3 'Acc B', 4 'Load'"),
+        (table(names=("A", "A", "B")), {**THREE, "columns": "A,A,B"}, "2 columns are called 'A'; choose by their numbers 2, 3"),
+        (table(), {**THREE, "sampling_rate": 500}, "says sampling_rate 512"),
+        (table(head=["Time [h],A,B,C"]), THREE, "times are in 'h'"),
+        (table(time="{:.4f}"), THREE, "rounded to 0.0001 s.*to 1.3 % only; give `sampling_rate`"),
+        (table(time="", head=["A,B,C"]), THREE, "no column is headed as time.*`time_column` .*or `sampling_rate`"),
+        (table(), {**THREE, "csv": CsvLayout(skip_rows=9)}, "leave none; lower them"),
+        (table()[:-1], THREE, "its last line has no end.*footer_rows = 1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_remedy(tmp_path, text, options, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read(tmp_path, text, **options)
+    assert str(caught.value).startswith(str(tmp_path / "lab.csv"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"skip_rows": -1}, "`skip_rows`"),
+        ({"header_rows": 3}, "0, 1 .names. or 2"),
+        ({"separator": "colon"}, "`separator` must be one of"),
+        ({"separator": "comma", "decimal": "comma"}, "cannot both be comma"),
+        ({"encoding": "klingon"}, "`encoding`"),
+    ],
+)
+def test_a_layout_that_cannot_be(wrong, words):
+    with pytest.raises(InputError, match=words):
+        CsvLayout(**wrong)
+
+
+def test_columns_of_a_file_without_names_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", ROWS)
+    with pytest.raises(InputError, match="no named columns"):
+        read_record(tmp_path / "a.npy", ReadOptions(columns="1", sampling_rate=5, **THREE))
+    with pytest.raises(InputError, match="no table"):
+        read_record(tmp_path / "a.npy", ReadOptions(csv=CsvLayout(), sampling_rate=5, **THREE))
