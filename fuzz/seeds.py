@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import struct
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +14,14 @@ import h5py
 import meshio
 import numpy as np
 import scipy.io
+import scipy.io.wavfile
 from scipy import sparse
 
 from fuzz.mutations import ARCHIVE, BINARY, COMPRESSED, STUDY, TEXT, Mutation
 from structid.modal import ModalRecord
 from structid.modal.files.files import write_modes
 from structid.records import FrfRecord, TimeRecord
-from structid.records.io import Geometry, write_record
+from structid.records.io import LOGGERS, Geometry, write_record
 from structid.records.io.layout import fields_of
 from structid.structure.importers import (
     ElementEntries,
@@ -64,7 +66,7 @@ class Seed:
 def make_seeds(folder: Path) -> list[Seed]:
     """Every seed, its files written into `folder`."""
     found: list[Seed] = []
-    for make in (_records, _bare, _matrices, _numberings, _meshes, _modes, _studies, _kept):
+    for make in (_records, _tables, _loggers, _bare, _matrices, _numberings, _meshes, _modes, _studies, _kept):
         for name, target, file, mutations in make(folder):
             found.append(Seed(name, target, file, mutations))
     return found
@@ -126,6 +128,68 @@ def _records(folder: Path) -> _Made:
     with h5py.File(path, "w") as file:
         file.create_dataset("all", data=_random(40, 3), chunks=(4, 2), compression="gzip", shuffle=True)
     yield name, "chunks", path, BINARY
+
+
+def _tables(folder: Path) -> _Made:
+    """Tables of laboratories, as `fuzz.targets.lab_table` reads them."""
+    rows = [f"{i / 512:.6f};" + ";".join(f"{x:.4f}" for x in row) for i, row in enumerate(_random(12, 3))]
+    text = "\n".join(["Zeit;A 1;A 2;Last", "s;g;g;N", *rows]).replace(".", ",") + "\n"
+    for name, content in (("semicolons", text), ("commas", text.replace(",", ".").replace(";", ","))):
+        path = _place(folder, f"records/lab {name}.csv", "a.csv")
+        path.write_text(content)
+        yield f"records/lab {name}.csv", "lab_table", path, TEXT
+
+
+def _loggers(folder: Path) -> _Made:
+    """Files of loggers whose library is installed."""
+    for one in LOGGERS:
+        name = f"records/logger{one.SUFFIXES[0]}"
+        path = _place(folder, name, f"a{one.SUFFIXES[0]}")
+        if one.is_installed:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                _WRITERS[one.kind](path)
+            yield name, "logger", path, BINARY
+
+
+def _write_tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    own = {"wf_increment": 0.1, "unit_string": "g"}
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([ChannelObject("test", f"A {j}", x, own) for j, x in enumerate(_random(3, 24))])
+
+
+def _write_mdf(path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        file.append([Signal(x, np.arange(24) / 10, name=f"A {j}", unit="g") for j, x in enumerate(_random(3, 24))])
+        file.save(path, overwrite=True)
+
+
+def _write_miniseed(path: Path) -> None:
+    import obspy
+
+    traces = [obspy.Trace(x.copy(), {"sampling_rate": 10.0, "channel": f"HN{j}"}) for j, x in enumerate(_random(3, 24))]
+    obspy.Stream(traces).write(str(path), format="MSEED", reclen=512)
+
+
+def _write_wav(path: Path) -> None:
+    scipy.io.wavfile.write(path, 10, _random(24, 3))
+
+
+def _write_parquet(path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = {"time": np.arange(24) / 10, **{f"A {j}": x.copy() for j, x in enumerate(_random(3, 24))}}
+    parquet.write_table(pyarrow.table(columns), str(path))
+
+
+_WRITERS: dict[str, Callable[[Path], None]] = {
+    "tdms": _write_tdms, "mdf": _write_mdf, "miniseed": _write_miniseed, "wav": _write_wav, "parquet": _write_parquet,
+}  # fmt: skip
 
 
 def _save_73(path: Path, fields: dict) -> None:

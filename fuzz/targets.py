@@ -23,6 +23,8 @@ from structid.study.run.run import started
 from structid.study.schema.study import load_study
 
 TIME = ReadOptions(sampling_rate=10.0, channels="1X,2X,3X", units="g")
+LAB = ReadOptions(channels="1X,2X,3X")
+LOGGED = ReadOptions(channels="1X,2X,3X", units="g")
 FRF = ReadOptions(frequency_array="f", array="h", outputs="1X,2X", inputs="1X", kind="mobility")
 
 
@@ -36,6 +38,14 @@ def bare_history(path: Path) -> None:
 
 def bare_frf(path: Path) -> None:
     read_record(path, FRF)
+
+
+def lab_table(path: Path) -> None:
+    read_record(path, LAB)
+
+
+def logger(path: Path) -> None:
+    read_record(path, LOGGED)
 
 
 def chunks(path: Path) -> None:
@@ -105,7 +115,7 @@ def _called(*words: str) -> None:
 TARGETS: dict[str, Callable[[Path], None]] = {
     target.__name__: target
     for target in (
-        record, bare_history, bare_frf, chunks, matrices, numbering, mesh, modes, geometry, study, checkpoint, results,
-        identify, plan,
+        record, bare_history, bare_frf, lab_table, logger, chunks, matrices, numbering, mesh, modes, geometry, study,
+        checkpoint, results, identify, plan,
     )
 }  # fmt: skip

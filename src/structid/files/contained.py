@@ -116,8 +116,8 @@ _lock = threading.Lock()
 _running: list[_Child] = []
 
 
-def contained(path: Path, reader: str, **options: Any) -> Any:
-    """What the reader of `structid.files.worker` called `reader` gives for the file at `path`.
+def contained(path: Path, reader: str, seconds: float = _SECONDS, **options: Any) -> Any:
+    """What the reader of `structid.files.worker` called `reader` gives for the file at `path`, in so many s and more by its size.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def contained(path: Path, reader: str, **options: Any) -> Any:
     FileError
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
-    seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
+    seconds += path.stat().st_size / _BYTES_A_SECOND
     request = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
     with _lock:
         answer = _asked(path, request, seconds)

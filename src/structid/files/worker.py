@@ -1,7 +1,7 @@
 """A process of its own that reads files through compiled libraries, so that damage ends it and not the program.
 
-It is run as a script by `structid.files.contained` and imports nothing of structid, so that it starts quickly. A request is a
-line of JSON; the answer is a line of JSON, and the arrays in it behind it as bytes.
+It is run as a script by `structid.files.contained` and imports nothing of structid at first, so that it starts quickly. A
+request is a line of JSON; the answer is a line of JSON, and the arrays in it behind it as bytes.
 """
 
 from __future__ import annotations
@@ -200,8 +200,15 @@ def ansys(path: str) -> dict[str, Any]:
     return {"nodes": nodes, "labels": labels, "n_dof": int(opened.n_dof), "elements": elements}
 
 
+def logger(path: str, kind: str) -> Any:
+    """The channels of a logger's file."""
+    from structid.files.loggers import logger as read  # with a library that takes its time: only when it is asked for
+
+    return read(path, kind)
+
+
 READERS: dict[str, Callable[..., Any]] = {
-    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab_73, ansys)
+    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab_73, ansys, logger)
 }
 
 

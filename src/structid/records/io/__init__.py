@@ -1,4 +1,4 @@
-"""Records read from and written to files: one format a module, chosen by the suffix of the file."""
+"""Records read from and written to files: one format a module, chosen by the suffix of the file; those of loggers are read only."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.records.io.csv.layout import CsvLayout
 from structid.records.io.geometry import Geometry, read_geometry
+from structid.records.io.loggers import LOGGERS, LoggerFormat
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -22,17 +23,18 @@ from structid.records.record import FrfRecord, TimeRecord
 FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
 
 #: Those whose channels have names of their own, which `columns` and `time_column` of `ReadOptions` use.
-_NAMED: tuple[ModuleType, ...] = (_csv,)
+_NAMED: tuple[ModuleType | LoggerFormat, ...] = (_csv, *LOGGERS)
 
-__all__ = ["FORMATS", "CsvLayout", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
+__all__ = ["FORMATS", "LOGGERS", "CsvLayout", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
 
 
-def _format(path: Path) -> ModuleType:
+def _format(path: Path) -> ModuleType | LoggerFormat:
     suffix = path.suffix.lower()
-    for module in FORMATS:
+    formats: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
+    for module in formats:
         if suffix in module.SUFFIXES:
             return module
-    known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
+    known = " ".join(suffix for module in formats for suffix in module.SUFFIXES)
     raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
 
 
@@ -42,7 +44,7 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     Parameters
     ----------
     path : str or Path
-        File with one of the suffixes in `FORMATS`.
+        File with one of the suffixes in `FORMATS` or `LOGGERS`.
     options : ReadOptions, optional
         What the file does not say about itself; which channels to read.
 
@@ -68,7 +70,7 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     return record
 
 
-def _require_fitting(path: Path, module: ModuleType, options: ReadOptions) -> None:
+def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:
     """Refuse what is said of columns where a file has none."""
     given = options.given()
     if "csv" in given and module is not _csv:

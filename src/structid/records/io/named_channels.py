@@ -24,6 +24,9 @@ from structid.records.record import FrfRecord, TimeRecord
 from structid.units import Unit, parse_unit
 
 _HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
+_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
+#: Units of times, in s.
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 _SHOWN = 8
 _NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2X"]'
 
@@ -79,6 +82,11 @@ def name_and_unit(text: str) -> tuple[str, str]:
     """A header without its unit, and the unit in brackets behind it or ""."""
     match = _HEAD.match(text.strip())
     return (match["name"], match["unit"].strip()) if match else (text.strip(), "")
+
+
+def is_time(text: str) -> bool:
+    """Whether a header is one of times."""
+    return _TIME.match(name_and_unit(text)[0].replace("_s", "")) is not None
 
 
 def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:

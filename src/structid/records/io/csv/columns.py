@@ -14,9 +14,9 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
-from structid.records.io.csv.recognition import AXES, TIME_UNITS, as_date
+from structid.records.io.csv.recognition import AXES, as_date
 from structid.records.io.csv.table import Table
-from structid.records.io.named_channels import NamedChannels, chosen, name_and_unit, record_of
+from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, parse_frf_unit
@@ -30,7 +30,6 @@ _EVEN = 1e-6
 _ROUNDED = 0.75
 #: Relative error of a sampling rate from rounded times that is let pass.
 _SURE = 1e-4
-_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
 
 
 def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
@@ -76,7 +75,7 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
         numbers = range(1, len(table.names) + 1)
         return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
     for j, name in enumerate(table.names):
-        if _TIME.match(name_and_unit(name)[0].replace("_s", "")) and not _is_chosen(table, j, options):
+        if is_time(name) and not _is_chosen(table, j, options):
             return j
     if options.sampling_rate is None:
         shown = ", ".join(table.names[:8])

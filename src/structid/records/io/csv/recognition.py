@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from structid.errors import FileError, InputError
 from structid.records.io.csv.layout import SEPARATORS, CsvLayout
+from structid.records.io.named_channels import TIME_UNITS
 from structid.units import parse_unit
 
 #: Header of the first column, in small letters, and what it is.
@@ -18,8 +19,6 @@ AXES = {
     "time_s": "time", "time [s]": "time", "time (s)": "time",
     "frequency_hz": "frequency", "frequency [hz]": "frequency", "frequency (hz)": "frequency",
 }  # fmt: skip
-#: Units of a column of times, in s.
-TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 12

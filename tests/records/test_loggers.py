@@ -1,0 +1,175 @@
+"""Files that other libraries write are read as they are; what is damaged, missing or does not fit is refused in words."""
+
+import numpy as np
+import pytest
+from logger_cases import FILE_NAMES, NAMES, RATE, SAYS_UNITS, STARTS, UNITS, VALUES, WRITERS, is_there, write
+
+from structid.errors import FileError, InputError
+from structid.files.loggers import PACKAGES
+from structid.records import ReadOptions, read_record, write_record
+from structid.records.io import LOGGERS
+
+BY_KIND = {one.kind: one for one in LOGGERS}
+FACTORS = np.array([9.80665, 1.0, 1.0])
+
+
+def whole(kind, tmp_path):
+    if not is_there(PACKAGES[kind]):
+        pytest.skip(f"{PACKAGES[kind]} is not installed: pip install structid[{BY_KIND[kind].extra}]")
+    path = tmp_path / f"a{BY_KIND[kind].SUFFIXES[0]}"
+    write(kind, path)
+    return path
+
+
+def options(kind, **more):
+    units = {} if kind in SAYS_UNITS else {"units": UNITS}
+    return ReadOptions(**{"channels": "1X,2Y-,3Z", **units, **more})
+
+
+def test_every_format_has_a_file_of_its_own_library():
+    assert set(BY_KIND) == set(WRITERS) == set(PACKAGES)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_of_its_own_library(kind, tmp_path):
+    record = read_record(whole(kind, tmp_path), options(kind))
+    np.testing.assert_allclose(record.values, VALUES * FACTORS, rtol=1e-12)
+    assert record.sampling_rate == pytest.approx(RATE, rel=1e-12)
+    assert record.start == pytest.approx(STARTS[kind])
+    assert [str(dof) for dof in record.channels] == ["1X+", "2Y-", "3Z+"]
+    assert record.quantities == ("acceleration", "acceleration", "force")
+    assert f"3 channels, 300 samples at 512 Hz, units g, m/s^2, N, {BY_KIND[kind].words}" in record.source
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_channels_are_chosen_by_name_and_number(kind, tmp_path):
+    path, names = whole(kind, tmp_path), FILE_NAMES.get(kind, NAMES)
+    first = 2 if kind == "parquet" else 1
+    given = {} if kind in SAYS_UNITS else {"units": "N,g"}
+    found = read_record(path, ReadOptions(columns=(names[2], first), channels="7X,8X", **given))
+    np.testing.assert_allclose(found.values, (VALUES * FACTORS)[:, [2, 0]], rtol=1e-12)
+    with pytest.raises(InputError, match=r"no column 'Strain'; the file has \d '"):
+        read_record(path, options(kind, columns="Strain,1,2"))
+    with pytest.raises(InputError, match=r"`channels` must have 3 entries"):
+        read_record(path, options(kind, channels="1X,2X"))
+    with pytest.raises(InputError, match=r"channel \d \('.*'\): .*`channels`, in the order of the columns"):
+        read_record(path)
+    if kind != "parquet":  # its clock is a column
+        with pytest.raises(InputError, match="512 Hz, but `sampling_rate` 500"):
+            read_record(path, options(kind, sampling_rate=500))
+
+
+def read_or_refused(path, given):
+    """The record at `path`, None where it is refused as it should."""
+    try:
+        return read_record(path, given)
+    except FileError as error:
+        message = str(error)
+    assert message.startswith(f"{path}: ")
+    return None
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_damage_is_refused(kind, tmp_path):
+    path = whole(kind, tmp_path)
+    data = path.read_bytes()
+    read = 0
+    for cut in (len(data) * np.array([0.1, 0.4, 0.75, 0.97])).astype(int):
+        path.write_bytes(data[:cut])
+        found = read_or_refused(path, options(kind))
+        if found is not None:
+            read += 1  # whole blocks of a stream are a shorter stream, of the same samples
+            np.testing.assert_allclose(found.values, (VALUES * FACTORS)[: len(found.values)], rtol=1e-12)
+    assert read <= (3 if kind in ("miniseed", "tdms") else 0)
+    for junk in (b"", b"\0" * 700, data[:60] + b"\xff" * 60 + data[120:200]):
+        path.write_bytes(junk)
+        with pytest.raises(FileError) as caught:
+            read_record(path, options(kind))
+        assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind != "wav"])
+def test_a_missing_library_is_named_with_its_extra(kind, tmp_path, monkeypatch):
+    path = tmp_path / f"a{BY_KIND[kind].SUFFIXES[0]}"
+    path.write_bytes(b"x")
+    monkeypatch.setattr("structid.records.io.loggers.find_spec", lambda name: None)
+    with pytest.raises(FileError, match=rf"need the package \w+; pip install structid\[{kind}\]"):
+        read_record(path, options(kind))
+
+
+def test_they_are_not_written(tmp_path, history):
+    for one in LOGGERS:
+        with pytest.raises(FileError, match=f"{one.words} files are read only; write .npz"):
+            write_record(tmp_path / f"a{one.SUFFIXES[0]}", history)
+
+
+def test_wav_of_whole_numbers_is_in_parts_of_full_scale(tmp_path):
+    from scipy.io import wavfile
+
+    counts = np.array([[0, 16384], [-32768, 8192], [1, 2]], dtype=np.int16)
+    wavfile.write(tmp_path / "a.wav", 100, counts)
+    found = read_record(tmp_path / "a.wav", ReadOptions(channels="1X,2X", units="m/s^2"))
+    np.testing.assert_allclose(found.values, counts / 32768)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_gaps_and_other_starts_of_miniseed(tmp_path):
+    obspy = pytest.importorskip("obspy", reason="needs structid[miniseed]")
+    path, start = tmp_path / "a.mseed", obspy.UTCDateTime(2026, 1, 1)
+
+    def trace(name, first, last, shift=0.0):
+        header = {"channel": name, "sampling_rate": RATE, "starttime": start + first / RATE + shift}
+        return obspy.Trace(VALUES[first:last, 0].copy(), header=header)
+
+    given = ReadOptions(channels="1X,2X", units="N", longest_gap=None)
+    obspy.Stream([trace("HNX", 0, 300), trace("HNY", 20, 290)]).write(str(path), format="MSEED")
+    found = read_record(path, given)
+    np.testing.assert_allclose(found.values, np.repeat(VALUES[20:290, :1], 2, axis=1))
+    assert (found.start, "cut to the span that all channels have" in found.source) == (
+        pytest.approx(20 / RATE, abs=1e-6),
+        True,
+    )
+    obspy.Stream([trace("HNX", 0, 300), trace("HNY", 0, 100), trace("HNY", 102, 300)]).write(str(path), format="MSEED")
+    with pytest.raises(FileError, match=r"channel 2X\+ is NaN or infinite for 2 samples from sample 100"):
+        read_record(path, given)
+    obspy.Stream([trace("HNX", 0, 300), trace("HNY", 0, 300, 0.4 / RATE)]).write(str(path), format="MSEED")
+    with pytest.raises(InputError, match=r"sampled 0\.4 of a step beside the others"):
+        read_record(path, given)
+
+
+def test_channels_of_two_rates_are_chosen_from(tmp_path):
+    nptdms = pytest.importorskip("nptdms", reason="needs structid[tdms]")
+    path = tmp_path / "a.tdms"
+    parts = [
+        nptdms.ChannelObject("fast", "a", np.arange(40.0), properties={"wf_increment": 0.01, "unit_string": "N"}),
+        nptdms.ChannelObject("slow", "a", np.arange(4.0), properties={"wf_increment": 0.1, "unit_string": "N"}),
+        nptdms.ChannelObject("notes", "t", ["x", "y"]),
+    ]
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(parts)
+    with pytest.raises(InputError, match="'slow/a' is sampled at 10 Hz and 'fast/a' at 100 Hz; choose"):
+        read_record(path, ReadOptions(channels="1X,2X"))
+    assert read_record(path, ReadOptions(columns="slow/a", channels="1X")).sampling_rate == pytest.approx(10)
+
+
+def test_uneven_times_and_times_without_a_rate(tmp_path):
+    pa = pytest.importorskip("pyarrow", reason="needs structid[parquet]")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    time = np.arange(50) * 2.0
+
+    def written(**columns):
+        parquet.write_table(pa.table(columns), str(path))
+        return path
+
+    milli = written(**{"t [ms]": time, "1X [N]": np.arange(50.0)})
+    assert read_record(milli).sampling_rate == pytest.approx(500)
+    with pytest.raises(InputError, match="even, increasing times"):
+        read_record(written(**{"t [ms]": time**2, "1X [N]": np.arange(50.0)}))
+    with pytest.raises(InputError, match="does not say its sampling rate; give `sampling_rate`"):
+        read_record(written(**{"1X [N]": np.arange(50.0)}))
+    stamps = pa.array((time * 1e6).astype("int64"), pa.timestamp("ns"))
+    assert read_record(written(**{"timestamp": stamps, "1X [N]": np.arange(50.0)})).sampling_rate == pytest.approx(500)
+    with pytest.raises(FileError, match="no channel besides its times"):
+        read_record(written(time=time))
