@@ -199,3 +199,47 @@ def test_missing_file_is_named_with_its_neighbour(tmp_path):
     write_modes(tmp_path / "modes.json", modes())
     with pytest.raises(FileError, match=r"did you mean modes\.json"):
         read_modes(tmp_path / "mode.json")
+
+
+TABLE = (
+    "frequency_hz,frequency_std_hz,damping_ratio,damping_std,1X,1X std,2X-\n"
+    "8.5,0.01,0.012,0.002,1,0.05,-0.5\n20.25,0.02,0.02,0.003,0.5,0.04,1\n"
+)
+SAME = {
+    "own": TABLE,
+    "semicolons and decimal commas": TABLE.replace(",", ";").replace(".", ","),
+    "tabs": TABLE.replace(",", "\t"),
+    "one column a mode": "\n".join(map(",".join, zip(*(row.split(",") for row in TABLE.splitlines()), strict=True))) + "\n",
+    "of another program": "Mode,Frequency [Hz],Std. Frequency [Hz],Damping [%],Std. Damping [%],Complexity [%],1X,1X std,2X-\n"
+    "1,8.5,0.01,1.2,0.2,3.1,1,0.05,-0.5\n2,20.25,0.02,2.0,0.3,0,0.5,0.04,1\n",
+    "of one more": "No.,Natural Frequency (Hz),Frequency Std (Hz),Damping Ratio,Standard deviation of damping ratio,1X,1X std,2X-\n"
+    "1,8.5,0.01,0.012,0.002,1,0.05,-0.5\n2,20.25,0.02,0.02,0.003,0.5,0.04,1\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_tables_of_modes_as_others_lay_them_out(tmp_path, name):
+    (tmp_path / "modes.csv").write_text(SAME[name])
+    found = read_modes(tmp_path / "modes.csv")
+    np.testing.assert_allclose(found.frequency, [8.5, 20.25])
+    np.testing.assert_allclose(found.damping_ratio, [0.012, 0.02])
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), [0.01, 0.02, 0.002, 0.003])
+    np.testing.assert_allclose(found.mode_shapes, [[1, 0.5], [-0.5, 1]])
+    np.testing.assert_allclose(found.shape_std, [[0.05, 0.04], [np.nan, np.nan]])
+    assert [str(dof) for dof in found.channels] == ["1X+", "2X-"]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("own", "0.02,0.02", "-0.02,0.02", "line 3, column `frequency_std_hz` must not be negative, got -0.02"),
+        ("one column a mode", "0.01,0.02", "0.01,x", "row `frequency_std_hz`, column 3 must be a number, got 'x'"),
+        ("of another program", "Damping [%],S", "Frequency [Hz],S", "two columns `frequency_hz`"),
+        ("of one more", "No.", "Story", "column 'Story' is no channel"),
+    ],
+)
+def test_wrong_cells_of_such_tables_are_named(tmp_path, name, old, new, words):
+    assert SAME[name].count(old) == 1
+    (tmp_path / "modes.csv").write_text(SAME[name].replace(old, new))
+    with pytest.raises(FileError, match=words):
+        read_modes(tmp_path / "modes.csv")

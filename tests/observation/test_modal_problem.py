@@ -295,6 +295,72 @@ def test_modal_problem_names_what_is_missing(change, options, words):
         ModalProblem(structure, unknown, replace(record, **change), **options)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"covariance": 1}, "uncertainty of its frequencies, or one of zero, at mode 2: .*`frequency_error`"),
+        ({"shape_std": np.array([[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])}, "of its shapes, or one of zero, at mode 3: "),
+    ],
+)
+def test_deviations_of_zero_are_named_by_their_modes(change, words):
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "5X"], 3)
+    if "covariance" in change:
+        covariance = record.covariance.copy()
+        covariance[1, 1] = 0.0
+        change = {"covariance": covariance}
+    with pytest.raises(InputError, match=words):
+        ModalProblem(structure, unknown, replace(record, **change))
+    ModalProblem(structure, unknown, replace(record, **change), frequency_error=0.01, shape_error=0.01)
+
+
+def test_shapes_by_their_mac_make_the_objective_of_published_work():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(3))
+    record = replace(record, shape_std=np.full(record.mode_shapes.shape, 7.0))  # which then does not count
+    problem = ModalProblem(structure, unknown, record, shape_error=0.04, shape_form="mac")
+    theta = problem.theta_start + 0.2 * np.random.default_rng(1).standard_normal(5)
+    require_exact_slope(problem, theta)
+    values = unknown.values(problem.physical(theta))
+    model = measured(structure, values, ["1X", "3X-", "5X"], 4)
+    assurance = np.array(
+        [(a @ b) ** 2 / ((a @ a) * (b @ b)) for a, b in zip(record.mode_shapes.T, model.mode_shapes.T, strict=True)]
+    )
+    own = problem.shape_residual(theta)
+    assert own @ own == pytest.approx(np.sum(1 - assurance) / 0.04**2, rel=1e-9)
+    std = np.sqrt(np.diag(record.covariance)[:4])
+    whole = np.sum(1 - assurance) / 0.04**2 + np.sum(((model.frequency - record.frequency) / std) ** 2)
+    assert np.sum(problem.residual(theta) ** 2) == pytest.approx(
+        whole, rel=1e-3
+    )  # the stated error widens none of these
+    assert problem.data.changes is None
+    with pytest.raises(InputError, match=r"weighed by `shape_error`, the standard deviation of sqrt\(1 - MAC\)"):
+        ModalProblem(structure, unknown, record, shape_form="mac")
+
+
+def test_what_pulls_sums_to_the_number_of_parameters():
+    structure = chain()
+    prior = Prior(1000.0, 10.0)
+    unknown = parameters(structure, [Unknown("stiffness", "k", each=True, prior=prior)])
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 4, np.random.default_rng(3))
+    problem = ModalProblem(structure, unknown, record, use_damping=True)
+    theta = problem.theta_start
+    found = problem.pull(theta)
+    assert list(found) == ["shapes", "mixing of close modes", "frequencies", "damping ratios"]
+    assert [rows for rows, _, _ in found.values()] == [12, 4, 4, 4]
+    at = problem.linearize(theta)
+    left, priors = np.linalg.inv(at.jacobian.T @ at.jacobian), at.jacobian[problem.n_data :]
+    whole = sum(own for _, own, _ in found.values())
+    assert whole + np.trace(left @ priors.T @ priors) == pytest.approx(5, rel=1e-9)
+    rows = at.jacobian[: problem.n_data][problem.series == 8]  # frequencies of three channels: 2 * 3 + 2
+    assert found["frequencies"][1] == pytest.approx(np.trace(left @ rows.T @ rows), rel=1e-9)
+    assert sum(part for _, _, part in found.values()) == pytest.approx(1)
+    fewer = replace(problem, record=record.some_modes(np.array([0])), parameters=stiffnesses(structure))
+    assert fewer.pull(theta) == {}
+
+
 def test_modal_problem_refuses_more_modes_than_the_model_has():
     structure = chain(2)
     unknown = stiffnesses(structure)

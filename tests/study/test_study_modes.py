@@ -1,6 +1,7 @@
 """Measured modes as records of a study: pipeline, ratios, joint fits, and what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from structid.cli import app as cli
 from structid.dynamics.modes import modes
 from structid.modal.files.files import read_modes, write_modes
 from structid.records.io import write_record
+from structid.report.identification.modal_tables import modal_facts
 from structid.report.identification.page import report_page
 from structid.study.run.check import check_study
 from structid.study.run.run import load_study, run_study
@@ -300,3 +302,87 @@ def test_eighteen_story_frame_as_a_study_says_what_is_not_determined(tmp_path):
     told = [words for words in found.warnings if words.startswith("the data determine stiffness[story")]
     assert len(told) == 18 - found.estimate.identifiability.rank
     assert found.ratios is None  # masses are weighed
+
+
+def as_uff(folder, keys):
+    """The example's study with its modes in a universal file, which keeps no deviations, and these keys beside them."""
+    path = storeys(folder)
+    write_modes(folder / "modes.uff", read_modes(folder / "modes.json"))
+    text = path.read_text(encoding="utf-8").replace("modes.json", "modes.uff")
+    head, mark, tail = text.partition("[record.modes]")
+    assert mark
+    path.write_text(f"{head}{mark}\n{keys}{tail.partition(chr(10))[2]}", encoding="utf-8")
+    return path
+
+
+def test_deviations_of_a_universal_file_are_given_in_the_study(tmp_path):
+    own = read_modes(EXAMPLE / "modes.json")
+    std = np.sqrt(np.diag(own.covariance)[: own.n_modes])
+    keys = f"frequency_std = {std.tolist()}\nshape_std = 0.01\n"
+    record = load_study(as_uff(tmp_path, keys)).setups[0].record.modes.load()
+    np.testing.assert_allclose(np.diag(record.covariance)[: len(std)], std**2)
+    assert np.isnan(np.diag(record.covariance)[len(std) :]).all()
+    largest = np.abs(record.mode_shapes).max(axis=0)
+    np.testing.assert_allclose(record.shape_std, np.broadcast_to(0.01 * largest, record.shape_std.shape))
+    found = run_study(load_study(tmp_path / "study.toml")).identification
+    np.testing.assert_array_less(np.abs(found.estimate.values - TRUTH), 0.02 * TRUTH)
+    pull = dict(modal_facts(found.modal_fits[0], False))["What pulls"]
+    assert re.match(r"shapes \(\d+ values\) determine .* of 4 parameters and make", pull)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("frequency_std = 0.0\nshape_std = 0.1\n", "frequency_std: must be a number greater than 0"),
+        ("frequency_std = [0.1, 0.1]\nshape_std = 0.1\n", "`frequency_std` must be one number or"),
+        ("", "no uncertainty of its frequencies; give `frequency_error`"),
+    ],
+)
+def test_deviations_that_cannot_be_exit_2(tmp_path, keys, words):
+    done = invoke("check", as_uff(tmp_path, keys))
+    assert done.exit_code == 2
+    assert words in " ".join(done.stderr.split())
+
+
+def test_deviations_beside_those_of_the_file_are_refused(tmp_path):
+    path = storeys(tmp_path)
+    path.write_text(path.read_text().replace("[record.modes]", "[record.modes]\nfrequency_std = 0.1"))
+    done = invoke("check", path)
+    assert done.exit_code == 2
+    assert "has covariance of frequencies and damping ratios of its own" in " ".join(done.stderr.split())
+
+
+def test_shapes_by_mac_are_a_choice_of_the_study_and_said(tmp_path):
+    path = storeys(tmp_path)
+    path.write_text(
+        path.read_text().replace("[record.modes]", '[record.modes]\nshape_form = "mac"\nshape_error = 0.02')
+    )
+    found = run_study(load_study(path)).identification
+    np.testing.assert_array_less(np.abs(found.estimate.values - TRUTH), 0.02 * TRUTH)
+    assert any("shapes count by their MAC" in words for words in found.warnings)
+    assert "1 - MAC" in dict(modal_facts(found.modal_fits[0], False))["Residual"]
+
+
+def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = storeys(tmp_path)
+    whole = read_modes(tmp_path / "modes.json")
+    n = len(whole.channels)
+    for name, rows in (("lower", range(n - 1)), ("upper", range(1, n))):
+        part = whole.some_channels(list(rows))
+        write_modes(tmp_path / f"{name}.uff", part)
+        write_modes(tmp_path / f"{name}.json", part)
+    for suffix in ("uff", "json"):
+        done = invoke("modes", f"lower.{suffix}", f"upper.{suffix}", "--merge", "--out", f"merged_{suffix}")
+        assert (done.exit_code, done.stderr) == (0, "")
+        assert f"{whole.n_modes} modes at {n} sensors" in done.stdout
+        merged = read_modes(tmp_path / f"merged_{suffix}" / "modes.json")
+        assert {dof.unsigned for dof in merged.channels} == {dof.unsigned for dof in whole.channels}
+        np.testing.assert_allclose(merged.frequency, whole.frequency, rtol=1e-5)
+    path.write_text(path.read_text().replace("modes.json", "merged_json/modes.json"))
+    found = run_study(load_study(path)).identification
+    np.testing.assert_array_less(np.abs(found.estimate.values - TRUTH), 0.02 * TRUTH)
+    done = invoke("modes", "lower.uff", "upper.uff", "--merge", "--band", "1", "9")
+    assert (done.exit_code, "leave the options of reading and identification out" in done.stderr) == (2, True)
+    done = invoke("modes", "lower.uff", "--merge")
+    assert (done.exit_code, "two set-ups or more" in done.stderr) == (2, True)

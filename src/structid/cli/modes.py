@@ -9,10 +9,13 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
 from structid.cli.tables import show
+from structid.errors import InputError
+from structid.modal.files.files import read_modes, write_modes
+from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
-from structid.records.io import ReadOptions
-from structid.report.modes.text import modes_text
+from structid.records.io import ReadOptions, read_geometry
+from structid.report.modes.text import merged_text, modes_text
 from structid.study.results.folder import staged_folder
 from structid.study.results.modes import write_modes_results
 
@@ -31,6 +34,9 @@ def modes(
         Path | None,
         typer.Option(metavar="FILE", help="Positions of the nodes: UFF, or CSV of node,x,y,z and line,1,2."),
     ] = None,
+    merge: Annotated[
+        bool, typer.Option("--merge", help="The files hold modes of set-ups (JSON, UFF, CSV): merge these.")
+    ] = False,
     out: Annotated[Path | None, results_folder("<first record>_modes")] = None,
     report: Report = True,
     png: Png = False,
@@ -48,8 +54,12 @@ def modes(
       structid modes ambient.h5 --band 1 4 --geometry nodes.csv --out tower
       structid modes frf.uff --frequencies 21.6,50.1,68.4
       structid modes lower_floors.uff upper_floors.uff --out tower
+      structid modes modes_of_a.uff modes_of_b.uff --merge --out tower
     """
     check_png(report, png)
+    if merge:
+        _merge(records, options, read, geometry, out)
+        return
     if len(records) > 1:
         found = modes_of_setups(records, options, read, geometry)
     else:
@@ -65,3 +75,21 @@ def modes(
     typer.echo(str(folder / name))
     if not found.is_determined:
         fail("the data do not determine the uncertainty of every mode; see the warnings", NOT_DETERMINED)
+
+
+def _merge(
+    paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
+) -> None:
+    """Modes of set-ups from files that hold modes, merged and written as files that a study takes as a record."""
+    if options != ModesOptions() or read != ReadOptions():
+        raise InputError(
+            "`--merge` takes files of modes as they are; leave the options of reading and identification out"
+        )
+    merging = merged_setups([read_modes(path) for path in paths])
+    places = None if geometry is None else read_geometry(geometry)
+    folder = out if out is not None else Path(f"{paths[0].stem}_modes")
+    with staged_folder(folder, "modes.json") as staged:
+        for suffix in ("json", "csv", "uff"):
+            write_modes(staged / f"modes.{suffix}", merging.modes, places)
+    show(merged_text([path.name for path in paths], merging))
+    typer.echo(str(folder / "modes.json"))

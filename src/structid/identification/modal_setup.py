@@ -16,9 +16,14 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own
 from structid.identification.setups import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
-from structid.observation import ChannelUnknown, ModalForm, ModalProblem
+from structid.observation import ChannelUnknown, ModalForm, ModalProblem, ShapeForm
 from structid.structure import Structure
 from structid.unknowns import Parameters
+
+_BY_MAC = (
+    "shapes count by their MAC, which has no noise model: intervals and verdict are those of the weight `shape_error`; leave"
+    " `shape_form` out to judge the answer"
+)
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class ModalSettings:
     use_damping: bool = False
     closeness: NotNegative = 0.02
     frequency_guard: Positive = 0.3
+    shape_form: ShapeForm = "entries"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +62,8 @@ class ModalSetup(RecordSetup[ModalProblem]):
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
         problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings))
-        return Prepared(problem, self.record.warnings)
+        weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
+        return Prepared(problem, (*self.record.warnings, *weighed))
 
     @property
     def measured(self) -> object:

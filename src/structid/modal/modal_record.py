@@ -52,6 +52,14 @@ class ModalChanges:
             require_finite(name, getattr(self, name))
 
 
+def independent_errors(stds: FloatArray) -> FloatArray:
+    """Covariance of errors that are taken as independent; NaN where a standard deviation is missing."""
+    known = ~np.isnan(stds)
+    covariance = np.where(np.outer(known, known), 0.0, np.nan)
+    np.fill_diagonal(covariance, stds**2)
+    return covariance
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ModalRecord(Shown):
     """Modes as measured, lowest first: a measurement like any other for what follows.

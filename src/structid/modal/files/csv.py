@@ -1,10 +1,12 @@
-"""Modes as CSV, one row a mode: what a spreadsheet opens, and what a table of published modes becomes."""
+"""Modes as CSV, one row (or column) a mode: what a spreadsheet opens, and what a table of published modes becomes."""
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +14,18 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
-from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
+from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, unit_largest
 from structid.modal.poles import modal_phase_collinearity
 
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
 _PARTS = ("real", "imaginary", "std")
+_COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr")
+_STD = r"(std|std dev|standard deviation|deviation)"
+#: Headers of frequencies and damping ratios in tables of other programs, blanks for points and underscores.
+_OTHER_WORDS = re.compile(
+    rf"(?P<before>{_STD}( of)? )?(natural |undamped |eigen)?(?P<quantity>frequency|freq|damping ratio|damping)(?P<after> {_STD})?"
+    r"( ?(?P<unit>\[hz\]|\(hz\)|hz|\[%\]|\(%\)|%|\[-\]|\[1\]))?"
+)
 
 
 def modes_csv(modes: ModalRecord) -> str:
@@ -45,31 +54,98 @@ def _cell(value: object) -> str:
     return str(value)
 
 
+class _Table(NamedTuple):
+    """Cells of a table of modes, one of `lines` a mode.
+
+    Attributes
+    ----------
+    path : Path
+    header : list of str
+        In the words of `modes_csv`.
+    lines : list of list of str
+    factors : dict of str to float
+        What a number of a column is multiplied by, 1 where it is not named.
+    is_turned : bool
+        Whether the file has one column a mode.
+    """
+
+    path: Path
+    header: list[str]
+    lines: list[list[str]]
+    factors: dict[str, float]
+    is_turned: bool
+
+    def place(self, k: int, name: str) -> str:
+        """Where the value called `name` of mode `k` is."""
+        return f"row `{name}`, column {k + 2}" if self.is_turned else f"line {k + 2}, column `{name}`"
+
+
+def _table(path: Path) -> _Table:
+    """The table at `path`: commas, semicolons or tabs; with the latter two decimal commas; one row or one column a mode."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        separator = max((",", ";", "\t"), key=text.partition("\n")[0].count)
+        rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); save it as CSV UTF-8") from error
+    rows = [rows[0], *(row for row in rows[1:] if any(cell.strip() for cell in row))]
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(rows[0]):
+            raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
+    turned = any(_own_word(row[0])[0] == "frequency_hz" and _is_number(row[1]) for row in rows if len(row) > 1)
+    if turned:
+        rows = [list(column) for column in zip(*rows, strict=True)]
+    words = [_own_word(cell) for cell in rows[0]]
+    header = [word for word, _ in words]
+    if "frequency_hz" not in header or len(rows) < 2:
+        raise FileError(f"{path}: must have a column `frequency_hz` and one row a mode, got {', '.join(header[:8])}")
+    doubled = [name for name in header if name and header.count(name) > 1]
+    if doubled:
+        raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
+    lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
+    return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _own_word(cell: str) -> tuple[str, float]:
+    """What this module calls a column that other programs head so, and the factor to its unit."""
+    text = re.sub(r"[\s_.]+", " ", cell.strip().lower()).strip()
+    match = _OTHER_WORDS.fullmatch(text)
+    if match is None:
+        return ("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip()), 1.0
+    quantity, std = match["quantity"], bool(match["before"] or match["after"])
+    if quantity.startswith("damp"):
+        return ("damping_std" if std else "damping_ratio"), 0.01 if match["unit"] in ("[%]", "(%)", "%") else 1.0
+    return ("frequency_std_hz" if std else "frequency_hz"), 1.0
+
+
 def read_modes_csv(path: Path) -> ModalRecord:
     """The modes in the table at `path`: ``frequency_hz`` and one column a channel are needed, the rest is optional.
+
+    ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a table with
+    one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``.
 
     Raises
     ------
     FileError
         If the file is not such a table, or a cell cannot be used; with its line and column.
     """
-    try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); save it as CSV UTF-8") from error
-    header, lines = [cell.strip() for cell in rows[0]], [row for row in rows[1:] if any(cell.strip() for cell in row)]
-    if "frequency_hz" not in header or not lines:
-        raise FileError(f"{path}: must have a column `frequency_hz` and one row a mode, got {', '.join(header[:8])}")
-    for number, row in enumerate(lines, 2):
-        if len(row) != len(header):
-            raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(header)}; mend the line")
-    order = np.argsort(_column(path, header, lines, "frequency_hz"), kind="stable")
-    found = {name: _column(path, header, lines, name)[order] for name in _NUMBERS}
+    table = _table(path)
+    header, lines = table.header, table.lines
+    order = np.argsort(_column(table, "frequency_hz"), kind="stable")
+    found = {name: _column(table, name)[order] for name in _NUMBERS}
     if np.isnan(found["frequency_hz"]).any():
         raise FileError(f"{path}: a mode has no `frequency_hz`; give it, or leave the mode out")
     scaling = _scaling(path, header, lines)
     dofs = _channels(path, header)
-    shapes, shape_std = _shapes(path, header, lines, dofs)
+    shapes, shape_std = _shapes(table, dofs)
     size = np.abs(shapes).max(axis=0)
     if not size.all():
         raise FileError(
@@ -82,30 +158,24 @@ def read_modes_csv(path: Path) -> ModalRecord:
     stds = np.concatenate([found["frequency_std_hz"], found["damping_std"]])
     return ModalRecord(
         found["frequency_hz"], found["damping_ratio"], shapes[:, order], dofs, scaling=scaling, source=path.name,
-        covariance=None if np.isnan(stds).all() else _independent(stds),
+        covariance=None if np.isnan(stds).all() else independent_errors(stds),
         shape_std=None if shape_std is None else (shape_std / size)[:, order],
     )  # fmt: skip
 
 
-def _independent(stds: FloatArray) -> FloatArray:
-    """Covariance of errors that are taken as independent; NaN throughout where a standard deviation is missing."""
-    known = ~np.isnan(stds)
-    covariance = np.where(np.outer(known, known), 0.0, np.nan)
-    np.fill_diagonal(covariance, stds**2)
-    return covariance
-
-
-def _column(path: Path, header: list[str], lines: list[list[str]], name: str) -> FloatArray:
+def _column(table: _Table, name: str) -> FloatArray:
     """NaN where a cell is empty or the column is missing."""
-    values = np.full(len(lines), np.nan)
-    if name in header:
-        at = header.index(name)
-        for k, row in enumerate(lines):
+    values = np.full(len(table.lines), np.nan)
+    if name in table.header:
+        at, factor = table.header.index(name), table.factors.get(name, 1.0)
+        for k, row in enumerate(table.lines):
             text = row[at].strip()
             try:
-                values[k] = float(text) if text else np.nan
+                values[k] = float(text) * factor if text else np.nan
             except ValueError:
-                raise FileError(f"{path}: line {k + 2}, column `{name}` must be a number, got {text!r}") from None
+                raise FileError(f"{table.path}: {table.place(k, name)} must be a number, got {text!r}") from None
+            if name.endswith(("std", "std_hz")) and values[k] < 0:
+                raise FileError(f"{table.path}: {table.place(k, name)} must not be negative, got {text}")
     return values
 
 
@@ -120,7 +190,7 @@ def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
 
 def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
     """Every channel that a column names, in order."""
-    known = {"mode", "mpc", "scaling", *_NUMBERS}
+    known = {"", "mode", "mpc", "scaling", *_NUMBERS}
     found: dict[Dof, None] = {}
     for name in header:
         if name in known:
@@ -138,21 +208,21 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
     return tuple(found)
 
 
-def _shapes(
-    path: Path, header: list[str], lines: list[list[str]], dofs: tuple[Dof, ...]
-) -> tuple[NDArray[np.inexact], FloatArray | None]:
+def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NDArray[np.inexact], FloatArray | None]:
     """Shapes and standard deviations of their entries, one row a channel."""
     names = {}
-    for name in header:
+    for name in table.header:
         first, _, part = name.partition(" ")
         if first[:1].isdigit():
             names[parse_dof(first), part or "real"] = name
     rows: dict[str, list[FloatArray]] = {part: [] for part in _PARTS}
     for dof in dofs:
         for part in _PARTS:
-            rows[part].append(_column(path, header, lines, names.get((dof, part), "")))
+            rows[part].append(_column(table, names.get((dof, part), "-")))
         if np.isnan(rows["real"][-1]).any():
-            raise FileError(f"{path}: the shape at {dof} has an empty cell; give every mode a value at every channel")
+            raise FileError(
+                f"{table.path}: the shape at {dof} has an empty cell; give every mode a value at every channel"
+            )
     real, imaginary, std = (np.array(rows[part]) for part in _PARTS)
     shapes = real if np.isnan(imaginary).all() else real + 1j * np.nan_to_num(imaginary)
     return shapes, None if np.isnan(std).all() else std

@@ -26,23 +26,41 @@ class MeasuredModes:
     shape_error: float
     use_damping: bool
     closeness: float
+    shape_form: str = "entries"
 
     def __post_init__(self) -> None:
         if not self.measured.size:
             raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
         if not self.record.channels:
             raise InputError("the record has no channels; mode shapes are needed to pair modes, at one sensor at least")
-        if not (self.frequency_std > 0).all():
-            raise InputError("the record has no uncertainty of its frequencies; give `frequency_error`, such as 0.005")
-        if not (self.shape_std > 0).all():
-            raise InputError("the record has no uncertainty of its shapes; give `shape_error`, such as 0.02")
-        if self.use_damping and not (self.damping_std > 0).all():
-            raise InputError("damping ratios need a value and a standard deviation each; give `damping_error`")
+        if self.shape_form == "mac" and not self.shape_error > 0:
+            raise InputError(
+                "MACs are weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give it, as in 0.05"
+            )
+        self._require_errors("its frequencies", self.frequency_std, "`frequency_error`, such as 0.005")
+        self._require_errors("its shapes", self.shape_std[:, self.measured].min(axis=0), "`shape_error`, such as 0.02")
+        if self.use_damping:
+            value = self.record.damping_ratio[self.measured]
+            if not (np.nan_to_num(value) > 0).any():
+                raise InputError("damping ratios need a value and a standard deviation each; the record has none")
+            self._require_errors("its damping ratios", self.damping_std, "`damping_error`, such as 0.1, and values")
         short = [g for g in self.groups if len(g.members) > len(self.record.channels)]
         if short:
             raise InputError(
                 f"{len(short[0].members)} modes lie within {self.closeness:g} of each other and there are"
                 f" {len(self.record.channels)} sensors; lower `closeness`, or measure more places"
+            )
+
+    def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:
+        """Refuse modes whose standard deviation is zero or not known, by their numbers."""
+        lost = self.measured[~(std > 0)]
+        if lost.size == self.measured.size:
+            raise InputError(f"the record has no uncertainty of {what}; give {remedy}")
+        if lost.size:
+            listed = ", ".join(str(mode + 1) for mode in lost.tolist())
+            raise InputError(
+                f"the record has no uncertainty of {what}, or one of zero, at mode {listed}: a value without error would"
+                f" outweigh all others; correct it, or give {remedy}, which is added to all"
             )
 
     @cached_property
@@ -63,7 +81,13 @@ class MeasuredModes:
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`."""
+        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`.
+
+        In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
+        """
+        if self.shape_form == "mac":
+            size = np.linalg.norm(self.shapes, axis=0)
+            return np.broadcast_to(self.shape_error * size, self.shapes.shape)
         own = self.record.shape_std
         if len(self.record.channels) == 1 and not (own is not None and own.all()):
             return np.full(self.shapes.shape, self.shape_error or 1.0)  # one entry always fits
@@ -151,7 +175,7 @@ class MeasuredModes:
         numbers vary together.
         """
         own = self.record.changes
-        if own is None:
+        if own is None or self.shape_form == "mac":
             return None
         given = np.asarray(self.record.mode_shapes)
         turn = real_turn(given)

@@ -28,8 +28,10 @@ from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns
 
 ModalForm = Literal["output", "dynamic"]
+ShapeForm = Literal["entries", "mac"]
 
 _START_ERROR = 0.5
+_SINGULAR = 1e14
 #: Degrees of freedom up to which all modes of the model are found, and dense matrices made.
 _DENSE_UP_TO = 600
 
@@ -67,6 +69,9 @@ class ModalProblem(RecordProblem):
         Of the residual, see above.
     frequency_guard : float
         A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
+    shape_form : ShapeForm
+        How shapes count: ``entries``, by the standard deviation of each; ``mac``, as (1 - MAC) / `shape_error`^2 of each
+        mode, for comparison with work that minimizes such sums. MACs have no noise model: intervals are those of the weight.
 
     Raises
     ------
@@ -95,6 +100,7 @@ class ModalProblem(RecordProblem):
     closeness: float = 0.02
     form: ModalForm = "output"
     frequency_guard: float = 0.3
+    shape_form: ShapeForm = "entries"
 
     def __post_init__(self) -> None:
         _ = self.data, self._sensors
@@ -102,7 +108,7 @@ class ModalProblem(RecordProblem):
     @cached_property
     def data(self) -> MeasuredModes:
         errors = self.frequency_error, self.damping_error, self.shape_error
-        return MeasuredModes(self.record, *errors, self.use_damping, self.closeness)
+        return MeasuredModes(self.record, *errors, self.use_damping, self.closeness, self.shape_form)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> ModalProblem:
         return replace(self, parameters=cast(Parameters, parts[0]))
@@ -196,6 +202,29 @@ class ModalProblem(RecordProblem):
         of = self if self.form == "output" else replace(self, form="output")
         return of.residual(theta)[: of.n_data][of.series < 2 * len(self.record.channels)]
 
+    def pull(self, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
+        """Of each kind of value: how many, how many parameters they determine, and their part of the misfit.
+
+        Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
+        give the number of parameters. Empty where the data do not determine all.
+        """
+        at = self.linearize(theta)
+        information = at.jacobian.T @ at.jacobian
+        scale = np.sqrt(np.diag(information))
+        if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
+            return {}
+        covariance = np.linalg.inv(information)
+        names = self.rows.names
+        kinds = np.array([_kind_of(names[number // 2]) for number in self.series.tolist()])
+        whole = float(at.residual[: self.n_data] @ at.residual[: self.n_data])
+        found = {}
+        for kind in dict.fromkeys(kinds.tolist()):
+            rows = np.flatnonzero(kinds == kind)
+            own, part = at.jacobian[rows], at.residual[rows]
+            trace = float(np.einsum("ij,jk,ik->", own, covariance, own))
+            found[kind] = (len(rows), trace, float(part @ part) / whole if whole else 0.0)
+        return found
+
     @cached_property
     def _latest(self) -> dict[bytes, Linearization]:
         """The last linearization: a step is tried and made at one point, and the residual costs as much as all of it."""
@@ -286,3 +315,11 @@ class ModalProblem(RecordProblem):
             model.append(d_frequency)
         rows.append(self.data.whitened(np.concatenate(model) - frequency.T, -ratio.T))
         return np.concatenate(rows).T
+
+
+def _kind_of(row: str) -> str:
+    """What kind of value the data rows of this name are."""
+    first = row.partition(" ")[0]
+    return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
+        first, "damping ratios"
+    )

@@ -15,6 +15,8 @@ _FORMS = {
     "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
 }
 
+_MAC = "frequencies over their standard deviations, and 1 - MAC of each shape over the square of `shape_error`"
+
 
 def modal_table(fit: ModalFit) -> Table:
     """Every measured mode with its pair in the model, before and after."""
@@ -55,6 +57,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     assumed += [f"{percent(problem.shape_error, 3, signed=False)} of the largest shape entry"] * bool(
         problem.shape_error
     )
+    residual = _MAC if problem.shape_form == "mac" and problem.form == "output" else _FORMS[problem.form]
     f = record.frequency[problem.data.measured]
     scale = (
         "modes give ratios of stiffness to mass only; kilograms rest on "
@@ -66,9 +69,25 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
         ("Sensors", ", ".join(map(str, record.channels))),
         ("Uncertainty", own),
         ("Error assumed besides", ", ".join(assumed) or "none"),
-        ("Residual", _FORMS[problem.form] + (", with damping ratios" if problem.use_damping else "")),
+        ("Residual", residual + (", with damping ratios" if problem.use_damping else "")),
+        ("What pulls", _pull(fit)),
         ("Absolute size", scale),
     )
+
+
+def _pull(fit: ModalFit) -> str:
+    """What each kind of value determines, and its part of the misfit."""
+    found = fit.problem.pull(fit.theta)
+    if not found:
+        return "not told: these modes alone do not determine every parameter"
+    n_params = fit.problem.parameters.n_params
+    parts = [
+        f"{kind} ({counted(rows, 'value')}) determine {number(own, 2)} of {counted(n_params, 'parameter')} and make"
+        f" {percent(misfit, 2, signed=False)} of the misfit"
+        for kind, (rows, own, misfit) in found.items()
+    ]
+    rest = n_params - sum(own for _, own, _ in found.values())
+    return "; ".join([*parts, *([f"priors determine {number(rest, 2)}"] if rest > 0.005 * n_params else [])])
 
 
 def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.console import RenderableType
 from rich.text import Text
 
+from structid.modal.merging import Merging
 from structid.modal.survey.survey import HARDLY_DAMPED, ModesResult
 from structid.records import FrfRecord
 from structid.report.figures.survey import mpc
@@ -23,6 +26,24 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
     return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
+
+
+def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
+    """Heading, warnings, and the table of modes that set-ups have in common, with what each of them says."""
+    modes, n = merging.modes, merging.modes.n_modes
+    heading = f"{', '.join(names)}: {counted(n, 'mode')} at {counted(len(modes.channels), 'sensor')}"
+    rows = [
+        (
+            str(k + 1),
+            value_words(modes.frequency[k], modes.std[k]),
+            value_words(100 * modes.damping_ratio[k], 100 * modes.std[n + k]),
+            ", ".join(f"{f:.5g}" for f in merging.frequency[:, k]),
+        )
+        for k in range(n)
+    ]
+    table = Table(("mode", "frequency (Hz)", "damping ratio (%)", "of each set-up (Hz)"), tuple(rows), (0, 1, 2))
+    warnings = [Text(f"warning: {warning}", style="yellow") for warning in modes.warnings]
+    return [Text(heading, style="bold"), *warnings, printed(table)]
 
 
 def mode_table(result: ModesResult) -> Table:

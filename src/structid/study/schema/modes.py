@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Annotated
 
+import numpy as np
+
+from structid.declared import Positive
 from structid.dof import Dof, parse_dofs, renamed
+from structid.errors import InputError
 from structid.identification.modal_setup import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
+from structid.modal.modal_record import independent_errors
 from structid.observation import ModalProblem
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.root import InputFiles
@@ -18,7 +24,56 @@ from structid.study.schema.sensors import used_names
 from structid.study.schema.tables import Key, Table, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)
-MODES = table_of(ModalSettings, words_of=ModalProblem) | {"use": Key(_NUMBERS, "Numbers of the modes; all by default")}
+
+
+@dataclass(frozen=True)
+class ModeDeviations:
+    """Standard deviations that a file of modes lacks; each one for all modes of the file, or one a mode."""
+
+    frequency_std: Annotated[tuple[Positive, ...], "Of the frequencies, Hz; of a file that says none"] = ()
+    damping_std: Annotated[tuple[Positive, ...], "Of the damping ratios; of a file that says none"] = ()
+    shape_std: Annotated[
+        tuple[Positive, ...], "Of shape entries, in parts of the largest; of a file that says none"
+    ] = ()
+
+    def added_to(self, record: ModalRecord) -> ModalRecord:
+        """The record with these.
+
+        Raises
+        ------
+        InputError
+            If it has its own, or their number is not that of the modes.
+        """
+        n = record.n_modes
+        given = {name: self._each(name, n) for name in (item.name for item in fields(self))}
+        frequency, damping, shape = (given[name] for name in ("frequency_std", "damping_std", "shape_std"))
+        if frequency is not None or damping is not None:
+            self._require_none("covariance of frequencies and damping ratios", record.covariance, "frequency_error")
+            stds = [np.full(n, np.nan) if own is None else own for own in (frequency, damping)]
+            record = replace(record, covariance=independent_errors(np.concatenate(stds)))
+        if shape is not None:
+            self._require_none("standard deviations of shapes", record.shape_std, "shape_error")
+            largest = np.abs(np.asarray(record.mode_shapes)).max(axis=0)
+            record = replace(record, shape_std=np.broadcast_to(shape * largest, record.mode_shapes.shape))
+        return record
+
+    def _each(self, name: str, n: int) -> np.ndarray | None:
+        values = getattr(self, name)
+        if len(values) not in (0, 1, n):
+            raise InputError(f"`{name}` must be one number or {n}, one for each mode of the file, got {len(values)}")
+        return np.broadcast_to(np.asarray(values, float), (n,)) if values else None
+
+    @staticmethod
+    def _require_none(what: str, own: object, other: str) -> None:
+        if own is not None:
+            raise InputError(f"the file has {what} of its own; leave them out, or add a stated error with `{other}`")
+
+
+MODES = (
+    table_of(ModalSettings, words_of=ModalProblem)
+    | table_of(ModeDeviations).keys
+    | {"use": Key(_NUMBERS, "Numbers of the modes; all by default")}
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +94,7 @@ class ModesSource:
     settings : ModalSettings
     aimed : mapping of str to str
         See `RecordSource`.
+    deviations : ModeDeviations
     """
 
     section: Section
@@ -48,6 +104,7 @@ class ModesSource:
     relabel: Mapping[str, str]
     settings: ModalSettings
     aimed: Mapping[str, str]
+    deviations: ModeDeviations = ModeDeviations()
 
     @property
     def modes_section(self) -> Section:
@@ -68,6 +125,8 @@ class ModesSource:
             record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
         with self.section.located("sensors"):
             renamed(record.channels, (), self.aimed)  # whether every channel is there
+        with self.modes_section.located():
+            record = self.deviations.added_to(record)
         with self.modes_section.located("use"):
             record = chosen_modes(record, self.use)
         if self.channels_used:
@@ -93,4 +152,7 @@ def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: 
         used = parse_dofs(as_list(given.get("channels_used", [])))
     inner = section.section("modes")
     own = {} if inner is None else inner.values(MODES)
-    return ModesSource(section, path, own.pop("use", ()), used, given.get("relabel", {}), ModalSettings(**own), aimed)
+    names = [item.name for item in fields(ModeDeviations)]
+    deviations = ModeDeviations(**{name: tuple(as_list(own.pop(name))) for name in names if name in own})
+    chosen, relabel = own.pop("use", ()), given.get("relabel", {})
+    return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations)
