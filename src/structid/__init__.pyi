@@ -58,6 +58,7 @@ from structid.observation.time.spectra import spectra_problem as spectra_problem
 from structid.planning.plan import plan as plan
 from structid.planning.planned import Plan as Plan
 from structid.planning.planned import PlanOptions as PlanOptions
+from structid.records import CsvLayout as CsvLayout
 from structid.records import FrfRecord as FrfRecord
 from structid.records import Preparation as Preparation
 from structid.records import ReadOptions as ReadOptions

@@ -103,6 +103,15 @@ def test_they_are_not_written(tmp_path, history):
             write_record(tmp_path / f"a{one.SUFFIXES[0]}", history)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("a.dxd", "export as UFF, TDMS, MAT or CSV from DewesoftX"), ("a.xlsx", "save the sheet as CSV UTF-8")],
+)
+def test_files_that_others_must_export_say_how(tmp_path, name, words):
+    with pytest.raises(FileError, match=words):
+        read_record(tmp_path / name)
+
+
 def test_wav_of_whole_numbers_is_in_parts_of_full_scale(tmp_path):
     from scipy.io import wavfile
 

@@ -145,8 +145,8 @@ def test_all_suffixes_keep_signs_and_rotations(suffix, frf, history):
 
 def test_suffix_of_no_format(tmp_path, frf):
     for call in (lambda p: read_record(p), lambda p: write_record(p, frf)):
-        with pytest.raises(FileError, match=r"record\.xlsx: the suffix '\.xlsx' .*\.npz .*\.uff"):
-            call(tmp_path / "record.xlsx")
+        with pytest.raises(FileError, match=r"record\.docx: the suffix '\.docx' .*\.npz .*\.uff"):
+            call(tmp_path / "record.docx")
 
 
 def test_upper_case_suffix(tmp_path, frf):
@@ -235,4 +235,4 @@ def test_a_new_format_is_a_module_and_a_line_in_the_registry(tmp_path, monkeypat
     with pytest.raises(FileError, match=r"a\.mine: is cut short"):
         read_record(tmp_path / "a.mine")
     with pytest.raises(FileError, match=r"\.uff .*\.mine"):
-        read_record(tmp_path / "a.xlsx")
+        read_record(tmp_path / "a.docx")

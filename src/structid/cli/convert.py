@@ -13,7 +13,12 @@ from structid.records import FrfRecord, ReadOptions, Record, read_record, write_
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Record: NPZ, NPY, HDF5, CSV, MAT or UFF.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN", help="Record: NPZ, NPY, HDF5, CSV, MAT, UFF, TDMS, MDF, miniSEED, WAV or Parquet."
+        ),
+    ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; the suffix gives the format.")],
     read: ReadOptions,
 ) -> None:
@@ -23,6 +28,7 @@ def convert(
     Examples:
       structid convert measured.uff measured.h5
       structid convert impact.npy impact.csv --sampling-rate 1024 --channels 1X+,2X+ --units g,N
+      structid convert logger.tdms record.h5 --columns "Acc 1,Force" --channels 1X+,3X+
       structid convert frf.npz frf.uff --array accelerance --frequency-array freq_hz
           --outputs 1X-,2X+ --inputs 1X+ --kind accelerance
     """

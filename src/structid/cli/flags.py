@@ -15,7 +15,6 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from structid.cli.base import reported
-from structid.declared import alternatives
 
 _AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
 _PAIR = tuple[float, float] | None
@@ -52,6 +51,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 def _inner(kind: Any) -> Any:
     """The dataclass that a field holds, or None."""
+    from structid.declared import alternatives  # not needed until a command is loaded
+
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 

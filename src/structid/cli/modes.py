@@ -25,7 +25,8 @@ def modes(
         list[Path],
         typer.Argument(
             metavar="RECORD...",
-            help="Time histories (NPZ, NPY, HDF5, MAT, CSV, UFF) or FRFs; several are set-ups, whose modes are merged.",
+            help="Time histories (NPZ, NPY, HDF5, MAT, CSV, UFF, TDMS, MDF, miniSEED, WAV, Parquet) or FRFs; several are set-ups,"
+            " whose modes are merged.",
         ),
     ],
     options: ModesOptions,
@@ -51,6 +52,7 @@ def modes(
     Examples:
       structid modes ambient.uff
       structid modes ambient.npy --sampling-rate 100 --channels 1X+,1Y+,2X+ --quantity acceleration
+      structid modes lab.csv --columns "Acc 1,Acc 2" --channels 1X+,2X+ --units g --csv-skip-rows 4
       structid modes ambient.h5 --band 1 4 --geometry nodes.csv --out tower
       structid modes frf.uff --frequencies 21.6,50.1,68.4
       structid modes lower_floors.uff upper_floors.uff --out tower

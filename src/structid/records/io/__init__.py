@@ -25,6 +25,13 @@ FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
 #: Those whose channels have names of their own, which `columns` and `time_column` of `ReadOptions` use.
 _NAMED: tuple[ModuleType | LoggerFormat, ...] = (_csv, *LOGGERS)
 
+_DEWESOFT = "only the vendor's own library reads Dewesoft files; export as UFF, TDMS, MAT or CSV from DewesoftX"
+#: What to do about files that are often at hand.
+_ELSEWHERE = {
+    **dict.fromkeys((".dxd", ".dxz", ".d7d", ".d7z"), _DEWESOFT),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "is a workbook; save the sheet as CSV UTF-8, without merged cells"),
+}
+
 __all__ = ["FORMATS", "LOGGERS", "CsvLayout", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
 
 
@@ -34,6 +41,8 @@ def _format(path: Path) -> ModuleType | LoggerFormat:
     for module in formats:
         if suffix in module.SUFFIXES:
             return module
+    if suffix in _ELSEWHERE:
+        raise FileError(f"{path}: {_ELSEWHERE[suffix]}")
     known = " ".join(suffix for module in formats for suffix in module.SUFFIXES)
     raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
 

@@ -17,6 +17,10 @@ OPTIONAL = {
     "dask": "clusters (extra `cluster`)",
     "distributed": "clusters (extra `cluster`)",
     "meshio": "VTK mesh files (extra `mesh`)",
+    "npTDMS": "TDMS files (extra `tdms`)",
+    "asammdf": "MDF files (extra `mdf`)",
+    "obspy": "miniSEED files (extra `miniseed`)",
+    "pyarrow": "Parquet files (extra `parquet`)",
     "emcee": "sampling (extra `sampling`)",
     "ansys-mapdl-reader": "Ansys files (extra `ansys`)",
 }
