@@ -36,6 +36,7 @@ STOREYS, HEIGHT, HALF = 4, 0.9, 1.25
 MODULUS = 2e11
 #: Of nine columns along x and y; three of them stand on the middle line that no face holds.
 COLUMNS = {"x": 9 * 12 * MODULUS * 1.97e-6 / HEIGHT**3, "y": 9 * 12 * MODULUS * 0.664e-6 / HEIGHT**3}
+TURNING = 9 * MODULUS / 2.6 * 8.01e-9 / HEIGHT  # of nine columns, N m
 STOREY = {"x": 106.6007e6, "y": 67.9044e6}
 MASS = (3452.445, 2652.445, 2652.445, 1809.8775)
 INERTIA = (3819.3858, 2986.0525, 2986.0525, 2056.8952)
@@ -76,6 +77,8 @@ def frame(case: int, damping: np.ndarray | None = None) -> sid.Structure:
         sid.PointMass("floors", floors, list(MASS), directions=["X", "Y"]),
         sid.RotaryInertia("turning", floors, list(INERTIA), "RZ"),
     ]
+    turns = [(f"{node - 10}RZ", f"{node}RZ") for node in floors]
+    elements.append(sid.Spring("turning columns", *map(list, zip(*turns, strict=True)), stiffness=TURNING))
     for axis in "xy":
         middle = COLUMNS[axis] / 3
         ends = [(f"{node - 10}{axis.upper()}", f"{node}{axis.upper()}") for node in floors]
