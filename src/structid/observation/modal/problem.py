@@ -218,8 +218,9 @@ class ModalProblem(RecordProblem):
         kinds = np.array([_kind_of(names[number // 2]) for number in self.series.tolist()])
         whole = float(at.residual[: self.n_data] @ at.residual[: self.n_data])
         found = {}
-        for kind in dict.fromkeys(kinds.tolist()):
-            rows = np.flatnonzero(kinds == kind)
+        filled = (at.residual[: self.n_data] != 0) | (at.jacobian[: self.n_data] != 0).any(axis=1)
+        for kind in dict.fromkeys(kinds[filled].tolist()):
+            rows = np.flatnonzero((kinds == kind) & filled)
             own, part = at.jacobian[rows], at.residual[rows]
             trace = float(np.einsum("ij,jk,ik->", own, covariance, own))
             found[kind] = (len(rows), trace, float(part @ part) / whole if whole else 0.0)
