@@ -52,7 +52,9 @@ class DeckParameter:
         low, high = self.limits
         for key, value in (("value", self.value), ("at", self.centre)):
             if not low <= value <= high:
-                raise InputError(f"`{key}` of {self.name!r} must lie within `bounds`, {low:g} to {high:g}, got {value:g}")
+                raise InputError(
+                    f"`{key}` of {self.name!r} must lie within `bounds`, {low:g} to {high:g}, got {value:g}"
+                )
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -189,7 +191,9 @@ def _require_known(file: str, text: str, mark: re.Match[str], names: Sequence[st
     line = text.count("\n", 0, mark.start()) + 1
     known = _MARK.fullmatch(mark[0])
     if known is None:
-        raise InputError(f"{file}, line {line}: {mark[0]!r} is no mark; write {{{{name}}}}, or {{{{name:8}}}} with a width")
+        raise InputError(
+            f"{file}, line {line}: {mark[0]!r} is no mark; write {{{{name}}}}, or {{{{name:8}}}} with a width"
+        )
     if known[1] not in names:
         near = difflib.get_close_matches(known[1], names, 1, 0.0)
         raise InputError(

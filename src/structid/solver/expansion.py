@@ -96,7 +96,9 @@ def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
     wide = (usual if parameter.step is None else parameter.step) if nominal else 1.0
     room = min(nominal - low, high - nominal) / abs(reference)
     if not room > 0:
-        raise InputError(f"parameter {parameter.name!r} is {nominal:g}, at one of its `bounds`; leave room on both sides")
+        raise InputError(
+            f"parameter {parameter.name!r} is {nominal:g}, at one of its `bounds`; leave room on both sides"
+        )
     return _Axis(parameter.name, reference, 1.0 if nominal else 0.0, min(wide, 0.9 * room))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,9 @@ class SolverModel(ElementSet):
     dofs: tuple[Dof, ...] = declared("What the rows of the matrices stand for")
     parts: tuple[Part, ...] = declared("Symmetric matrices in SI units, with the powers that they go with")
     parameters: tuple[ModelParameter, ...] = declared("Parameters of the deck")
+    reduced: bool = declared(
+        "Whether other degrees of freedom follow these by shapes, so that no mass can be told", default=False
+    )
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
@@ -85,18 +88,46 @@ class SolverModel(ElementSet):
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
+        kinds = dict.fromkeys(_KINDS, "parameter") if self.reduced else _KINDS
         layers: dict[str, list[Layer]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
             owner, rest = _owner(part)
             scale = 1.0 / references[owner] if part.powers else 1.0
             whole = sparse.csc_array(sign @ part.matrix @ sign) * scale
             powers = tuple(Power(name, references[name], exponent) for name, exponent in rest)
-            layers[owner].append(Layer(codes, np.zeros((1, 0, 0)), whole=whole, powers=powers, law=LAWS[part.matrix_of]))
+            layers[owner].append(
+                Layer(
+                    codes,
+                    np.zeros((1, 0, 0)),
+                    whole=whole,
+                    powers=powers,
+                    law=LAWS[part.matrix_of],
+                    reduced=self.reduced,
+                )
+            )
         one = np.ones(1)
-        terms = [Term(name, kind, "1", one, layers[name]) for name, kind in _KINDS.items() if layers[name]]
+        terms = [Term(name, kind, "1", one, layers[name]) for name, kind in kinds.items() if layers[name]]
         terms.append(Term("loss_factor", "loss_factor", "1", self.loss_factor))
-        made = [Term(p.name, _kind(p.name, self.parts), p.unit, locked([p.value], float), layers[p.name]) for p in self.parameters]
+        made = [
+            Term(
+                p.name,
+                "parameter" if self.reduced else _kind(p.name, self.parts),
+                p.unit,
+                locked([p.value], float),
+                layers[p.name],
+            )
+            for p in self.parameters
+        ]
         return (*made, *terms)
+
+    def matrix(self, matrix_of: str, values: Mapping[str, float]) -> sparse.csc_array:
+        """``mass``, ``damping`` or ``stiffness`` for values of all parameters, (n_dofs, n_dofs)."""
+        references = {one.name: one.reference for one in self.parameters}
+        total = sparse.csc_array((len(self.dofs), len(self.dofs)))
+        for part in self.parts:
+            if part.matrix_of == matrix_of:
+                total = total + part.matrix * np.prod([(values[n] / references[n]) ** k for n, k in part.powers])
+        return total
 
 
 def _owner(part: Part) -> tuple[str, Powers]:

@@ -127,7 +127,9 @@ class RunCounts:
         return RunCounts(self.kept + other.kept, self.made + other.made)
 
 
-def runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path | RunFailedError], RunCounts]:
+def runs(
+    solver: Solver, points: Sequence[Mapping[str, float]], work: Work
+) -> tuple[list[Path | RunFailedError], RunCounts]:
     """Folder of the run of each point; those that are there already are not run again.
 
     Parameters
@@ -157,7 +159,9 @@ def runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> t
             solver.folder.mkdir(parents=True, exist_ok=True)
             _sweep(solver.folder)
         except OSError as error:
-            raise FileError(f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`") from error
+            raise FileError(
+                f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`"
+            ) from error
         told = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
         failed = {key: RunFailedError(words) for key, words in zip(missing, told, strict=True) if words}
     found: list[Path | RunFailedError] = [failed.get(solver.key(one)) or solver.place(one) for one in points]
@@ -281,7 +285,7 @@ def _require_there(solver: Solver) -> None:
     """Refuse a command whose program is not there."""
     arguments = solver.arguments
     if not arguments:
-        raise InputError("`command` is empty; give the line that runs the solver, as in \"ccx {stem}\"")
+        raise InputError('`command` is empty; give the line that runs the solver, as in "ccx {stem}"')
     if shutil.which(arguments[0]) is None:
         raise InputError(
             f"the solver {arguments[0]!r} is not there: no program of this name can be run; install it, or give its full path in"

@@ -74,7 +74,9 @@ def read_shapes(path: Path) -> Shapes:
     nodes = modes[0][0]
     for number, (own, values) in enumerate(modes, 1):
         if len(own) != len(nodes) or not np.array_equal(own, nodes) or values.shape != modes[0][1].shape:
-            raise FileError(f"{path}: mode {number} has {len(own)} nodes, the first {len(nodes)}; the file is cut short")
+            raise FileError(
+                f"{path}: mode {number} has {len(own)} nodes, the first {len(nodes)}; the file is cut short"
+            )
     width = modes[0][1].shape[1]
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True)
@@ -88,7 +90,9 @@ def _of_record(path: Path) -> Shapes:
     return _sorted(path, record.frequency, dofs, values, record.scaling == "mass")
 
 
-def _sorted(path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool) -> Shapes:
+def _sorted(
+    path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool
+) -> Shapes:
     own = np.asarray(frequency, dtype=np.float64)
     if len(own) != values.shape[1]:
         raise FileError(f"{path}: holds {len(own)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")
@@ -110,7 +114,9 @@ def _frd(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntA
                 raise FileError(f"{path}, line {end}: a shape has no end; the file is cut short, {_RUN_AGAIN}")
             frequency.append(float(line[12:24]))
             rows = lines[begin:end]
-            fields = [row[_FRD_FIRST + k * _FRD_WIDTH : _FRD_FIRST + (k + 1) * _FRD_WIDTH] for row in rows for k in range(3)]
+            fields = [
+                row[_FRD_FIRST + k * _FRD_WIDTH : _FRD_FIRST + (k + 1) * _FRD_WIDTH] for row in rows for k in range(3)
+            ]
             modes.append((np.array([int(row[3:_FRD_FIRST]) for row in rows]), _numbers(path, fields).reshape(-1, 3)))
     if not any(line.startswith(" 9999") for line in lines[-3:]):
         raise FileError(f"{path}: has no last line 9999; the file is cut short, {_RUN_AGAIN}")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import eigh
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
@@ -20,7 +22,7 @@ from structid.solver.outputs import MatricesOut, ModesOut
 from structid.solver.runs import RunCounts, RunFailedError, Solver, runs
 from structid.solver.shapes import Shapes, require_same_dofs
 from structid.solver.tangent import Differences, ShapeTie, tangent
-from structid.structure.importers import ImportedMatrix, dofs_of, in_si
+from structid.structure.importers import ImportedMatrix, dof_table, dofs_of, in_si, on_dofs
 from structid.structure.importers.definite import require_semidefinite
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.importers.imported import codes_of, tables_of
@@ -51,8 +53,23 @@ class Units:
         return FORCES[self.force] / LENGTHS[self.length]
 
 
+@dataclass(frozen=True)
+class Checked:
+    """The solver run once more, beside the model of it.
+
+    Attributes
+    ----------
+    difference : float
+        Largest relative difference: of frequencies, or of entries of matrices to their diagonals.
+    words : str
+    """
+
+    difference: float
+    words: str
+
+
 @dataclass(frozen=True, eq=False)
-class Solved:
+class Solved(ABC):
     """What the runs of a solver gave.
 
     Attributes
@@ -68,8 +85,6 @@ class Solved:
     at : mapping of str to float
         Values of the run that it is made about.
     units : Units
-    is_exact : bool
-        Whether it holds at all values; else it is to be made again about the answer.
     """
 
     solver: Solver
@@ -80,7 +95,6 @@ class Solved:
     facts: tuple[str, ...]
     at: Mapping[str, float]
     units: Units
-    is_exact: bool
 
     @property
     def nodes(self) -> tuple[int, ...]:
@@ -88,10 +102,85 @@ class Solved:
         own = [dof.node for dof in (*self.model.dofs, *self.held)]
         return tuple(sorted({*own, *(dof.node for tie in self.ties for dof in tie.dependents)}))
 
+    @property
+    @abstractmethod
+    def is_exact(self) -> bool:
+        """Whether it holds at all values; else it is to be made again about the answer."""
+
+    @abstractmethod
+    def checked(self, values: Point, work: Work) -> Checked:
+        """The solver run with `values`, beside the model.
+
+        Raises
+        ------
+        InputError
+            If the run fails.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMatrices(Solved):
+    """Of exported matrices.
+
+    Attributes
+    ----------
+    out : MatricesOut
+    """
+
+    out: MatricesOut
+
+    @property
+    def is_exact(self) -> bool:
+        return True
+
+    def checked(self, values: Point, work: Work) -> Checked:
+        [folder], _ = _runs(self.solver, [values], work)
+        worst = 0.0
+        for key, item in self.out.read(folder).items():
+            given = in_si(
+                on_dofs(item, dof_table(self.model.dofs)), self.model.dofs, self.units.length, self.units.force
+            )
+            size = np.sqrt(np.abs(given.diagonal())) + 1e-300
+            rest = sparse.coo_array(given - self.model.matrix(key, values))
+            worst = max(worst, float((np.abs(rest.data) / (size[rest.row] * size[rest.col])).max(initial=0.0)))
+        return Checked(
+            worst, f"the solver with the updated deck gives the model's matrices to {worst:.2g} of their diagonals"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedModes(Solved):
+    """Of modes.
+
+    Attributes
+    ----------
+    out : ModesOut
+    n_modes : int
+        Modes that the model has.
+    """
+
+    out: ModesOut
+    n_modes: int
+
+    @property
+    def is_exact(self) -> bool:
+        return False
+
+    def checked(self, values: Point, work: Work) -> Checked:
+        [folder], _ = _runs(self.solver, [values], work)
+        given = self.out.read(folder).frequency[: self.n_modes]
+        squared = eigh(*(self.model.matrix(key, values).toarray() for key in ("stiffness", "mass")), eigvals_only=True)
+        own = np.sqrt(np.maximum(squared[: len(given)], 0.0)) / (2 * np.pi)
+        moves = given > 1e-3 * given.max()
+        worst = float(np.abs(own[moves] / given[moves] - 1).max())
+        return Checked(
+            worst, f"the solver with the updated deck gives the model's frequencies to {worst:.2g} of their value"
+        )
+
 
 def solved_matrices(
     name: str, solver: Solver, out: MatricesOut, units: Units, work: Work, indefinite: bool = False
-) -> Solved:
+) -> SolvedMatrices:
     """The model of exported matrices, polynomials in the parameters: exact, with no further run.
 
     Unless `indefinite`, they must be positive semidefinite.
@@ -131,10 +220,11 @@ def solved_matrices(
     model = SolverModel(name, dofs, tuple(parts), _parameters(solver, found.references))
     at = solver.deck.nominal
     counts = replace(counts, kept=found.n_points - counts.made)
-    return Solved(solver, model, (), tuple(sorted(held & set(dofs))), counts, _matrix_facts(found, own, counts), at, units, True)
+    facts = _matrix_facts(found, own, counts)
+    return SolvedMatrices(solver, model, (), tuple(sorted(held & set(dofs))), counts, facts, at, units, out)
 
 
-def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> Solved:
+def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> SolvedModes:
     """The model of modes about the centre of each parameter, from differences.
 
     Raises
@@ -178,13 +268,14 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
         constant = table[""] - sum(table[n] * centre[n] for n in done)
         parts.append(Part(key, (), sparse.csc_array(constant)))
         parts += [Part(key, ((n, 1),), sparse.csc_array(table[n] * references[n])) for n in done if table[n].any()]
-    model = SolverModel(name, small.masters, tuple(parts), _parameters(solver, references))
+    model = SolverModel(name, small.masters, tuple(parts), _parameters(solver, references), reduced=True)
     frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
     fact = (
         f"solver: {_counted(counts)}; modes at {frequency} Hz, {len(at.dofs)} degrees of freedom; differences about"
         f" {_shown(centre)} with steps {', '.join(f'{n} {max(map(abs, d.changes)):.2g}' for n, d in done.items())}"
     )
-    return Solved(solver, model, (small.tie,) if small.tie.dependents else (), small.held, counts, (fact,), centre, units, False)
+    ties = (small.tie,) if small.tie.dependents else ()
+    return SolvedModes(solver, model, ties, small.held, counts, (fact,), centre, units, out, small.n_modes)
 
 
 def _runs(solver: Solver, points: Sequence[Point], work: Work) -> tuple[list[Path], RunCounts]:
@@ -294,9 +385,7 @@ def _pattern(tables: Sequence[Mapping[str, ImportedMatrix]], words: Sequence[str
                     " and supports as they are, and mark numbers that change neither"
                 )
     every = np.unique(np.concatenate(list(codes.values())))
-    places = {
-        key: np.unique(np.concatenate([_placed(every, table[key])[0] for table in tables])) for key in codes
-    }
+    places = {key: np.unique(np.concatenate([_placed(every, table[key])[0] for table in tables])) for key in codes}
     return _Pattern(every, places)
 
 
@@ -363,7 +452,9 @@ def _change(centre: Shapes, runs: Sequence[Shapes]) -> float:
         n = min(len(run.frequency), len(centre.frequency))
         first = centre.frequency[:n]
         moves = first > 1e-3 * first.max(initial=0.0)
-        largest = max(largest, float(np.abs(run.frequency[:n] / np.where(moves, first, 1.0) - 1)[moves].max(initial=0.0)))
+        largest = max(
+            largest, float(np.abs(run.frequency[:n] / np.where(moves, first, 1.0) - 1)[moves].max(initial=0.0))
+        )
     return largest
 
 

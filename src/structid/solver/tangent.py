@@ -23,7 +23,7 @@ from structid.structure.elements.element import dof_code
 #: Parts of a shape's size that are rounding of its printed digits.
 _PRINTED = 2e-5
 #: What is added to the span beside the centre's shapes stands at this multiple of the highest frequency.
-_FAR = 3.0
+_FAR = 100.0
 #: Least cosine between the lowest modes of two runs, so that they span the same motions.
 _ALIKE = 0.6
 
@@ -140,9 +140,7 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Ta
     kappa = (2 * np.pi * _FAR * top) ** 2
     n = n_modes + u.shape[1]
     zero = _matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), kappa)
-    pairs = [
-        _matrices(run.frequency[:n_modes], c, d, kappa) for run, c, d in zip(runs, coordinates, free, strict=True)
-    ]
+    pairs = [_matrices(run.frequency[:n_modes], c, d, kappa) for run, c, d in zip(runs, coordinates, free, strict=True)]
     basis = np.concatenate([phi, u], axis=1)
     chosen = np.sort(qr(basis.T, mode="r", pivoting=True)[1][:n])
     to_masters = np.linalg.inv(basis[chosen])

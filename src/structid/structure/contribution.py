@@ -230,7 +230,9 @@ def rigid_mass(
     """Mass that takes part in rigid motion, and its derivative with respect to every value; see `Structure.mass_of`."""
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, layer) for item in properties for layer in item.term.layers]
-    masses = [(item, layer) for item, layer in pairs if item.term.kind == "mass" or layer.law == "inertia"]
+    masses = [
+        (i, layer) for i, layer in pairs if (i.term.kind == "mass" or layer.law == "inertia") and not layer.reduced
+    ]
     for candidate in (direction,) if direction else TRANSLATIONS:
         for item, layer in masses:
             unit = _rigid(layer, DIRECTIONS.index(candidate))

@@ -185,6 +185,8 @@ class Layer:
         Of a set that is one element: powers of its properties that weigh the matrix besides.
     law : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
+    reduced : bool
+        Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
     """
 
     codes: IntArray
@@ -194,6 +196,7 @@ class Layer:
     shear: ShearShare | None = None
     powers: tuple[Power, ...] = ()
     law: str = ""
+    reduced: bool = False
 
 
 @dataclass(frozen=True, eq=False)

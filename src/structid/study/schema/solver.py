@@ -29,7 +29,11 @@ _PARAMETER = table_of(DeckParameter)
 SOLVER = Table(
     {
         "name": Key(TEXT, "Of the element set that the model becomes", default="model"),
-        "deck": Key(TEXTS, "The deck with marks such as {{E}}; of several files, the first is the one that is run", required=True),
+        "deck": Key(
+            TEXTS,
+            "The deck with marks such as {{E}}; of several files, the first is the one that is run",
+            required=True,
+        ),
         "files": Key(TEXTS, "Further files that the solver reads, copied as they are"),
         "command": Key(
             TEXT, "What runs the solver, with {deck}, {stem} (deck without suffix) and {study} (folder)", required=True
@@ -77,7 +81,9 @@ def _solved(own: Section, files: InputFiles) -> Solved:
     given = own.values(SOLVER)
     entries = own.sections("parameter")
     if not entries:
-        raise own.error("has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck")
+        raise own.error(
+            "has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck"
+        )
     parameters = [entry.read(DeckParameter) for entry in entries]
     with own.located("deck"):
         deck = read_deck([files.path(name) for name in as_list(given["deck"])], parameters)
@@ -103,19 +109,27 @@ def _outputs(own: Section, given: Mapping[str, Any], stem: Mapping[str, str]) ->
     of_other = ("modes",) if gives == "matrices" else (*_MATRICES, "dofs", "indefinite")
     for key in of_other:
         if key in given:
-            raise own.error(f'belongs to `gives = "{"modes" if gives == "matrices" else "matrices"}"`; take it out', key)
+            raise own.error(
+                f'belongs to `gives = "{"modes" if gives == "matrices" else "matrices"}"`; take it out', key
+            )
     if gives == "modes":
         if "modes" not in given:
             raise own.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
         return ModesOut(_named(own, "modes", given["modes"], stem))
     for key in ("stiffness", "mass"):
         if key not in given:
-            raise own.error(f'`{key}` is missing; add `{key} = "{{stem}}.{"sti" if key == "stiffness" else "mas"}"`, the file of it')
+            raise own.error(
+                f'`{key}` is missing; add `{key} = "{{stem}}.{"sti" if key == "stiffness" else "mas"}"`, the file of it'
+            )
     matrices = {}
     for key in _MATRICES:
         if key in given:
             one = given[key] if isinstance(given[key], str) else None
-            entry = MatrixFile(one) if one is not None else Section(own.source, (*own.path, key), given[key]).read(MatrixFile)
+            entry = (
+                MatrixFile(one)
+                if one is not None
+                else Section(own.source, (*own.path, key), given[key]).read(MatrixFile)
+            )
             matrices[key] = MatrixFile(_named(own, key, entry.path, stem), entry.matrix)
     numbering = None
     if "dofs" in given:
