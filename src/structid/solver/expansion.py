@@ -122,7 +122,9 @@ def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
     for one in axes:
         lines[one.name] = _changes(table, one, orders[one.name])
         _require_effect(table, one, lines[one.name])
-    found = {(): table.row({})} | {((name, k),): row for name, rows in lines.items() for k, row in enumerate(rows, 1)}
+    found: dict[Powers, FloatArray] = {(): table.row({})}
+    for one in axes:
+        found |= _along(one, lines[one.name])
     crossed: tuple[tuple[str, str], ...] = ()
     if len(axes) > 1:
         at = [{one.name: _JOINT[(k + first) % len(_JOINT)] for k, one in enumerate(axes)} for first in range(2)]
@@ -189,7 +191,7 @@ def _order(table: _Table, one: _Axis) -> int:
     """Least order whose polynomial through its points gives the next point too."""
     for order in range(1, MOST_ORDER + 1):
         table.need([{one.name: part} for part in _PARTS[: order + 1]])
-        alone = {(): table.row({})} | {((one.name, k),): row for k, row in enumerate(_changes(table, one, order), 1)}
+        alone = {(): table.row({})} | _along(one, _changes(table, one, order))
         if table.agrees(alone, {one.name: _PARTS[order]}):
             return order
     missed, change = table.misses(alone, {one.name: _PARTS[MOST_ORDER]})
@@ -198,6 +200,11 @@ def _order(table: _Table, one: _Axis) -> int:
         f" {missed / change:.2g} of its change; mark another quantity (of a Poisson's ratio, the shear modulus), give a smaller"
         ' `step`, or take `gives = "modes"`'
     )
+
+
+def _along(one: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
+    """Coefficients of u, u^2, ... by their powers."""
+    return {((one.name, k),): row for k, row in enumerate(rows, 1)}
 
 
 def _changes(table: _Table, one: _Axis, order: int) -> list[FloatArray]:

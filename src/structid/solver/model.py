@@ -11,6 +11,7 @@ from scipy import sparse
 from structid.arrays import IntArray, locked
 from structid.dof import Dof
 from structid.errors import InputError
+from structid.solver.expansion import Powers
 from structid.structure.elements.element import (
     ElementSet,
     Kind,
@@ -24,7 +25,6 @@ from structid.structure.elements.element import (
     dof_code,
     element,
 )
-from structid.solver.expansion import Powers
 
 #: How matrices enter the dynamic stiffness, and what they are called.
 LAWS = {"mass": "inertia", "damping": "viscous", "stiffness": "elastic"}
@@ -88,7 +88,7 @@ class SolverModel(ElementSet):
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
-        kinds = dict.fromkeys(_KINDS, "parameter") if self.reduced else _KINDS
+        kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.reduced else _KINDS
         layers: dict[str, list[Layer]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
             owner, rest = _owner(part)

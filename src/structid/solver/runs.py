@@ -12,6 +12,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -245,10 +246,8 @@ def _executed(solver: Solver, folder: Path) -> str:
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End a solver and what it started."""
     if hasattr(os, "killpg"):
-        try:
+        with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
     process.kill()
     process.wait()
 
@@ -268,10 +267,8 @@ def _keep_failed(solver: Solver, trial: Path) -> None:
     """The log and deck of the last failure beside the runs, to be looked at."""
     last = solver.folder / "failed"
     shutil.rmtree(last, ignore_errors=True)
-    try:
+    with suppress(OSError):  # another worker's failure was faster
         trial.rename(last)
-    except OSError:  # another worker's failure was faster
-        pass
 
 
 def _sweep(folder: Path) -> None:

@@ -17,13 +17,13 @@ from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 from structid.solver.shapes import Shapes
-from structid.structure.supports import Equations
 from structid.structure.elements.element import dof_code
+from structid.structure.supports import Equations
 
 #: Parts of a shape's size that are rounding of its printed digits.
 _PRINTED = 2e-5
 #: What is added to the span beside the centre's shapes stands at this multiple of the highest frequency.
-_FAR = 100.0
+_FAR = 3.0
 #: Least cosine between the lowest modes of two runs, so that they span the same motions.
 _ALIKE = 0.6
 

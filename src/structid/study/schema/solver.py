@@ -10,11 +10,13 @@ from structid.declared import Limits, Positive
 from structid.dof import parse_dofs
 from structid.errors import InputError
 from structid.solver.deck import DeckParameter, read_deck
+from structid.solver.differences import solved_modes
+from structid.solver.matrices import solved_matrices
 from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.solver.runs import Solver
-from structid.solver.solved import Solved, Units, solved_matrices, solved_modes
-from structid.structure.meshes import read_mesh
+from structid.solver.solved import Solved, Units
 from structid.structure.importers.exports import FORCES, LENGTHS
+from structid.structure.meshes import read_mesh
 from structid.study.schema.kinds import BOOLEAN, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
