@@ -18,6 +18,8 @@ from structid.structure.importers.fixed_fields import FieldError, real_numbers
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.
 FRD, F06 = (".frd",), (".f06",)
+#: Six and seven digits.
+_ROUNDING = {".frd": 5e-6, ".f06": 5e-7}
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 _F06_TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
 _F06_VECTOR = re.compile(r"E I G E N V E C T O R")
@@ -41,12 +43,15 @@ class Shapes:
         In the length unit of the solver.
     has_mass : bool
         Whether modal masses are 1 in the units of the solver; otherwise the scale of each shape is free.
+    rounding : float
+        Of printed shapes, as a part of their size.
     """
 
     frequency: FloatArray
     dofs: IntArray
     values: FloatArray
     has_mass: bool
+    rounding: float = 1e-9
 
 
 def read_shapes(path: Path) -> Shapes:
@@ -79,7 +84,7 @@ def read_shapes(path: Path) -> Shapes:
             )
     width = modes[0][1].shape[1]
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
-    return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True)
+    return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True, suffix)
 
 
 def _of_record(path: Path) -> Shapes:
@@ -87,11 +92,11 @@ def _of_record(path: Path) -> Shapes:
     signs = np.array([dof.sign for dof in record.channels])
     dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
     values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]
-    return _sorted(path, record.frequency, dofs, values, record.scaling == "mass")
+    return _sorted(path, record.frequency, dofs, values, record.scaling == "mass", "")
 
 
 def _sorted(
-    path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool
+    path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
 ) -> Shapes:
     own = np.asarray(frequency, dtype=np.float64)
     if len(own) != values.shape[1]:
@@ -99,7 +104,7 @@ def _sorted(
     if not (np.isfinite(own).all() and np.isfinite(values).all()):
         raise FileError(f"{path}: holds frequencies or shapes that are not finite; check the model, and {_RUN_AGAIN}")
     order = np.argsort(own, kind="stable")
-    return Shapes(own[order], dofs, values[:, order], has_mass)
+    return Shapes(own[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
 
 
 def _frd(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntArray, FloatArray]]]:
@@ -108,7 +113,7 @@ def _frd(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntA
     modes: list[tuple[IntArray, FloatArray]] = []
     for at, line in enumerate(lines):
         if line.startswith("  100C") and "MODAL" in line and at + 1 < len(lines) and "DISP" in lines[at + 1]:
-            begin = next(i for i in range(at + 1, len(lines)) if lines[i].startswith(" -1"))
+            begin = next((i for i in range(at + 1, len(lines)) if lines[i].startswith(" -1")), len(lines))
             end = next((i for i in range(begin, len(lines)) if not lines[i].startswith(" -1")), len(lines))
             if end == len(lines) or not lines[end].startswith(" -3"):
                 raise FileError(f"{path}, line {end}: a shape has no end; the file is cut short, {_RUN_AGAIN}")

@@ -20,8 +20,8 @@ from structid.solver.shapes import Shapes
 from structid.structure.elements.element import dof_code
 from structid.structure.supports import Equations
 
-#: Parts of a shape's size that are rounding of its printed digits.
-_PRINTED = 2e-5
+#: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.
+_ROUNDINGS = 4.0
 #: What is added to the span beside the centre's shapes stands at this multiple of the highest frequency.
 _FAR = 3.0
 #: Least cosine between the lowest modes of two runs, so that they span the same motions.
@@ -130,7 +130,7 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Ta
     inverse = np.linalg.pinv(phi)
     coordinates = [inverse @ run.values[moved, :n_modes] for run in runs]
     rests = [run.values[moved, :n_modes] - phi @ c for run, c in zip(runs, coordinates, strict=True)]
-    u = _span(rests, size, int(moved.sum()) - n_modes) * size
+    u = _span(rests, _ROUNDINGS * size * centre.rounding, int(moved.sum()) - n_modes) * size
     free = [u.T @ rest / size**2 for rest in rests]
     if not (centre.has_mass and all(run.has_mass for run in runs)):
         scales = [np.sqrt((c**2).sum(axis=0) + (d**2).sum(axis=0)) for c, d in zip(coordinates, free, strict=True)]
@@ -178,12 +178,12 @@ def _alike_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
     )
 
 
-def _span(rests: Sequence[FloatArray], size: float, most: int) -> FloatArray:
-    """Orthonormal columns of what the runs' shapes have beside the centre's, but for rounding."""
+def _span(rests: Sequence[FloatArray], least: float, most: int) -> FloatArray:
+    """Orthonormal columns of what the runs' shapes have beside the centre's, of at least this size."""
     if not rests:
         return np.zeros((0, 0))
     left, singular, _ = np.linalg.svd(np.concatenate(rests, axis=1), full_matrices=False)
-    return left[:, : min(int((singular > _PRINTED * size).sum()), most)]
+    return left[:, : min(int((singular > least).sum()), most)]
 
 
 def _matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
