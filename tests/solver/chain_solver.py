@@ -71,13 +71,15 @@ def main() -> None:
         parser.add_argument(flag, action="store_true")
     asked = parser.parse_args()
     text = asked.deck.read_text()
-    given = {name.strip(): float(value) for name, value in (line.split("=") for line in text.splitlines() if "=" in line)}
+    given = {
+        name.strip(): float(value) for name, value in (line.split("=") for line in text.splitlines() if "=" in line)
+    }
     if asked.log is not None:
         with asked.log.open("a") as log:
             log.write(text.replace("\n", ";") + "\n")
     time.sleep(60 if asked.hang else asked.sleep)
     if random.SystemRandom().random() < asked.fail or given["k1"] > asked.fail_above:
-        print("license server does not answer")
+        sys.stderr.write("license server does not answer\n")
         sys.exit(3)
     n = 6 + (asked.grow and given["k1"] != 1000.0)
     mass, stiffness = chain(given, n)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from chain_solver import chain
+
 from structid.dof import parse_dof
 from structid.dynamics.modes import modes
 from structid.modal import ModalRecord
@@ -38,7 +38,9 @@ def unknown(name: str) -> str:
     return f'[[unknown]]\nproperty = "{name}"\nelements = "model"\n'
 
 
-def chain_study(folder: Path, gives: str = "modes", options: str = "", more: str = "", parameters: str | None = None) -> Path:
+def chain_study(
+    folder: Path, gives: str = "modes", options: str = "", more: str = "", parameters: str | None = None
+) -> Path:
     """A study of the chain in `folder`, its exact modes with TRUE values as the record."""
     shutil.copy(CHAIN_SOLVER, folder)
     (folder / "chain.txt").write_text("k1 = {{k1}}\nk2 = {{ k2 }}\n")
@@ -76,7 +78,9 @@ def write_chain_modes(path: Path, mass: np.ndarray, stiffness: np.ndarray) -> No
     squared, shapes = linalg.eigh(stiffness, mass)
     dofs = tuple(parse_dof(f"{i + 1}X") for i in range(len(mass)))
     frequency = np.sqrt(squared[:4]) / (2 * np.pi)
-    write_modes(path, ModalRecord(frequency, np.full(4, np.nan), shapes[:, :4] / np.abs(shapes[:, :4]).max(axis=0), dofs))
+    write_modes(
+        path, ModalRecord(frequency, np.full(4, np.nan), shapes[:, :4] / np.abs(shapes[:, :4]).max(axis=0), dofs)
+    )
 
 
 def plate_deck(left: str, right: str, step: str, cells: tuple[int, int, int] = (4, 2, 1)) -> str:

@@ -17,7 +17,8 @@ E = DeckParameter("E", 2.1e11)
 @given(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e90, max_value=1e90), st.integers(8, 24))
 def test_a_number_fits_its_field_and_keeps_the_digits_that_fit(value, width):
     text = number_text(value, width)
-    assert len(text) <= width and "." in text
+    assert len(text) <= width
+    assert "." in text
     digits = width - 8  # sign, point, and an exponent such as E-100
     assert math.isclose(float(text), value, rel_tol=10.0 ** (-digits + 1) if digits else 1.0, abs_tol=0.0)
 

@@ -14,7 +14,7 @@ NAMES = ("E", "t", "r")
 
 def deck(**values: float) -> Deck:
     own = [DeckParameter(name, value, step=None if value else 0.1) for name, value in values.items()]
-    return Deck({"d": " ".join("{{%s}}" % name for name in values)}, own)
+    return Deck({"d": " ".join("{{" + name + "}}" for name in values)}, own)
 
 
 class Counted:
@@ -36,7 +36,9 @@ def shell(E, t, r):
 def test_an_affine_dependence_takes_two_points_a_parameter_and_one_of_all():
     evaluate = Counted(lambda E, r: np.array([3.0 + 2e-11 * E, 5 * r - 1e-11 * E, 4.0]))
     found = expansion(evaluate, deck(E=2.1e11, r=7800.0))
-    assert found.orders == {"E": 1, "r": 1} and found.crossed == () and found.error < 1e-14
+    assert found.orders == {"E": 1, "r": 1}
+    assert found.crossed == ()
+    assert found.error < 1e-14
     assert len(evaluate.points) == found.n_points == 6
     np.testing.assert_allclose(found.at({"E": 1e10, "r": 1.0}), [3.2, 4.9, 4.0], rtol=1e-12)
     assert set(found.coefficients) == {(), (("E", 1),), (("r", 1),)}
@@ -45,7 +47,8 @@ def test_an_affine_dependence_takes_two_points_a_parameter_and_one_of_all():
 
 def test_powers_and_products_are_found_and_hold_far_away():
     found = expansion(Counted(shell), deck(E=2.0, t=0.5, r=7.8))
-    assert found.orders == {"E": 1, "t": 3, "r": 1} and set(found.crossed) == {("E", "t"), ("t", "r")}
+    assert found.orders == {"E": 1, "t": 3, "r": 1}
+    assert set(found.crossed) == {("E", "t"), ("t", "r")}
     far = {"E": 5.0, "t": 2.0, "r": 1.0}
     np.testing.assert_allclose(found.at(far), shell(**far), rtol=1e-9)
 

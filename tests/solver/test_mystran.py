@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from solver_cases import MYSTRAN, needs_mystran, parameter, unknown
 from typer.testing import CliRunner
 
-from solver_cases import MYSTRAN, needs_mystran, parameter, unknown
 from structid.cli import app as cli
 from structid.dof import parse_dof
 from structid.dynamics.modes import modes
@@ -47,11 +47,11 @@ def study(folder, gives):
     output = "OUTPUT4 KAA,MAA,,,//-1/21 $\n" if gives == "matrices" else ""
     (folder / "beam.bdf").write_text(deck("{{E1}}", "{{E2:8}}", output))
     dofs = [f"{node}{d}" for node in range(2, 6) for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
-    files = (
-        f'stiffness = {{ path = "{{stem}}.OU1", matrix = "KAA" }}\nmass = {{ path = "{{stem}}.OU1", matrix = "MAA" }}\ndofs = {dofs}'
-        if gives == "matrices"
-        else 'modes = "{stem}.F06"'
-    )
+    files = 'modes = "{stem}.F06"'
+    if gives == "matrices":
+        keys = (("stiffness", "KAA"), ("mass", "MAA"))
+        lines = [f'{key} = {{ path = "{{stem}}.OU1", matrix = "{name}" }}' for key, name in keys]
+        files = "\n".join([*lines, f"dofs = {dofs}"])
     own = parameter("E1", 2.1e11) + parameter("E2", 0.7e11) + unknown("E1") + unknown("E2")
     head = f'[structure.solver]\ndeck = "beam.bdf"\ncommand = "{MYSTRAN} {{deck}}"\ngives = "{gives}"\n{files}\n'
     record = '[record]\npath = "measured.csv"\n[record.modes]\nfrequency_error = 0.001\nshape_error = 0.01\n'

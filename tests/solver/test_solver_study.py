@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from solver_cases import TRUE, chain_study, parameter
 from typer.testing import CliRunner
 
-from solver_cases import TRUE, chain_study, parameter
 from structid.cli import app as cli
 
 RUN = CliRunner()
@@ -40,21 +40,25 @@ def finished(folder: Path) -> dict[str, float]:
 
 
 def test_matrices_are_asked_for_once_and_give_the_exact_answer(tmp_path):
-    found, done = identified(chain_study(tmp_path, "matrices", "--log {study}/log"))
+    found, _ = identified(chain_study(tmp_path, "matrices", "--log {study}/log"))
     assert values(found) == pytest.approx(TRUE, rel=1e-6)
-    assert (tmp_path / "log").read_text().count("\n") == 7  # nominal, two a parameter, one of both, and the updated deck
+    assert (tmp_path / "log").read_text().count(
+        "\n"
+    ) == 7  # nominal, two a parameter, one of both, and the updated deck
     updated = (tmp_path / "out" / "updated" / "chain.txt").read_text()
     np.testing.assert_allclose([float(line.split("=")[1]) for line in updated.splitlines()], [1200, 800], rtol=1e-6)
-    assert found["solver"]["runs_made"] == 6 and found["solver"]["largest_difference"] < 1e-12
+    assert found["solver"]["runs_made"] == 6
+    assert found["solver"]["largest_difference"] < 1e-12
     assert "linear in k1, linear in k2" in found["solver"]["facts"][0]
-    assert found["parameters"][0]["unit"] == "N/m" and found["parameters"][0]["initial"] == 1000.0
+    assert found["parameters"][0]["unit"] == "N/m"
+    assert found["parameters"][0]["initial"] == 1000.0
     identified(tmp_path / "study.toml")
     assert (tmp_path / "log").read_text().count("\n") == 7
 
 
 def test_differences_of_modes_give_the_answer_of_the_matrices(tmp_path):
     path = chain_study(tmp_path, "modes", "--log {study}/log")
-    found, done = identified(path)
+    found, _ = identified(path)
     assert values(found) == pytest.approx(TRUE, rel=1e-6)
     assert found["parameters"][0]["initial"] == 1000.0
     assert found["solver"]["largest_difference"] < 1e-6
@@ -98,7 +102,9 @@ def test_faults_and_kills_change_nothing_and_no_finished_run_is_repeated(tmp_pat
         (folder / "chain.txt").write_text(deck)
         text = path.read_text()
         for name, mean in prior.items():
-            text = text.replace(f'property = "{name}"\n', f'property = "{name}"\nprior = {{ mean = {mean}, std = 0.001 }}\n')
+            text = text.replace(
+                f'property = "{name}"\n', f'property = "{name}"\nprior = {{ mean = {mean}, std = 0.001 }}\n'
+            )
         path.write_text(text)
         return path
 
@@ -129,7 +135,7 @@ def test_faults_and_kills_change_nothing_and_no_finished_run_is_repeated(tmp_pat
     assert {key: after[key] for key in done_before} == done_before
     kept = {(broken / "study.runs" / key / "chain.txt").read_text().replace("\n", ";") for key in done_before}
     assert not kept & set((broken / "log").read_text().splitlines()[n_lines:])
-    assert set(after) == set(finished(plain)) or len(after) == len(finished(plain))
+    assert len(after) == len(finished(plain))
     names = {one.name for one in (broken / "study.runs" / next(iter(after))).iterdir()}
     assert names == {"chain.txt", "chain.csv", "run.json", "solver.log"}  # no scratch
 
@@ -142,7 +148,11 @@ def test_a_step_that_fails_is_made_smaller(tmp_path):
 @pytest.mark.parametrize(
     "options, more, message",
     [
-        ("--fail 1", "", r"the solver failed 3 times at k1 = 1000, k2 = 1000: it ended with code 3; its last words: license"),
+        (
+            "--fail 1",
+            "",
+            r"the solver failed 3 times at k1 = 1000, k2 = 1000: it ended with code 3; its last words: license",
+        ),
         ("--hang", "timeout = 0.5\nretries = 0", r"still running after 0.5 s \(`timeout`\)"),
         ("--half", "retries = 0", r"chain.csv"),
     ],
@@ -151,17 +161,20 @@ def test_a_solver_that_fails_is_told_with_what_it_said(tmp_path, options, more, 
     path = chain_study(tmp_path, "modes", options, more)
     begun = time.monotonic()
     done = RUN.invoke(cli.app, ["identify", str(path)])
-    assert done.exit_code == 2 and time.monotonic() - begun < 30
+    assert done.exit_code == 2
+    assert time.monotonic() - begun < 30
     words = " ".join(done.stderr.split())
     assert re.search(message, words), words
-    assert "[structure.solver]" in words and "Traceback" not in words
+    assert "[structure.solver]" in words
+    assert "Traceback" not in words
     assert (tmp_path / "study.runs" / "failed" / "chain.txt").is_file()
 
 
 def test_half_a_matrix_is_refused_and_finished_runs_are_kept(tmp_path):
     path = chain_study(tmp_path, "matrices", "--half", "retries = 0")
     done = RUN.invoke(cli.app, ["check", str(path)])
-    assert done.exit_code == 2 and "chain_k.mtx" in done.stderr
+    assert done.exit_code == 2
+    assert "chain_k.mtx" in done.stderr
     path = chain_study(tmp_path, "matrices", "--fail-above 1100", "retries = 0")
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stderr.split())
@@ -180,7 +193,8 @@ def test_a_mesh_that_changes_between_runs_is_refused(tmp_path, gives, message):
         script = tmp_path / "chain_solver.py"
         script.write_text(
             script.read_text().replace(
-                '    Path("scratch.tmp")', '    Path("dofs.txt").write_text(" ".join(f"{i + 1}X" for i in range(n)))\n    Path("scratch.tmp")'
+                '    Path("scratch.tmp")',
+                '    Path("dofs.txt").write_text(" ".join(f"{i + 1}X" for i in range(n)))\n    Path("scratch.tmp")',
             )
         )
     done = RUN.invoke(cli.app, ["check", str(path)])
@@ -211,7 +225,10 @@ def without(text: str, line: str) -> str:
         (lambda t: without(t, 'modes = "{stem}.csv"'), "`modes` is missing"),
         (lambda t: t.replace('modes = "{stem}.csv"', 'modes = "{deck}.csv"'), "may hold {stem} only"),
         (lambda t: t.replace('modes = "{stem}.csv"', 'modes = "../{stem}.csv"'), "must be the name of a file"),
-        (lambda t: t.replace('modes = "{stem}.csv"', 'modes = "{stem}.dat2"'), "it wrote no chain.dat2, only chain.csv"),
+        (
+            lambda t: t.replace('modes = "{stem}.csv"', 'modes = "{stem}.dat2"'),
+            "it wrote no chain.dat2, only chain.csv",
+        ),
         (lambda t: t.replace('modes = "{stem}.csv"', 'modes = "{stem}.csv"\nmass = "x.mtx"'), "belongs to `gives"),
         (lambda t: t.replace("{deck}", "{dekc}"), "may hold {deck}, {stem} and {study}"),
         (lambda t: t.replace("timeout = 60", "timeout = 0"), "timeout"),
@@ -233,7 +250,8 @@ def test_a_solver_is_not_needed_where_its_runs_are_kept(tmp_path):
     assert RUN.invoke(cli.app, ["check", str(path)]).exit_code in (0, 1)
     (tmp_path / "chain_solver.py").unlink()
     done = RUN.invoke(cli.app, ["check", str(path)])
-    assert done.exit_code in (0, 1) and "5 of them kept" in " ".join(done.stdout.split())
+    assert done.exit_code in (0, 1)
+    assert "5 of them kept" in " ".join(done.stdout.split())
 
 
 def test_bounds_hold_for_every_run(tmp_path):

@@ -10,10 +10,11 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
+from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.search.work import Work
 from structid.solver.deck import DeckParameter
-from structid.solver.expansion import Point
+from structid.solver.expansion import Point, Powers, shifted
 from structid.solver.model import Part, SolverModel
 from structid.solver.outputs import ModesOut
 from structid.solver.runs import RunFailedError, Solver, runs
@@ -85,25 +86,29 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
             if errors:
                 step.shrink()
                 continue
-            shapes = tuple(out.read(folder) for _, folder in own if isinstance(folder, Path))
-            for (point, _), run in zip(own, shapes, strict=True):
+            first, second = (out.read(folder) for _, folder in own if isinstance(folder, Path))
+            for (point, _), run in zip(own, (first, second), strict=True):
                 require_same_dofs(at, run, point_words(point))
-            changes = tuple(point[key] - centre[key] for point, _ in own)
-            if step.settles(_change(at, shapes)):
-                done[key] = Differences(key, changes, shapes)
+            low, high = (point[key] - centre[key] for point, _ in own)
+            if step.settles(_change(at, (first, second))):
+                done[key] = Differences(key, (low, high), (first, second))
                 del pending[key]
         if not pending:
             break
     else:
         raise InputError(f"no step of {', '.join(pending)} gives differences that can be used; give `step`")
-    turned = [replace(d, runs=tuple(_shapes_in_si(r, units) for r in d.runs)) for d in done.values()]
+    turned = [
+        replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in done.values()
+    ]
     small = tangent(f"shapes of {name}", _shapes_in_si(at, units), turned)
     references = {one.name: centre[one.name] or 1.0 for one in solver.deck.parameters}
     parts = []
     for key, table in (("mass", small.mass), ("stiffness", small.stiffness)):
-        constant = table[""] - sum(table[n] * centre[n] for n in done)
-        parts.append(Part(key, (), sparse.csc_array(constant)))
-        parts += [Part(key, ((n, 1),), sparse.csc_array(table[n] * references[n])) for n in done if table[n].any()]
+        about_zero: dict[Powers, FloatArray] = {}
+        for powers, matrix in table.items():
+            for own, factor in shifted(powers, centre, references):
+                about_zero[own] = about_zero.get(own, np.zeros_like(matrix)) + factor * matrix
+        parts += [Part(key, own, sparse.csc_array(matrix)) for own, matrix in about_zero.items()]
     model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), reduced=True)
     frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
     fact = (

@@ -259,14 +259,22 @@ def _products(
 def _about_zero(found: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
     """The polynomial in value / reference in place of u; what is rounding only is zero, and left out."""
     total: dict[Powers, FloatArray] = {}
+    centre = {name: one.origin for name, one in table.axes.items()}
     for powers, row in found.items():
-        for chosen in product(*(range(k + 1) for _, k in powers)):
-            factor = 1.0
-            for (name, k), own in zip(powers, chosen, strict=True):
-                factor *= comb(k, own) * (-table.axes[name].origin) ** (k - own)
-            key = tuple((name, own) for (name, _), own in zip(powers, chosen, strict=True) if own)
-            if factor:
-                total[key] = total.get(key, 0.0) + factor * row
+        for key, factor in shifted(powers, centre, dict.fromkeys(centre, 1.0)):
+            total[key] = total.get(key, np.zeros_like(row)) + factor * row
     for row in total.values():
         row[np.abs(row) <= 10 * ROUNDING * table.size] = 0.0
     return {key: row for key, row in total.items() if row.any()}
+
+
+def shifted(
+    powers: Powers, centre: Mapping[str, float], references: Mapping[str, float]
+) -> Iterator[tuple[Powers, float]]:
+    """Products of powers of (value - centre) as sums of factors times products of powers of value / reference."""
+    for chosen in product(*(range(k + 1) for _, k in powers)):
+        factor = 1.0
+        for (name, k), own in zip(powers, chosen, strict=True):
+            factor *= comb(k, own) * (-centre[name]) ** (k - own) * references[name] ** own
+        if factor:
+            yield tuple((name, own) for (name, _), own in zip(powers, chosen, strict=True) if own), factor

@@ -1,8 +1,8 @@
 """A small model with the modes of a solver: exact at the values of its parameters about which differences are taken.
 
 The solver gives frequencies and shapes at a centre and at two points of each parameter. On the span of all these shapes
-there are matrices M and K that have each run's modes exactly, which are linear between the two points; so the model has the
-solver's modes at the centre, and their slopes to the second order of the steps, whether modes are close, cross or turn.
+there are matrices M and K that have each run's modes exactly, and quadratic through the three of a parameter; so the model has
+the solver's modes at the centre, and their slopes to the second order of the steps, whether modes are close, cross or turn.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from scipy.linalg import qr
 from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
+from structid.solver.expansion import Powers
 from structid.solver.shapes import Shapes
 from structid.structure.elements.element import dof_code
 from structid.structure.supports import Equations
 
 #: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.
 _ROUNDINGS = 4.0
-#: What is added to the span beside the centre's shapes stands at this multiple of the highest frequency.
-_FAR = 3.0
+#: Multiples of the highest frequency between which what is beside the centre's shapes has its own.
+_BESIDE = (1.5, 10.0)
 #: Least cosine between the lowest modes of two runs, so that they span the same motions.
 _ALIKE = 0.6
 
@@ -61,8 +62,8 @@ class Tangent:
     ----------
     masters : tuple of Dof
         What its matrices stand on.
-    mass, stiffness : mapping of str to (n, n) float array
-        Under "" at the centre, under a parameter's name the slope.
+    mass, stiffness : mapping of Powers to (n, n) float array
+        Coefficients of powers of the changes of parameters from the centre; () at the centre.
     tie : ShapeTie
     held : tuple of Dof
         That no mode moves.
@@ -71,8 +72,8 @@ class Tangent:
     """
 
     masters: tuple[Dof, ...]
-    mass: Mapping[str, FloatArray]
-    stiffness: Mapping[str, FloatArray]
+    mass: Mapping[Powers, FloatArray]
+    stiffness: Mapping[Powers, FloatArray]
     tie: ShapeTie
     held: tuple[Dof, ...]
     n_modes: int
@@ -80,20 +81,20 @@ class Tangent:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Runs on both sides of the centre, or twice on one, for a parameter.
+    """Runs on both sides of the centre, or two on one side, for a parameter.
 
     Attributes
     ----------
     name : str
-    changes : tuple of float
-        Changes of its value, one or two of different size or sense.
-    runs : tuple of Shapes
+    changes : (float, float)
+        Two changes of its value.
+    runs : (Shapes, Shapes)
         At the centre with each change.
     """
 
     name: str
-    changes: tuple[float, ...]
-    runs: tuple[Shapes, ...]
+    changes: tuple[float, float]
+    runs: tuple[Shapes, Shapes]
 
 
 def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Tangent:
@@ -136,22 +137,22 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Ta
         scales = [np.sqrt((c**2).sum(axis=0) + (d**2).sum(axis=0)) for c, d in zip(coordinates, free, strict=True)]
         coordinates = [c / s for c, s in zip(coordinates, scales, strict=True)]
         free = [d / s for d, s in zip(free, scales, strict=True)]
-    top = max(run.frequency[:n_modes].max() for run in [centre, *runs])
-    kappa = (2 * np.pi * _FAR * top) ** 2
+    stiff = _beside(centre, differences, n_modes, coordinates, free)
     n = n_modes + u.shape[1]
-    zero = _matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), kappa)
-    pairs = [_matrices(run.frequency[:n_modes], c, d, kappa) for run, c, d in zip(runs, coordinates, free, strict=True)]
+    zero = _matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), stiff)
+    pairs = [_matrices(run.frequency[:n_modes], c, d, stiff) for run, c, d in zip(runs, coordinates, free, strict=True)]
     basis = np.concatenate([phi, u], axis=1)
     chosen = np.sort(qr(basis.T, mode="r", pivoting=True)[1][:n])
     to_masters = np.linalg.inv(basis[chosen])
     dofs = [Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[moved].tolist()]
     others = np.setdiff1d(np.arange(len(dofs)), chosen)
-    mass, stiffness = ({"": to_masters.T @ zero[k] @ to_masters} for k in (0, 1))
+    mass, stiffness = ({(): to_masters.T @ zero[k] @ to_masters} for k in (0, 1))
     at = iter(pairs)
     for one in differences:
         own = [next(at) for _ in one.changes]
         for k, table in enumerate((mass, stiffness)):
-            table[one.name] = to_masters.T @ _slope(one.changes, [pair[k] - zero[k] for pair in own]) @ to_masters
+            for power, row in enumerate(_parabola(one.changes, [pair[k] - zero[k] for pair in own]), 1):
+                table[(one.name, power),] = to_masters.T @ row @ to_masters
     masters = tuple(dofs[i] for i in chosen)
     tie = ShapeTie(name, tuple(dofs[i] for i in others), masters, basis[others] @ to_masters)
     held = tuple(Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[~moved].tolist())
@@ -202,14 +203,42 @@ def _matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float)
     return mass, stiffness
 
 
-def _slope(changes: Sequence[float], differences: Sequence[FloatArray]) -> FloatArray:
-    """Slope at the centre of the polynomial through no change and these."""
-    if len(changes) == 1:
-        return differences[0] / changes[0]
+def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Slope and coefficient of the square of the parabola through nothing at no change, and these."""
     a, b = changes
-    slope: FloatArray = (differences[0] * b / a - differences[1] * a / b) / (b - a)
-    return slope
+    square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
+    return differences[0] / a - a * square, square
 
 
-def _symmetric(table: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    return {name: (matrix + matrix.T) / 2 for name, matrix in table.items()}
+def _beside(
+    centre: Shapes,
+    differences: Sequence[Differences],
+    n_modes: int,
+    coordinates: Sequence[FloatArray],
+    free: Sequence[FloatArray],
+) -> float:
+    """Stiffness of what is beside the centre's shapes: that by which the squares of changes in K_qq are least.
+
+    The squares then come from the motion beside, and so do products of the changes of several parameters.
+    """
+    eigenvalues = [(2 * np.pi * run.frequency[:n_modes]) ** 2 for one in differences for run in one.runs]
+    top = max([float(centre.frequency[:n_modes].max()), *(float(np.sqrt(e.max()) / (2 * np.pi)) for e in eigenvalues)])
+    at = (2 * np.pi * centre.frequency[:n_modes]) ** 2
+    given = [
+        (_matrices(np.sqrt(e) / (2 * np.pi), c, d, 0.0)[1][:n_modes, :n_modes] - np.diag(at), d.T @ d)
+        for e, c, d in zip(eigenvalues, coordinates, free, strict=True)
+    ]
+    product = size = 0.0
+    rows = iter(given)
+    for one in differences:
+        own = [next(rows) for _ in one.changes]
+        bent, moved = (_parabola(one.changes, [pair[k] for pair in own])[1] for k in (0, 1))
+        scale = float(np.abs(moved).max()) or 1.0  # parameters of any unit count alike
+        product += float(np.sum(bent * moved)) / scale**2
+        size += float(np.sum(moved * moved)) / scale**2
+    nearest, farthest = ((2 * np.pi * part * top) ** 2 for part in _BESIDE)
+    return float(np.clip(-product / size, nearest, farthest)) if size else farthest
+
+
+def _symmetric(table: Mapping[Powers, FloatArray]) -> dict[Powers, FloatArray]:
+    return {powers: (matrix + matrix.T) / 2 for powers, matrix in table.items()}
