@@ -112,7 +112,7 @@ def test_the_matrices_are_those_of_structids_own_beams(tmp_path):
             bending_stiffness_z=modulus * 8e-10,
             axial_stiffness=modulus * 1e-4,
             torsional_stiffness=modulus / 2.6 * 1.6e-9,
-            y_axis=(0.0, 1.0, 0.0),
+            orientation=(0.0, 1.0, 0.0),
         )
         for name, table, modulus, density in (
             ("a", [[1, 2], [2, 3]], 2.1e11, 7800.0),

@@ -178,7 +178,8 @@ def test_half_a_matrix_is_refused_and_finished_runs_are_kept(tmp_path):
     path = chain_study(tmp_path, "matrices", "--fail-above 1100", "retries = 0")
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and "3 finished runs are kept" in words, words
+    assert done.exit_code == 2, words
+    assert "3 finished runs are kept" in words, words
     assert len(finished(tmp_path)) == 3
 
 
@@ -199,7 +200,8 @@ def test_a_mesh_that_changes_between_runs_is_refused(tmp_path, gives, message):
         )
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and message in words, words
+    assert done.exit_code == 2, words
+    assert message in words, words
 
 
 @pytest.mark.parametrize("gives", ["matrices", "modes"])
@@ -208,7 +210,8 @@ def test_a_parameter_without_effect_is_refused(tmp_path, gives):
     (tmp_path / "chain.txt").write_text("k1 = {{k1}}\nk2 = 800.\nunused = {{k2}}\n")
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and "parameter 'k2' has no effect" in words, words
+    assert done.exit_code == 2, words
+    assert "parameter 'k2' has no effect" in words, words
 
 
 def without(text: str, line: str) -> str:
@@ -242,7 +245,9 @@ def test_bad_input_is_told_with_file_place_and_remedy(tmp_path, edit, message):
     path.write_text(edit(path.read_text()))
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and message in words and "study.toml" in words, words
+    assert done.exit_code == 2, words
+    assert message in words, words
+    assert "study.toml" in words, words
 
 
 def test_a_solver_is_not_needed_where_its_runs_are_kept(tmp_path):
@@ -259,4 +264,6 @@ def test_bounds_hold_for_every_run(tmp_path):
     path = chain_study(tmp_path, "modes", "--log {study}/log", parameters=own)
     done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report"])
     asked = [float(re.search(r"k1 = ([^;]*);", line)[1]) for line in (tmp_path / "log").read_text().splitlines()]
-    assert min(asked) >= 999.0 and max(asked[:-1]) <= 1199.0, done.stdout
+    assert done.exit_code in (0, 1, 3), done.stderr
+    assert min(asked) >= 999.0
+    assert max(asked[:-1]) <= 1199.0

@@ -106,9 +106,9 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
     for key, table in (("mass", small.mass), ("stiffness", small.stiffness)):
         about_zero: dict[Powers, FloatArray] = {}
         for powers, matrix in table.items():
-            for own, factor in shifted(powers, centre, references):
-                about_zero[own] = about_zero.get(own, np.zeros_like(matrix)) + factor * matrix
-        parts += [Part(key, own, sparse.csc_array(matrix)) for own, matrix in about_zero.items()]
+            for shift, factor in shifted(powers, centre, references):
+                about_zero[shift] = about_zero.get(shift, 0.0) + factor * matrix
+        parts += [Part(key, shift, sparse.csc_array(matrix)) for shift, matrix in about_zero.items()]
     model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), reduced=True)
     frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
     fact = (

@@ -262,7 +262,7 @@ def _about_zero(found: Mapping[Powers, FloatArray], table: _Table) -> dict[Power
     centre = {name: one.origin for name, one in table.axes.items()}
     for powers, row in found.items():
         for key, factor in shifted(powers, centre, dict.fromkeys(centre, 1.0)):
-            total[key] = total.get(key, np.zeros_like(row)) + factor * row
+            total[key] = total.get(key, 0.0) + factor * row
     for row in total.values():
         row[np.abs(row) <= 10 * ROUNDING * table.size] = 0.0
     return {key: row for key, row in total.items() if row.any()}

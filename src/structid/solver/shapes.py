@@ -89,6 +89,8 @@ def read_shapes(path: Path) -> Shapes:
 
 def _of_record(path: Path) -> Shapes:
     record = read_modes(path)
+    if path.suffix.lower() == ".csv" and not path.read_bytes().endswith((b"\n", b"\r")):
+        raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
     signs = np.array([dof.sign for dof in record.channels])
     dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
     values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]

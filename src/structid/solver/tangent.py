@@ -146,7 +146,8 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Ta
     to_masters = np.linalg.inv(basis[chosen])
     dofs = [Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[moved].tolist()]
     others = np.setdiff1d(np.arange(len(dofs)), chosen)
-    mass, stiffness = ({(): to_masters.T @ zero[k] @ to_masters} for k in (0, 1))
+    mass: dict[Powers, FloatArray] = {(): to_masters.T @ zero[0] @ to_masters}
+    stiffness: dict[Powers, FloatArray] = {(): to_masters.T @ zero[1] @ to_masters}
     at = iter(pairs)
     for one in differences:
         own = [next(at) for _ in one.changes]

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.errors import InputError
+from structid.errors import InputError, NoAnswerError, SingularModelError
 from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
+from structid.identification.options import IdentifyOptions
 from structid.identification.together import by_name
 from structid.observation import RecordProblem
-from structid.solver.solved import Checked, Solved
+from structid.solver.solved import Checked, Solved, point_words
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
 from structid.study.run.start import Start, started
@@ -36,6 +37,8 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
     ------
     InputError
         If a run of the solver fails.
+    NoAnswerError
+        If a search does.
     """
     solved = ready.study.solved
     if solved is None or solved.is_exact:
@@ -43,7 +46,7 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
     quick = replace(ready.study.options, intervals="laplace", restarts=0, uniqueness_starts=0)
     moves: list[float] = []
     for _ in range(MOST_ROUNDS):
-        found = identify_together(ready.setups, quick, progress, work)
+        found = _answered(ready, quick, progress, work)
         solved = ready.study.solved
         assert solved is not None
         values, std = deck_values(solved, found.problems, found), deck_std(solved, found)
@@ -60,6 +63,19 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         " solver; give larger `step`, priors or bounds"
     )
     return replace(ready, warnings=(*ready.warnings, words))
+
+
+def _answered(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
+    """The answer with differences where they are."""
+    try:
+        return identify_together(ready.setups, options, progress, work)
+    except (SingularModelError, np.linalg.LinAlgError) as error:
+        solved = ready.study.solved
+        at = "" if solved is None else point_words(solved.at)
+        raise NoAnswerError(
+            f"{ready.study.path}: the search with differences of the solver about {at} failed: {error}; begin closer to the"
+            " truth, or give bounds or priors"
+        ) from error
 
 
 def from_nominal(result: StudyResult) -> StudyResult:
