@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chain_solver import chain
 from solver_cases import TRUE, chain_study, parameter
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from structid.records import FrfRecord
+from structid.records.io import write_record
 
 RUN = CliRunner()
 
@@ -160,7 +163,7 @@ def test_a_step_that_fails_is_made_smaller(tmp_path):
 def test_a_solver_that_fails_is_told_with_what_it_said(tmp_path, options, more, message):
     path = chain_study(tmp_path, "modes", options, more)
     begun = time.monotonic()
-    done = RUN.invoke(cli.app, ["identify", str(path)])
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
     assert time.monotonic() - begun < 30
     words = " ".join(done.stderr.split())
@@ -267,3 +270,25 @@ def test_bounds_hold_for_every_run(tmp_path):
     assert done.exit_code in (0, 1, 3), done.stderr
     assert min(asked) >= 999.0
     assert max(asked[:-1]) <= 1199.0
+
+
+@pytest.mark.parametrize("gives", ["matrices", "modes"])
+def test_responses_are_fitted_too(tmp_path, gives):
+    path = chain_study(tmp_path, gives)
+    mass, stiffness = (np.array(table) for table in chain(TRUE, 6))
+    frequency = np.linspace(0.3, 4.0, 150)
+    omega = 2 * np.pi * frequency
+    dynamic = stiffness * (1 + 0.04j) - omega[:, None, None] ** 2 * mass
+    frf = np.linalg.inv(dynamic)[:, [0, 2, 5]][:, :, [2]]
+    clean = np.random.default_rng(4).standard_normal((2, *frf.shape))
+    frf = frf + 1e-4 * np.abs(frf).max() * (clean[0] + 1j * clean[1])
+    variance = np.full(frf.shape, 2e-8 * np.abs(frf).max() ** 2)
+    record = FrfRecord(frequency, frf, ("1X", "3X", "6X"), ("3X",), "receptance", variance=variance)
+    write_record(tmp_path / "frf.npz", record)
+    text = path.read_text()
+    damping = '[[unknown]]\nproperty = "loss_factor"\nelements = "model"\nstart = 0.02\n'
+    path.write_text(text[: text.index("[record]")] + damping + '[record]\npath = "frf.npz"\n')
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report", "--no-explain"])
+    assert done.exit_code == 0 or gives == "modes", done.output
+    worst = 2e-3 if gives == "matrices" else 3e-2  # of six modes the solver gives four
+    assert values(answer(tmp_path / "out")) == pytest.approx(TRUE | {"loss_factor": 0.04}, rel=worst)

@@ -21,6 +21,7 @@ from structid.solver.solved import Checked, Solved, point_words
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
 from structid.study.run.start import Start, started
+from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study, load_study
 
 MOST_ROUNDS = 12
@@ -68,7 +69,8 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
 def _answered(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
     """The answer with differences where they are."""
     try:
-        return identify_together(ready.setups, options, progress, work)
+        with threads_for(ready.problems):
+            return identify_together(ready.setups, options, progress, work)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         solved = ready.study.solved
         at = "" if solved is None else point_words(solved.at)
