@@ -172,9 +172,10 @@ def _about(study: Study, at: Mapping[str, float], found: Identification, work: W
     moved = load_study(study.path, _tables(study, at), work)
     known = dict(zip(found.estimate.names, found.estimate.values.tolist(), strict=True))
     sources = []
-    for source in moved.setups:
-        own = source.parameters
+    for before, after in zip(study.setups, moved.setups, strict=True):
+        own = before.parameters
         values = np.array([known.get(name, start) for name, start in zip(own.names, own.start, strict=True)])
         inside = (values > own.transforms.lower) & (values < own.transforms.upper)
-        sources.append(replace(source, parameters=own.started_at(np.where(inside, values, own.start))))
+        begun = own.started_at(np.where(inside, values, own.start))
+        sources.append(replace(before, structure=after.structure, parameters=begun))
     return replace(moved, setups=tuple(sources))
