@@ -76,6 +76,18 @@ def test_the_model_has_the_solvers_modes_and_their_slopes(split):
             np.testing.assert_allclose(((up[0] - down[0]) / (2 * e))[:4].sum(), slope[:4].sum(), rtol=1e-3)
 
 
+@pytest.mark.parametrize("split", [0.3, 0.0])
+def test_the_model_has_the_modes_of_every_run_exactly(split):
+    x, y, h = 0.7, 0.7, 0.05
+    found = made(x, y, h, split)
+    for dx, dy in ((h, 0.0), (-h, 0.0), (0.0, h), (0.0, -h)):
+        frequency, shapes = modes_of(found, dx, dy)
+        true = run(x + dx, y + dy, split)
+        np.testing.assert_allclose(frequency, true.frequency[: found.n_modes], rtol=1e-9)
+        span = true.values[:, : found.n_modes]
+        assert np.linalg.norm(shapes - span @ (np.linalg.pinv(span) @ shapes)) < 1e-6 * np.linalg.norm(shapes)
+
+
 def test_shapes_have_their_slopes_too():
     x, y, e = 0.7, 0.5, 1e-4
     found = made(x, y, 1e-3, 0.3)
