@@ -287,6 +287,10 @@ def _matrices(folder: Path) -> _Made:
         path = _place(folder, f"matrices/{form}.mtx", "a.mtx")
         write_abaqus(path, item, form)  # type: ignore[arg-type]
         yield f"matrices/{form}.mtx", "matrices", path, TEXT
+    path = _place(folder, "matrices/calculix.sti", "a.sti")
+    path.write_text("1 1  2.0000000000000e+00\n1 2 -1.0000000000000e+00\n2 2  2.0000000000000e+00\n")
+    path.with_suffix(".dof").write_text("1.1\n1.2\n")
+    yield "matrices/calculix.sti", "matrices", path, TEXT
     path = _place(folder, "matrices/user.mtx", "a.mtx")
     path.write_text(USER_ELEMENTS)
     yield "matrices/user.mtx", "matrices", path, TEXT

@@ -1,7 +1,9 @@
 """Every example script runs, and gives its pinned number."""
 
 import csv
+import json
 import runpy
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -48,3 +50,21 @@ def test_the_motion_of_a_frame_gives_every_floor(tmp_path):
     record = read_record(folder / "motion.h5")
     parts = made["motion"](made["true_structure"](), np.random.default_rng(3))
     assert np.asarray(record.values)[:, 12:18] == pytest.approx(parts[0], rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed (apt-get install calculix-ccx)")
+@pytest.mark.parametrize("study", ["study", "by_differences"])
+def test_the_plate_in_calculix_gives_both_moduli(tmp_path, study):
+    folder = tmp_path / "plate"
+    shutil.copytree(EXAMPLES / "plate_in_calculix", folder)
+    done = CliRunner().invoke(
+        app, ["identify", str(folder / f"{study}.toml"), "--out", str(tmp_path / "out"), "--no-report"]
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    made = runpy.run_path(str(folder / "make_record.py"))
+    for one in found["parameters"]:
+        truth = made["TRUTH"][one["property"]]
+        assert abs(one["value"] - truth) <= 4 * one["std"]
+        assert one["std"] <= 0.01 * truth
+    assert found["solver"]["largest_difference"] < 1e-6

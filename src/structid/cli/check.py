@@ -41,6 +41,7 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
         f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
     ]
+    facts += [] if study.solved is None else list(study.solved.facts)
     facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]
     facts += [result.mesh] if isinstance(result.mesh, str) and result.mesh else []
     channels = new_table("channel", "role", "sees")

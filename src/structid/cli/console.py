@@ -14,6 +14,7 @@ from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
 from structid.study.results.changes import PARAMETERS, largest_changes
 from structid.study.results.result import StudyResult
+from structid.study.results.solver import UPDATED
 
 _MOST_CHANGES = 10
 _MOST_WARNINGS, _MOST_CAUSES = 4, 5
@@ -61,7 +62,10 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_WARNINGS)]
-    return [*head, *map(Text, facts), table, *together, Text(mass), *shown]
+    after = [mass] if found.total_mass > 0 else []
+    if result.solver is not None:
+        after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
+    return [*head, *map(Text, facts), table, *together, *map(Text, after), *shown]
 
 
 def _verdict(result: StudyResult) -> list[RenderableType]:

@@ -34,6 +34,7 @@ from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import load_study, run_started, started
+from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
 from structid.study.run.workers import WorkersLostError, workers_for
 
 Seconds = Annotated[
@@ -71,16 +72,17 @@ def identify(
       structid identify frame.toml --workers 8 --png
     """
     check_png(report, png)
-    read = load_study(study)
+    crew = workers_for(workers, scheduler)
+    read = load_study(study, work=LongRun(crew))
     folder = out if out is not None else Path(f"{study.stem}_results")
     owner = fingerprint(read)
     with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
-        run = LongRun(workers_for(workers, scheduler), kept)
+        run = LongRun(crew, kept)
         try:
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
-                ready = started(read)
-                result = run_started(ready, progress.search, run)
+                ready = about_answer(started(read), progress.search, run)
+                result = with_solver(from_nominal(run_started(ready, progress.search, run)), run)
                 result, fits = criticized(ready, result, explain, run)
             with staged_folder(folder) as staged:
                 name = _write(result, staged, report, png)

@@ -23,6 +23,7 @@ from structid.identification.together import together
 from structid.observation import RecordProblem
 from structid.study.results.folder import plain
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started, started
+from structid.study.run.solver_rounds import about_answer
 from structid.study.schema.study import Study, load_study
 
 COMPARE_PAGE = "compare.html"
@@ -147,7 +148,7 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 
 
 def _run(study: Study, progress: StageProgress | None) -> State:
-    ready = started(study)
+    ready = about_answer(started(study), progress)
     if is_matrix_free(ready):
         raise InputError(
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"

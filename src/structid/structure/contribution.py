@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
 from structid.structure.blocks import ElementMatrices
 from structid.structure.elements.element import TRANSLATIONS, Layer, Term, shear_share
@@ -30,7 +30,7 @@ class Property:
 
 
 class Factor(Protocol):
-    """What multiplies the weights of element matrices and is not linear in the values; 1 at the nominal ones."""
+    """What multiplies the weights of element matrices and is not linear in the values."""
 
     @property
     def places(self) -> tuple[slice, ...]:
@@ -116,6 +116,40 @@ class ShearFactor:
 
 
 @dataclass(frozen=True, eq=False)
+class Monomial:
+    """A product of powers of values over their references, of a set that is one element.
+
+    Attributes
+    ----------
+    places : tuple of slice
+        Where the values stand among the values of the structure.
+    references : (n_places,) float array
+    exponents : (n_places,) int array
+    """
+
+    places: tuple[slice, ...]
+    references: FloatArray
+    exponents: IntArray
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """See `Factor.of`."""
+        product: FloatArray = np.prod(self._ratios(values) ** self.exponents, keepdims=True)
+        return product
+
+    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """See `Factor.slopes`."""
+        ratios, found = self._ratios(values), []
+        for own in range(len(ratios)):
+            others = np.delete(ratios**self.exponents, own).prod(keepdims=True)
+            power = self.exponents[own]
+            found.append(others * power * ratios[own] ** (power - 1) / self.references[own])
+        return tuple(found)
+
+    def _ratios(self, values: FloatArray) -> FloatArray:
+        return np.array([values[place][0] for place in self.places]) / self.references
+
+
+@dataclass(frozen=True, eq=False)
 class Contribution:
     """Element matrices on free degrees of freedom, with the values that weigh them.
 
@@ -176,7 +210,7 @@ def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], Element
         if item.term.kind == "loss_factor":
             found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
         for layer in item.term.layers:
-            law = f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
+            law = f"friction:{item.element}" if item.term.kind == "friction" else _law(item, layer)
             if id(layer) not in blocks:
                 blocks[id(layer)] = blocks_of(layer)
             scale = _scale(properties, item.element, layer)
@@ -186,12 +220,19 @@ def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], Element
     return tuple(found)
 
 
+def _law(item: Property, layer: Layer) -> str:
+    return layer.law or _LAWS[item.term.kind]
+
+
 def rigid_mass(
     properties: Sequence[Property], values: FloatArray, direction: str | None = None
 ) -> tuple[float, FloatArray]:
     """Mass that takes part in rigid motion, and its derivative with respect to every value; see `Structure.mass_of`."""
     total, gradient = 0.0, np.zeros(len(values))
-    masses = [(item, layer) for item in properties if item.term.kind == "mass" for layer in item.term.layers]
+    pairs = [(item, layer) for item in properties for layer in item.term.layers]
+    masses = [
+        (i, layer) for i, layer in pairs if (i.term.kind == "mass" or layer.law == "inertia") and not layer.reduced
+    ]
     for candidate in (direction,) if direction else TRANSLATIONS:
         for item, layer in masses:
             unit = _rigid(layer, DIRECTIONS.index(candidate))
@@ -208,12 +249,19 @@ def rigid_mass(
 
 
 def _scale(properties: Sequence[Property], element: str, layer: Layer) -> Factor | None:
-    """What multiplies the weights of a layer of `element` that goes with a thickness, or that shears."""
+    """What multiplies the weights of a layer of `element` that goes with a thickness or with powers, or that shears."""
     if layer.shear is not None:
         own = {p.term.property: p for p in properties if p.element == element}
         bending, shear = own[layer.shear.bending], own[layer.shear.shear]
         share = shear_share(bending.term.values, shear.term.values, layer.shear.ratio)
         return ShearFactor(bending.values, shear.values, layer.shear.ratio, share)
+    if layer.powers:
+        own = {p.term.property: p for p in properties if p.element == element}
+        return Monomial(
+            tuple(own[power.property].values for power in layer.powers),
+            np.array([power.reference for power in layer.powers]),
+            np.array([power.exponent for power in layer.powers]),
+        )
     if layer.power == 0:
         return None
     found = next(p for p in properties if p.element == element and p.term.kind == "thickness")

@@ -48,6 +48,13 @@ def harwell_boeing(path, item):
     scipy.io.hb_write(str(path), sparse.csc_matrix(item.matrix))
 
 
+def calculix(path, item):
+    upper = sparse.triu(item.matrix).tocoo()
+    entries = zip(upper.row + 1, upper.col + 1, upper.data, strict=True)
+    path.write_text("".join(f"{row} {column}  {value:.13e}\n" for row, column, value in entries))
+    path.with_suffix(".dof").write_text("".join(f"{node}.{component}\n" for node, component in item.dofs))
+
+
 #: How a file of each format comes to be, by its first suffix; Ansys files need its library, see below.
 SAMPLES = {
     ".op4": write_matrix,
@@ -55,6 +62,7 @@ SAMPLES = {
     ".mtx": write_abaqus,
     ".npz": write_matrix,
     ".hb": harwell_boeing,
+    ".sti": calculix,
 }
 
 

@@ -17,7 +17,9 @@ from structid.declared import declared_types, problem_of, type_words
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 
-Kind = Literal["mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_factor", "friction", "thickness"]
+Kind = Literal[
+    "mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_factor", "friction", "thickness", "parameter"
+]
 Positions = Mapping[int, FloatArray]
 
 TRANSLATIONS = DIRECTIONS[:3]
@@ -63,7 +65,8 @@ class Declared:
     kind : Kind, optional
         Of a property, whose numbers weigh a matrix an element. It fixes how the property enters the dynamic stiffness:
         ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor`` by
-        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers.
+        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers. A
+        ``parameter`` weighs matrices that say themselves how they enter.
     unit : str
         SI unit.
     of : str
@@ -154,6 +157,15 @@ def shear_share(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> Fl
     return shear / (shear + ratio * bending)
 
 
+@dataclass(frozen=True)
+class Power:
+    """A property over a reference value, to a power."""
+
+    property: str
+    reference: float
+    exponent: int
+
+
 @dataclass(frozen=True, eq=False)
 class Layer:
     """Matrices of all elements of a set, at unit value, unit thickness and the nominal share of `shear`.
@@ -169,6 +181,12 @@ class Layer:
         In place of `local`: the matrix of a set that is one element.
     shear : ShearShare, optional
         The share that weighs them besides.
+    powers : tuple of Power
+        Of a set that is one element: powers of its properties that weigh the matrix besides.
+    law : str
+        How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
+    reduced : bool
+        Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
     """
 
     codes: IntArray
@@ -176,6 +194,9 @@ class Layer:
     power: int = 0
     whole: sparse.csc_array | None = None
     shear: ShearShare | None = None
+    powers: tuple[Power, ...] = ()
+    law: str = ""
+    reduced: bool = False
 
 
 @dataclass(frozen=True, eq=False)

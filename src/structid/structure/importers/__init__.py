@@ -10,6 +10,7 @@ from types import ModuleType
 import structid.structure.importers.abaqus as _abaqus
 import structid.structure.importers.ansys as _ansys
 import structid.structure.importers.arrays as _arrays
+import structid.structure.importers.calculix as _calculix
 import structid.structure.importers.dmig as _dmig
 import structid.structure.importers.harwell_boeing as _harwell_boeing
 import structid.structure.importers.op4.op4 as _op4
@@ -30,7 +31,7 @@ from structid.structure.importers.numbering import read_numbering
 from structid.structure.importers.op4.op4 import Op4Options
 
 #: Each has SUFFIXES and read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
-FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing)
+FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing, _calculix)
 
 __all__ = [
     "FORMATS",
@@ -76,8 +77,8 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
     ----------
     path : str or Path
         Nastran OUTPUT4 (.op4), DMIG in bulk data or punch files (.pch .bdf .dat ...), Abaqus (.mtx), Ansys (.full .emat,
-        with `ansys-mapdl-reader` installed), MatrixMarket (.mtx), NPZ, NPY, MAT, Harwell-Boeing (.hb .rb .rua .rsa, and
-        .matrix of Ansys HBMAT).
+        with `ansys-mapdl-reader` installed), CalculiX (.sti .mas, with the .dof beside it), MatrixMarket (.mtx), NPZ, NPY,
+        MAT, Harwell-Boeing (.hb .rb .rua .rsa, and .matrix of Ansys HBMAT).
 
     Raises
     ------

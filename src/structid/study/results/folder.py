@@ -84,6 +84,8 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
 def write_results(result: StudyResult, folder: Path) -> None:
     """Write estimate.json, estimate.h5 and study.toml into the existing `folder`; and parameters.csv of very many.
 
+    Of a study with a solver, the updated deck too.
+
     The same result gives the same bytes.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
@@ -91,6 +93,8 @@ def write_results(result: StudyResult, folder: Path) -> None:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
+    if result.solver is not None:
+        result.solver.write(folder)
 
 
 def json_text(value: Any) -> str:
@@ -165,6 +169,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
         "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
+        **({} if result.solver is None else {"solver": result.solver.summary()}),
         "provenance": asdict(result.provenance),
     }  # fmt: skip
 

@@ -16,6 +16,7 @@ from structid.estimation import Estimate
 from structid.identification.identified import Identification
 from structid.provenance import Provenance
 from structid.shown import Overview, Shown
+from structid.study.results.solver import SolverAnswer
 from structid.study.schema.study import Study
 
 
@@ -30,12 +31,15 @@ class StudyResult(Shown):
     provenance : Provenance
     criticism : Criticism, optional
         Whether the answer is to be trusted, and what would explain a misfit.
+    solver : SolverAnswer, optional
+        The study's solver at the answer.
     """
 
     study: Study
     identification: Identification
     provenance: Provenance
     criticism: Criticism | None = None
+    solver: SolverAnswer | None = None
 
     @property
     def estimate(self) -> Estimate:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from structid.errors import NoAnswerError, SingularModelError
 from structid.estimation.search.work import ALONE, StageProgress, Work
-from structid.identification.checks import require_sound_model
-from structid.identification.frf_setup import Setup
 from structid.identification.identify import identify_together
-from structid.identification.modal_setup import ModalSetup
 from structid.identification.search import chosen_method
-from structid.identification.setups import AnySetup, Look, Prepared, prefixes, titles
-from structid.identification.time_setup import TimeSetup
-from structid.identification.together import alike, together
-from structid.observation import Models, RecordProblem
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
+from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
+from structid.study.run.start import Start, loaded, placed_mechanism, started, study_problems
 from structid.study.run.workers import threads_for
-from structid.study.schema.record import load_histories, load_record
-from structid.study.schema.section import Section
-from structid.study.schema.setups import SetupSource
 from structid.study.schema.study import Study, load_study
 
 __all__ = [
@@ -32,6 +22,8 @@ __all__ = [
     "Start",
     "is_matrix_free",
     "load_study",
+    "loaded",
+    "placed_mechanism",
     "run_started",
     "run_study",
     "started",
@@ -41,141 +33,6 @@ __all__ = [
 
 class SearchFailedError(NoAnswerError):
     """The search came to where the model cannot be evaluated; there is no estimate."""
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """A study with its records, ready for a search.
-
-    Attributes
-    ----------
-    study : Study
-    setups : tuple of RecordSetup
-        With all lines of their records.
-    problems : tuple of RecordProblem
-        Of the lines in the band, one a record.
-    warnings : tuple of str
-    looks : tuple of Look
-        Each record beside its initial model.
-    """
-
-    study: Study
-    setups: tuple[AnySetup, ...]
-    problems: tuple[RecordProblem, ...]
-    warnings: tuple[str, ...]
-    looks: tuple[Look, ...]
-
-    @property
-    def channel_warnings(self) -> tuple[str, ...]:
-        """Those that only a comparison with the initial models gives."""
-        titled = zip(prefixes(self.setups), self.looks, strict=True)
-        return tuple(name + words for name, look in titled for words in look.warnings)
-
-
-def started(study: Study) -> Start:
-    """The study's records read and compared with their initial models.
-
-    Raises
-    ------
-    InputError
-        If a record, its sensors or the band cannot be used, or set-ups contradict each other; with the place in the
-        study file.
-    SingularModelError
-        If an initial model has a mechanism; with the place of the structure.
-    """
-    models = Models()
-    setups = tuple(loaded(source, models) for source in study.setups)
-    problems: list[RecordProblem] = []
-    warnings: list[str] = []
-    looks: list[Look] = []
-    for prefix, setup, source in zip(prefixes(setups), setups, study.setups, strict=True):
-        prepared, own = _prepared(study, source, setup)
-        problems.append(prepared.problem)
-        warnings += [prefix + warning for warning in prepared.warnings]
-        looks.append(own)
-    with study.root.located():
-        same = alike(problems, titles(setups))
-        together(same)
-    return Start(study, setups, same, tuple(warnings), tuple(looks))
-
-
-def study_problems(study: Study) -> tuple[RecordProblem, ...]:
-    """The problem of each record, nothing evaluated yet.
-
-    Raises
-    ------
-    InputError
-        If a record, its sensors or the band cannot be used.
-    """
-    models = Models()
-    setups = [loaded(source, models) for source in study.setups]
-    return alike([setup.prepared(study.options).problem for setup in setups], titles(setups))
-
-
-def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
-    """The set-up that a source describes, its channels part of the structure.
-
-    Parameters
-    ----------
-    source : SetupSource
-    models : Models
-        The same for all of a study.
-    measured : RecordSetup, optional
-        One with the same record, which is then not read again.
-    """
-    section, structure, parameters, name = source.section, source.structure, source.parameters, source.name
-    setup: AnySetup
-    if measured is not None:
-        setup = measured.modelled_by(structure, parameters, source.channel_unknowns)
-    elif source.record.modes is not None:
-        modes = source.record.modes
-        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name)
-    elif source.record.time is not None:
-        time = source.record.time
-        shown = None if source.record.frf is None else load_record(source.record)
-        histories = load_histories(source.record, time)
-        setup = TimeSetup(structure, parameters, histories, time.settings, source.channel_unknowns, name, shown, models)
-    else:
-        setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name, models=models)
-    if measured is None:
-        source.require_channels(setup)
-    for role, dofs in setup.channels:
-        with section.located(_channel_key(section, f"{role}s")):
-            structure.selection(dofs)
-    return setup
-
-
-def _channel_key(section: Section, key: str) -> str:
-    """The key that says which channels there are: the list itself, or the file."""
-    for candidate in (key, "channels_used", "channels", "path", "repeats"):
-        if candidate in section.table:
-            return candidate
-    return key
-
-
-def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepared[RecordProblem], Look]:
-    """The problem of one record, its model looked at first, and the record beside it."""
-    method, structure, options = study.section("method"), study.section("structure"), study.options
-    place = source.section.section("modes") or source.section
-    with method.located("band" if "band" in method.table else None):
-        used, _ = setup.axes(replace(options, evaluation_band=None))
-    with method.located("evaluation_band"):
-        _, judged = setup.axes(options)
-    values = setup.parameters.values(setup.parameters.start)
-    with placed_mechanism(structure):
-        require_sound_model(setup.structure, values, min(used[0], judged[0]))
-    with placed_mechanism(structure), place.located():
-        prepared = setup.prepared(options)
-        return prepared, setup.looked_at(prepared, options)
-
-
-@contextmanager
-def placed_mechanism(section: Section) -> Iterator[None]:
-    """Gives a `SingularModelError`, and what a factorization raises on such matrices, the place of the structure."""
-    try:
-        yield
-    except (SingularModelError, np.linalg.LinAlgError) as error:
-        raise SingularModelError(str(section.error(str(error)))) from error
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
@@ -202,7 +59,8 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     SearchFailedError
         If the search came to where there is no model response.
     """
-    return run_started(started(study), progress, work)
+    ready = about_answer(started(study), progress, work)
+    return with_solver(from_nominal(run_started(ready, progress, work)), work)
 
 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:

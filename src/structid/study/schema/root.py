@@ -9,7 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from structid.estimation.search.work import ALONE, Work
 from structid.files import digest, require_readable
+from structid.solver.solved import Solved
 from structid.study.schema.kinds import TEXT
 from structid.study.schema.section import Section, StudyError, StudyText
 from structid.study.schema.tables import Key, Table
@@ -38,10 +40,16 @@ class InputFiles:
         Of the study file.
     digests : dict of str to str
         SHA-256 by the name in the study; the last part of it only where that is an absolute path.
+    work : Work
+        Where a solver runs.
+    solved : list of Solved
+        What the study's solver gave, once it has run.
     """
 
     folder: Path
     digests: dict[str, str] = field(default_factory=dict)
+    work: Work = ALONE
+    solved: list[Solved] = field(default_factory=list)
 
     def path(self, name: str) -> Path:
         """The path of `name`, which is now one of the study's inputs.
@@ -56,7 +64,9 @@ class InputFiles:
         return path
 
 
-def read_root(path: str | Path, edited: Mapping[str, Any] | None = None) -> tuple[Section, InputFiles]:
+def read_root(
+    path: str | Path, edited: Mapping[str, Any] | None = None, work: Work = ALONE
+) -> tuple[Section, InputFiles]:
     """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
 
     Parameters
@@ -64,6 +74,8 @@ def read_root(path: str | Path, edited: Mapping[str, Any] | None = None) -> tupl
     path : path
     edited : mapping, optional
         Tables in place of those of the file.
+    work : Work
+        Where a solver runs.
 
     Raises
     ------
@@ -74,7 +86,7 @@ def read_root(path: str | Path, edited: Mapping[str, Any] | None = None) -> tupl
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")
-    files = InputFiles(source.path.parent)
+    files = InputFiles(source.path.parent, work=work)
     files.path(source.path.name)
     return root, files
 

@@ -12,6 +12,7 @@ from typing import Any
 from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
+from structid.solver.solved import Solved
 from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
@@ -31,6 +32,7 @@ from structid.study.schema.mesh import (
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.sensors import read_sensors
+from structid.study.schema.solver import SOLVER_TABLES, positions_of, read_solver
 from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]
@@ -61,7 +63,7 @@ def structure_table() -> Table:
         ),
         "nodes": _NODES,
     }
-    return Table(own) | MESH_TABLES | MATRIX_TABLES | _element_tables() | _TIES
+    return Table(own) | MESH_TABLES | MATRIX_TABLES | SOLVER_TABLES | _element_tables() | _TIES
 
 
 def changes_table() -> Table:
@@ -110,13 +112,19 @@ def read_structure(
     given = section.values(structure_table())
     groups, held = read_groups(section, files)
     mesh = read_structure_mesh(section, files)
-    nodes = _nodes(section, groups, mesh)
+    solved = read_solver(section, files)
+    nodes = _nodes(section, groups, mesh, solved)
     elements = _elements(section, nodes, mesh)
     elements.extend(groups)
+    if solved is not None:
+        elements.append((section.inner("solver"), solved.model))
+        held = [*held, *solved.held]
     if not elements:
         kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
     ties = _ties(section, nodes)
+    if solved is not None:
+        ties += [(section.inner("solver"), tie) for tie in solved.ties]
     if mesh is not None:
         require_all_assigned(section, mesh, [element for _, element in elements])
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
@@ -193,8 +201,15 @@ def _placed(section: Section, message: str, elements: Elements, ties: Ties) -> I
     return section.error(message)
 
 
-def _nodes(section: Section, groups: list[tuple[Section, MatrixGroup]], mesh: Mesh | None = None) -> Positions:
+def _nodes(
+    section: Section,
+    groups: list[tuple[Section, MatrixGroup]],
+    mesh: Mesh | None = None,
+    solved: Solved | None = None,
+) -> Positions:
     inner = section.section("nodes")
+    if inner is None and mesh is None and solved is not None:
+        return positions_of(solved)
     if mesh is not None:
         nodes = {label: position.tolist() for label, position in mesh.nodes.items()}
         return nodes if inner is None else nodes | _besides(inner, _nodes(section, []), mesh)

@@ -7,7 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from structid.estimation.search.work import ALONE, Work
 from structid.identification.options import IdentifyOptions
+from structid.solver.solved import Solved
 from structid.structure import Structure
 from structid.study.schema.method import read_method
 from structid.study.schema.record import RecordSource
@@ -32,6 +34,8 @@ class Study:
         The whole file, for the place of errors.
     digests : mapping of str to str
         SHA-256 of the study file and of every file that it names.
+    solved : Solved, optional
+        What its solver gave.
     """
 
     title: str
@@ -39,6 +43,7 @@ class Study:
     options: IdentifyOptions
     root: Section
     digests: Mapping[str, str]
+    solved: Solved | None = None
 
     @property
     def structure(self) -> Structure:
@@ -79,7 +84,7 @@ class Study:
         return self.root.section(name) or self.root
 
 
-def load_study(path: str | Path, edited: Mapping[str, Any] | None = None) -> Study:
+def load_study(path: str | Path, edited: Mapping[str, Any] | None = None, work: Work = ALONE) -> Study:
     """The study in the TOML file at `path`.
 
     Parameters
@@ -87,6 +92,8 @@ def load_study(path: str | Path, edited: Mapping[str, Any] | None = None) -> Stu
     path : path
     edited : mapping, optional
         Tables in place of those of the file; places of errors are then those of what it had.
+    work : Work
+        Where a solver runs, in a study that has one.
 
     Raises
     ------
@@ -94,11 +101,12 @@ def load_study(path: str | Path, edited: Mapping[str, Any] | None = None) -> Stu
         If the file or one that it names is missing, a key is unknown, missing or of the wrong kind, or structure
         and unknowns contradict each other; the message gives file, line, section and key.
     """
-    root, files = read_root(path, edited)
+    root, files = read_root(path, edited, work)
     if "record" not in root.table:
         raise root.error("the section [record] is missing; add it")
     setups = read_setups(root, files)
     options = read_method(root.section("method"))
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
     options = replace(options, regularization=terms)
-    return Study(title_of(root), setups, options, root, files.digests)
+    solved = files.solved[0] if files.solved else None
+    return Study(title_of(root), setups, options, root, files.digests, solved)

@@ -20,7 +20,7 @@ from structid.structure.importers.op4 import binary as op4_binary
 from structid.structure.importers.op4 import text as op4_text
 from structid.structure.importers.op4.strings import Layout, Strings, strings_of
 
-SUFFIXES: tuple[str, ...] = (".op4",)
+SUFFIXES: tuple[str, ...] = (".op4", ".ou1")  # the second is MYSTRAN's
 
 
 def read(path: Path) -> list[ImportedMatrix]:

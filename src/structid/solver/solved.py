@@ -1,0 +1,135 @@
+"""What the runs of a solver gave: a model of it, and what it is made of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.dof import Dof
+from structid.estimation.search.work import Work
+from structid.solver.expansion import Point
+from structid.solver.model import ModelParameter, SolverModel
+from structid.solver.runs import RunCounts, RunFailedError, Solver, runs
+from structid.solver.tangent import ShapeTie
+from structid.structure.importers.exports import FORCES, LENGTHS
+
+
+@dataclass(frozen=True)
+class Units:
+    """Of what a solver gives; time is in seconds.
+
+    Attributes
+    ----------
+    length, force : str
+    """
+
+    length: str = "m"
+    force: str = "N"
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        return FORCES[self.force] / LENGTHS[self.length]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The solver run once more, beside the model of it.
+
+    Attributes
+    ----------
+    difference : float
+        Largest relative difference: of frequencies, or of entries of matrices to their diagonals.
+    words : str
+    """
+
+    difference: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(ABC):
+    """What the runs of a solver gave.
+
+    Attributes
+    ----------
+    solver : Solver
+    model : SolverModel
+        The element set.
+    ties : tuple of ShapeTie
+    held : tuple of Dof
+    counts : RunCounts
+    facts : tuple of str
+        What was found, for the reader.
+    at : mapping of str to float
+        Values of the run that it is made about.
+    units : Units
+    """
+
+    solver: Solver
+    model: SolverModel
+    ties: tuple[ShapeTie, ...]
+    held: tuple[Dof, ...]
+    counts: RunCounts
+    facts: tuple[str, ...]
+    at: Mapping[str, float]
+    units: Units
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Labels of all nodes of the solver."""
+        own = [dof.node for dof in (*self.model.dofs, *self.held)]
+        return tuple(sorted({*own, *(dof.node for tie in self.ties for dof in tie.dependents)}))
+
+    @property
+    @abstractmethod
+    def is_exact(self) -> bool:
+        """Whether it holds at all values; else it is to be made again about the answer."""
+
+    @abstractmethod
+    def checked(self, values: Point, work: Work) -> Checked:
+        """The solver run with `values`, beside the model.
+
+        Raises
+        ------
+        InputError
+            If the run fails.
+        """
+
+
+def needed_runs(solver: Solver, points: Sequence[Point], work: Work) -> tuple[list[Path], RunCounts]:
+    """Folders of runs that must all succeed.
+
+    Raises
+    ------
+    RunFailedError
+        With what is kept.
+    """
+    found, counts = runs(solver, points, work)
+    folders = []
+    for one in found:
+        if isinstance(one, RunFailedError):
+            kept = sum(isinstance(other, Path) for other in found)
+            raise RunFailedError(
+                f"{one}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
+            )
+        folders.append(one)
+    return folders, counts
+
+
+def model_parameters(solver: Solver, references: Mapping[str, float]) -> tuple[ModelParameter, ...]:
+    """The deck's parameters as the model has them."""
+    nominal = solver.deck.nominal
+    return tuple(ModelParameter(p.name, p.unit, nominal[p.name], references[p.name]) for p in solver.deck.parameters)
+
+
+def point_words(point: Mapping[str, float]) -> str:
+    """The values of a run, as messages say them."""
+    return ", ".join(f"{name} = {value:g}" for name, value in point.items())
+
+
+def run_words(counts: RunCounts) -> str:
+    """How many runs there were."""
+    return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

@@ -1,0 +1,163 @@
+"""``[structure.solver]``: a deck with marked parameters, the command that runs it, and what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from structid.declared import Limits, Positive
+from structid.dof import parse_dofs
+from structid.errors import InputError
+from structid.solver.deck import DeckParameter, read_deck
+from structid.solver.differences import solved_modes
+from structid.solver.matrices import solved_matrices
+from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
+from structid.solver.runs import Solver
+from structid.solver.solved import Solved, Units
+from structid.structure.importers.exports import FORCES, LENGTHS
+from structid.structure.meshes import read_mesh
+from structid.study.schema.kinds import BOOLEAN, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table, held_by, table_of
+
+_MATRICES = ("stiffness", "mass", "damping")
+_FILE = Kind(
+    'a file that the solver writes, or a table such as { path = "{stem}.op4", matrix = "KAA" }',
+    {"anyOf": [TEXT.schema, table_of(MatrixFile).schema]},
+)
+_PARAMETER = table_of(DeckParameter)
+SOLVER = Table(
+    {
+        "name": Key(TEXT, "Of the element set that the model becomes", default="model"),
+        "deck": Key(
+            TEXTS,
+            "The deck with marks such as {{E}}; of several files, the first is the one that is run",
+            required=True,
+        ),
+        "files": Key(TEXTS, "Further files that the solver reads, copied as they are"),
+        "command": Key(
+            TEXT, "What runs the solver, with {deck}, {stem} (deck without suffix) and {study} (folder)", required=True
+        ),
+        "gives": Key(choice("matrices", "modes"), "What comes out", default="matrices"),
+        **{key: Key(_FILE, f"Where the {key} matrix is, with {{stem}}") for key in _MATRICES},
+        "dofs": Key(TEXTS, "What the rows of matrices stand for: a file that the solver writes, or a list"),
+        "modes": Key(TEXT, "File of frequencies and shapes, with {stem}: .frd, .f06, .csv, .json or .uff"),
+        "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
+        "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
+        "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
+        "timeout": Key(held_by(Positive), "Longest time of a run, s", default=3600.0),
+        "retries": Key(limited(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
+        "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
+        "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
+    }
+)
+SOLVER_TABLES = {"solver": Key(SOLVER, "A finite element solver, run by structid")}
+
+
+def read_solver(section: Section, files: InputFiles) -> Solved | None:
+    """What the runs of ``[structure.solver]`` gave; None where there is none. Made once for all records of a study.
+
+    Parameters
+    ----------
+    section : Section
+        ``[structure]``.
+    files : InputFiles
+        Takes note of the files read.
+
+    Raises
+    ------
+    InputError
+        If deck and parameters disagree, the solver is not there or fails, or no model can be made of what it gives.
+    """
+    own = section.section("solver")
+    if own is None:
+        return None
+    if not files.solved:
+        files.solved.append(_solved(own, files))
+    return files.solved[0]
+
+
+def _solved(own: Section, files: InputFiles) -> Solved:
+    given = own.values(SOLVER)
+    entries = own.sections("parameter")
+    if not entries:
+        raise own.error(
+            "has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck"
+        )
+    parameters = [entry.read(DeckParameter) for entry in entries]
+    with own.located("deck"):
+        deck = read_deck([files.path(name) for name in as_list(given["deck"])], parameters)
+    stem = {"stem": Path(deck.main).stem}
+    out = _outputs(own, given, stem)
+    linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
+    folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
+    solver = Solver(
+        deck, given["command"], folder, files.folder, linked, out, given.get("timeout", 3600.0), given.get("retries", 2)
+    )
+    with own.located("command"):
+        _ = solver.arguments
+    name, units = given.get("name", "model"), Units(given.get("length_unit", "m"), given.get("force_unit", "N"))
+    with own.located():
+        if isinstance(out, ModesOut):
+            return solved_modes(name, solver, out, units, files.work)
+        return solved_matrices(name, solver, out, units, files.work, given.get("indefinite", False))
+
+
+def _outputs(own: Section, given: Mapping[str, Any], stem: Mapping[str, str]) -> MatricesOut | ModesOut:
+    """What the study says that comes out; what belongs to the other kind is refused."""
+    gives = given.get("gives", "matrices")
+    of_other = ("modes",) if gives == "matrices" else (*_MATRICES, "dofs", "indefinite")
+    for key in of_other:
+        if key in given:
+            raise own.error(
+                f'belongs to `gives = "{"modes" if gives == "matrices" else "matrices"}"`; take it out', key
+            )
+    if gives == "modes":
+        if "modes" not in given:
+            raise own.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
+        return ModesOut(_named(own, "modes", given["modes"], stem))
+    for key in ("stiffness", "mass"):
+        if key not in given:
+            raise own.error(
+                f'`{key}` is missing; add `{key} = "{{stem}}.{"sti" if key == "stiffness" else "mas"}"`, the file of it'
+            )
+    matrices = {}
+    for key in _MATRICES:
+        if key in given:
+            one = given[key] if isinstance(given[key], str) else None
+            entry = (
+                MatrixFile(one)
+                if one is not None
+                else Section(own.source, (*own.path, key), given[key]).read(MatrixFile)
+            )
+            matrices[key] = MatrixFile(_named(own, key, entry.path, stem), entry.matrix)
+    numbering = None
+    if "dofs" in given:
+        text = given["dofs"]
+        with own.located("dofs"):
+            numbering = _named(own, "dofs", text, stem) if isinstance(text, str) else parse_dofs(text)
+    return MatricesOut(matrices, numbering)
+
+
+def _named(own: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
+    """The name of a file in the folder of a run."""
+    try:
+        name = text.format(**stem)
+    except (KeyError, ValueError, IndexError) as error:
+        raise own.error(f"{text!r} may hold {{stem}} only, the deck's name without its suffix", key) from error
+    if Path(name).name != name or name in ("", ".", ".."):
+        raise own.error(f"{name!r} must be the name of a file in the folder of a run, without folders", key)
+    return name
+
+
+def positions_of(solved: Solved) -> dict[int, list[float]]:
+    """Position of every node of the model, m: by the deck, where it is a mesh that structid reads; else at the origin."""
+    deck = solved.solver.deck
+    try:
+        mesh = read_mesh(solved.solver.place(solved.at) / deck.main, solved.units.length)
+        known = {label: position.tolist() for label, position in mesh.nodes.items()}
+    except InputError:
+        known = {}
+    return {node: known.get(node, [0.0, 0.0, 0.0]) for node in solved.nodes}

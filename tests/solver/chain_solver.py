@@ -1,0 +1,100 @@
+"""A solver of a few lines, for tests: a chain of masses whose deck has lines ``name = number``; it fails as it is asked to.
+
+python chain_solver.py DECK matrices|modes [--log FILE] [--fail PART] [--fail-above K] [--hang] [--half] [--sleep SECONDS] [--grow]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+import sys
+import time
+from pathlib import Path
+
+Square = list[list[float]]
+
+
+def chain(given: dict[str, float], n: int) -> tuple[Square, Square]:
+    """Mass and stiffness: springs k1 (first half) and k2 of plates of thickness t: t^3, and masses t; at the end 1/s."""
+    t = given.get("t", 1.0)
+    springs = [(given["k1"] if i < n // 2 else given["k2"]) * t**3 for i in range(n)]
+    mass, stiffness = ([[0.0] * n for _ in range(n)] for _ in range(2))
+    for i, k in enumerate(springs):
+        mass[i][i] = (1.0 + 0.5 * i / (n - 1)) * t
+        stiffness[i][i] += k
+        if i:
+            stiffness[i - 1][i - 1] += k
+            stiffness[i - 1][i] -= k
+            stiffness[i][i - 1] -= k
+    stiffness[-1][-1] += 100.0 / given.get("s", 1.0)
+    return mass, stiffness
+
+
+def modes(mass: Square, stiffness: Square) -> list[tuple[float, list[float]]]:
+    """Omega^2 and mass-normalized shape of each mode, lowest first, by Jacobi's rotations; the mass is diagonal."""
+    n = len(mass)
+    root = [math.sqrt(mass[i][i]) for i in range(n)]
+    a = [[stiffness[i][j] / root[i] / root[j] for j in range(n)] for i in range(n)]
+    v = [[float(i == j) for j in range(n)] for i in range(n)]
+    for _ in range(30):
+        for p in range(n):
+            for q in range(p + 1, n):
+                if a[p][q]:
+                    angle = 0.5 * math.atan2(2 * a[p][q], a[q][q] - a[p][p])
+                    c, s = math.cos(angle), math.sin(angle)
+                    for table in (a, v):
+                        for row in table:
+                            row[p], row[q] = c * row[p] - s * row[q], s * row[p] + c * row[q]
+                    a[p], a[q] = (
+                        [c * x - s * y for x, y in zip(a[p], a[q], strict=True)],
+                        [s * x + c * y for x, y in zip(a[p], a[q], strict=True)],
+                    )
+    return sorted((a[r][r], [v[i][r] / root[i] for i in range(n)]) for r in range(n))
+
+
+def written(rows: Square) -> str:
+    """MatrixMarket, dense."""
+    body = "\n".join(repr(value) for row in rows for value in row)
+    return f"%%MatrixMarket matrix array real general\n{len(rows)} {len(rows)}\n{body}\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("deck", type=Path)
+    parser.add_argument("gives")
+    parser.add_argument("--log", type=Path)
+    parser.add_argument("--fail", type=float, default=0.0)
+    parser.add_argument("--fail-above", type=float, default=math.inf)
+    parser.add_argument("--sleep", type=float, default=0.0)
+    for flag in ("--hang", "--half", "--grow"):
+        parser.add_argument(flag, action="store_true")
+    asked = parser.parse_args()
+    text = asked.deck.read_text()
+    given = {
+        name.strip(): float(value) for name, value in (line.split("=") for line in text.splitlines() if "=" in line)
+    }
+    if asked.log is not None:
+        with asked.log.open("a") as log:
+            log.write(text.replace("\n", ";") + "\n")
+    time.sleep(60 if asked.hang else asked.sleep)
+    if random.SystemRandom().random() < asked.fail or given["k1"] > asked.fail_above:
+        sys.stderr.write("license server does not answer\n")
+        sys.exit(3)
+    n = 6 + (asked.grow and given["k1"] != 1000.0)
+    mass, stiffness = chain(given, n)
+    stem = asked.deck.stem
+    if asked.gives == "matrices":
+        files = {f"{stem}_k.mtx": written(stiffness), f"{stem}_m.mtx": written(mass)}
+    else:
+        head = ",".join(["frequency_hz", "scaling", *(f"{i + 1}X" for i in range(n))])
+        found = modes(mass, stiffness)[:4]
+        rows = [",".join([repr(math.sqrt(w) / 2 / math.pi), "mass", *map(repr, shape)]) for w, shape in found]
+        files = {f"{stem}.csv": "\n".join([head, *rows]) + "\n"}
+    for name, content in files.items():
+        Path(name).write_text(content[: len(content) // 2] if asked.half else content)
+    Path("scratch.tmp").write_text("x" * 1000)
+
+
+if __name__ == "__main__":
+    main()
