@@ -57,8 +57,13 @@ def test_parse_unit_refuses(text):
     assert repr(text) in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "N", "m/s^2", "N/N", "N/m", "m/m", "V/N", "/N", "m/", "m/s^2//N"])
+@pytest.mark.parametrize("text", ["", "N", "m/s^2", "N/N", "N/m", "m/g", "V/N", "/N", "m/", "m/s^2//N"])
 def test_parse_frf_unit_refuses(text):
     with pytest.raises(InputError, match=r"\(m/s\^2\)/N") as caught:
         parse_frf_unit(text)
     assert repr(text) in str(caught.value)
+
+
+def test_motion_per_the_same_motion_is_transmissibility():
+    assert parse_frf_unit("g/(m/s^2)") == ("transmissibility", 9.80665, False, False)
+    assert parse_frf_unit("(rad/s^2)/(m/s^2)") == ("transmissibility", 1.0, True, False)

@@ -81,6 +81,7 @@ from structid.similarity import orthogonality as orthogonality
 from structid.similarity import pair_modes as pair_modes
 from structid.similarity import subspace_angles as subspace_angles
 from structid.structure import Bar as Bar
+from structid.structure import Base as Base
 from structid.structure import Beam as Beam
 from structid.structure import Blocks as Blocks
 from structid.structure import Constraint as Constraint

@@ -10,8 +10,8 @@ import numpy as np
 
 from structid.errors import InputError
 
-Quantity = Literal["displacement", "velocity", "acceleration", "force"]
-FrfKind = Literal["receptance", "mobility", "accelerance"]
+Quantity = Literal["displacement", "velocity", "acceleration", "force", "support_acceleration"]
+FrfKind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 
 #: Standard acceleration of free fall in m/s^2.
 STANDARD_GRAVITY = 9.80665
@@ -38,9 +38,12 @@ _MOTION = re.compile(r"^(?P<base>[A-Za-z]+)(?P<time>/.*)?$")
 _MOMENT = re.compile(r"^(?P<force>[A-Za-z]+?)[*\- ]?(?P<length>km|cm|mm|um|m|in|ft)$")
 _ACCEPTED = (
     "lengths m mm um cm km in ft and angles rad deg, alone or per s or s^2 (as in mm/s^2 or deg/s), "
-    "g as an acceleration, forces N kN mN lbf kgf, moments such as N m"
+    "g as an acceleration, forces N kN mN lbf kip kgf, moments such as N m"
 )
-_ACCEPTED_FRF = "motion per force, as in (m/s^2)/N, g/lbf, mm/N or (mm/s)/kN, where motion and force are of: "
+_ACCEPTED_FRF = (
+    "motion per force, as in (m/s^2)/N, g/lbf, mm/N or (mm/s)/kN, or motion per the same motion of a support, as in g/g,"
+    " where motion and force are of: "
+)
 
 
 class Unit(NamedTuple):
@@ -142,7 +145,8 @@ def parse_frf_unit(text: str) -> FrfUnit:
     Parameters
     ----------
     text : str
-        Motion per force, such as ``(m/s^2)/N``, ``m/s^2/N``, ``g/lbf``, ``mm/N``, ``rad/(N m)``.
+        Motion per force, such as ``(m/s^2)/N``, ``m/s^2/N``, ``g/lbf``, ``mm/N``, ``rad/(N m)``, or motion per motion,
+        such as ``g/g``.
 
     Returns
     -------
@@ -152,7 +156,7 @@ def parse_frf_unit(text: str) -> FrfUnit:
     Raises
     ------
     InputError
-        If `text` is not a motion divided by a force or moment.
+        If `text` is not a motion divided by a force, a moment or the same kind of motion.
 
     Examples
     --------
@@ -163,6 +167,8 @@ def parse_frf_unit(text: str) -> FrfUnit:
     cut = _last_division(whole)
     above = _unit(whole[:cut]) if cut > 0 else None
     below = _unit(whole[cut + 1 :]) if cut > 0 else None
+    if above is not None and below is not None and above.quantity == below.quantity != "force":
+        return FrfUnit("transmissibility", above.factor / below.factor, above.rotation, below.rotation)
     if above is None or below is None or above.quantity == "force" or below.quantity != "force":
         raise InputError(
             f"cannot read {text!r} as the unit of a frequency response function; write {_ACCEPTED_FRF}{_ACCEPTED}"

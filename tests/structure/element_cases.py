@@ -90,11 +90,16 @@ CASES: dict[str, tuple[Case, ...]] = {
     ),
     "beam": (
         Case("on a line", LINE, Beam("e", PAIRS, [2.0, 3.0], [5.0, 7.0], **DAMPED), lengths(LINE) @ [2.0, 3.0]),
-        Case("in a plane", PLANE, Beam("e", PAIRS, 2.0, 5.0, 11.0, **DAMPED), 2.0 * lengths(PLANE).sum()),
+        Case(
+            "in a plane",
+            PLANE,
+            Beam("e", PAIRS, 2.0, 5.0, 11.0, rotary_inertia=[0.3, 0.5], **DAMPED),
+            2.0 * lengths(PLANE).sum(),
+        ),
         Case(
             "with shear on a line",
             LINE,
-            Beam("e", PAIRS, 2.0, [5.0, 7.0], shear_stiffness=[9.0, 20.0], **DAMPED),
+            Beam("e", PAIRS, 2.0, [5.0, 7.0], shear_stiffness=[9.0, 20.0], rotary_inertia=0.4, **DAMPED),
             2.0 * lengths(LINE).sum(),
         ),
         Case(
@@ -161,7 +166,19 @@ CASES: dict[str, tuple[Case, ...]] = {
         Case(
             "with shear",
             SPACE,
-            SpaceBeam("e", PAIRS, 2.0, [5.0, 3.0], 6.0, 11.0, 3.0, shear_stiffness_y=9.0, shear_stiffness_z=[8.0, 7.0]),
+            SpaceBeam(
+                "e",
+                PAIRS,
+                2.0,
+                [5.0, 3.0],
+                6.0,
+                11.0,
+                3.0,
+                shear_stiffness_y=9.0,
+                shear_stiffness_z=[8.0, 7.0],
+                rotary_inertia_y=0.3,
+                rotary_inertia_z=[0.4, 0.2],
+            ),
             2.0 * lengths(SPACE).sum(),
         ),
     ),
@@ -196,14 +213,16 @@ def properties(case: Case) -> dict:
     """Declared properties of the element that have a value."""
     said = declarations(case.element)
     own = {name: getattr(case.element, name) for name, what in said.items() if what.kind is not None}
-    assert all(said[name].unlimited for name, value in own.items() if value is None)
+    assert all(said[name].optional for name, value in own.items() if value is None)
     return {name: value for name, value in own.items() if value is not None}
 
 
 def keeps_symmetry(case: Case, folder: Path) -> None:
     """Matrices are symmetric and positive semidefinite."""
-    for part in case.structure.contributions:
-        matrix = part.blocks.assemble(np.ones(part.blocks.n_elements)).toarray()
+    parts = [(part, part.blocks.assemble(np.ones(part.blocks.n_elements))) for part in case.structure.contributions]
+    alone = [matrix for part, matrix in parts if part.scale is None]
+    for found in (*alone, *(case.structure.matrix(law) for law in {part.law for part, _ in parts})):
+        matrix = found.toarray()
         assert np.abs(matrix - matrix.T).max() <= 1e-13 * np.abs(matrix).max()
         assert np.linalg.eigvalsh(matrix).min() >= -1e-12 * np.abs(matrix).max()
 

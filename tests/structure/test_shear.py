@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
-from structid import Beam, FrfRecord, InputError, SpaceBeam, Structure, Unknown, parameters
+from structid import Beam, FrfRecord, InputError, PointMass, RigidLink, SpaceBeam, Structure, Unknown, parameters
+from structid.dof import DIRECTIONS
 from structid.dynamics.modes import modes
 from structid.observation.frf.response import response
 from structid.observation.sensitive import require_linear_weights, sensitive_elements, steering_values
@@ -50,20 +53,100 @@ def test_both_planes_of_a_space_beam_shear_on_their_own():
     assert [p.term.property for p in stiff.properties if "shear" in p.term.property] == []
 
 
-def test_a_simply_supported_beam_has_the_frequencies_of_timoshenko():
-    """Without rotary inertia omega_n^2 = (EI / m) k^4 / (1 + EI k^2 / G A_s), k = n pi / L (Timoshenko 1921)."""
+def frequencies(structure: Structure, n: int) -> np.ndarray:
+    return modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=n).frequency
+
+
+def deep(fixed: list[str], pieces: int) -> Structure:
+    """Five times as long as deep: rectangular, steel, shear coefficient 5 / 6."""
+    beam = Beam("e", [1, 2], 7800.0, 2e11 / 12, shear_stiffness=2e11 / 2.6 * 5 / 6, rotary_inertia=7800.0 / 12)
+    return Structure({1: 0.0, 2: 5.0}, [beam], fixed, subdivide=pieces)
+
+
+def end_condition(omega: float, rows: slice, columns: slice) -> float:
+    """Determinant of the transfer matrix of w, theta, M, V over the deep beam (Huang 1961); 0 at its frequencies."""
+    mass, ei, ga, inertia = 7800.0, 2e11 / 12, 2e11 / 2.6 * 5 / 6, 7800.0 / 12
+    scale = np.array([1.0, 1.0, 1e10, 1e10])
+    slope = np.zeros((4, 4))
+    slope[0, 1], slope[0, 3], slope[1, 2] = 1.0, 1 / ga, 1 / ei
+    slope[2, 1], slope[2, 3], slope[3, 0] = -inertia * omega**2, -1.0, -mass * omega**2
+    transfer = expm(5.0 * slope * scale / scale[:, None])
+    return float(np.linalg.det(transfer[rows, columns]))
+
+
+@pytest.mark.parametrize(
+    ("fixed", "unknown_at_start", "rigid"), [(["1Y", "1RZ"], slice(2, 4), 0), ([], slice(0, 2), 2)]
+)
+def test_deep_beams_have_the_frequencies_of_timoshenko(fixed, unknown_at_start, rigid):
+    """A cantilever and a free beam; the error falls with the square of the pieces."""
+    coarse, fine = (frequencies(deep(fixed, pieces), rigid + 4)[rigid:] for pieces in (50, 100))
+    ends = slice(2, 4), unknown_at_start
+    exact = [brentq(end_condition, 0.995 * 2 * np.pi * f, 1.005 * 2 * np.pi * f, ends, xtol=1e-9) for f in fine]
+    exact = np.array(exact) / (2 * np.pi)
+    slender = (
+        np.array([1.8751, 4.6941] if fixed else [4.7300, 7.8532]) ** 2 / (10 * np.pi) / 5 * np.sqrt(2e11 / 12 / 7800)
+    )
+    assert (exact[:2] < [0.99, 0.85] * slender).all()
+    assert fine == pytest.approx(exact, rel=5e-4)
+    assert (4 * fine - coarse) / 3 == pytest.approx(exact, rel=1e-6)
+
+
+def test_stiff_in_shear_is_euler_bernoulli():
+    stiff, plain = (Beam("e", [1, 2], 3.0, EI, shear_stiffness=ga, rotary_inertia=0.2) for ga in (1e17 * EI, None))
+    pair = [Structure({1: 0.0, 2: L}, [beam], ["1Y", "1RZ"], subdivide=8) for beam in (stiff, plain)]
+    for law in ("inertia", "elastic"):
+        made, expected = (one.matrix(law).toarray() for one in pair)
+        assert np.abs(made - expected).max() <= 1e-12 * np.abs(expected).max()
+    assert frequencies(pair[0], 6) == pytest.approx(frequencies(pair[1], 6), rel=1e-10)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e-3, 1e-6])
+def test_thin_beams_do_not_lock(ratio):
+    """One element gives the tip deflection L^3 / 3 EI + L / GA at any slenderness, and a patch its uniform curvature."""
+    beam = Beam("e", [[1, 2], [2, 3]], 1.0, EI, shear_stiffness=GA / ratio)
+    structure = Structure({1: 0.0, 2: 0.3 * L, 3: L}, [beam], ["1Y", "1RZ"])
+    flexibility = np.linalg.inv(structure.matrix("elastic").toarray())
+    assert flexibility[2, 2] == pytest.approx(L**3 / (3 * EI) + L * ratio / GA, rel=1e-9)
+    place = [0.3 * L, L]
+    assert flexibility[:, 3] == pytest.approx(np.ravel([[x**2 / (2 * EI), x / EI] for x in place]), rel=1e-9)
+
+
+def test_a_simply_supported_beam_of_mostly_shear():
+    """Without rotary inertia omega_n^2 = (EI / m) k^4 / (1 + EI k^2 / G A_s), k = n pi / L (Timoshenko 1921).
+
+    What a piece of length h leaves out is its shear under its own inertia: m h^2 / 12 G A_s of 1 / omega^2.
+    """
     pieces, mass = 40, 2.0
     beam = Beam("e", [1, 2], mass, EI, shear_stiffness=GA)
-    structure = Structure({1: 0.0, 2: L}, [beam], ["1Y", "2Y"], subdivide=pieces)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=4).frequency
+    found = 2 * np.pi * frequencies(Structure({1: 0.0, 2: L}, [beam], ["1Y", "2Y"], subdivide=pieces), 4)
     k = np.arange(1, 5) * np.pi / L
     exact = np.sqrt(EI / mass * k**4 / (1 + EI * k**2 / GA))
-    assert 2 * np.pi * found == pytest.approx(exact, rel=3e-3)
+    assert (found > exact).all()
+    assert 1 / found**2 + mass * (L / pieces) ** 2 / (12 * GA) == pytest.approx(1 / exact**2, rel=1e-4)
     assert exact[3] < 0.4 * np.sqrt(EI / mass) * k[3] ** 2
-    finer = Structure({1: 0.0, 2: L}, [beam], ["1Y", "2Y"], subdivide=2 * pieces)
-    closer = modes(finer.matrix("inertia"), finer.matrix("elastic"), n_modes=4).frequency
-    errors = [np.abs(2 * np.pi * one - exact) for one in (found, closer)]
-    assert (errors[1] < 0.3 * errors[0]).all()
+
+
+def test_cantilever_with_masses_beside_its_axis():
+    """NAFEMS (1990), Selected Benchmarks for Natural Frequency Analysis, FV4: printed digits."""
+    diameter, length, n = 0.5, 10.0, 20
+    area, second, shear = np.pi * diameter**2 / 4, np.pi * diameter**4 / 64, 2e11 / 2.6
+    nodes = {i: (length * i / n, 0.0, 0.0) for i in range(n + 1)}
+    nodes |= {n + 1: (length, 2.0, 0.0), n + 2: (length, -2.0, 0.0)}
+    beam = SpaceBeam(
+        "beam",
+        [[i, i + 1] for i in range(n)],
+        8000 * area,
+        2e11 * second,
+        2e11 * second,
+        2e11 * area,
+        2 * shear * second,
+        2 * 8000 * second,
+        rotary_inertia_y=8000 * second,
+        rotary_inertia_z=8000 * second,
+    )
+    masses, arms = PointMass("masses", [n + 1, n + 2], [1e4, 1e3]), RigidLink("arms", n, [n + 1, n + 2])
+    structure = Structure(nodes, [beam, masses], [f"0{d}" for d in DIRECTIONS], [arms])
+    assert frequencies(structure, 6) == pytest.approx([1.723, 1.727, 7.413, 9.972, 18.155, 26.957], abs=6e-4)
 
 
 def portal(n: int) -> Structure:
@@ -72,8 +155,8 @@ def portal(n: int) -> Structure:
     up, along = ([[s + k, s + k + 1] for k in range(n)] for s in (0, n))
     some = np.linspace(3.0, 5.0, n)
     sets = [
-        Beam("up", up, 1.0, 6.0, 900.0, 0.01, 0.3, 1e-4, 400.0),
-        Beam("along", along, 1.0, some, 900.0, 0.02, shear_stiffness=100 * some),
+        Beam("up", up, 1.0, 6.0, 900.0, 0.01, 0.3, 1e-4, 400.0, 1e-3),
+        Beam("along", along, 1.0, some, 900.0, 0.02, shear_stiffness=100 * some, rotary_inertia=2e-3),
     ]
     return Structure(nodes, sets, ["0X", "0Y", "0RZ", f"{2 * n}Y"])
 
@@ -90,6 +173,7 @@ def test_derivatives_to_shear_and_bending_are_differences_in_every_way(n):
             Unknown("loss_factor", ["up", "along"]),
             Unknown("stiffness_damping", "up"),
             Unknown("mass", "up"),
+            Unknown("rotary_inertia", "along"),
         ],
     )
     assert unknown.names[:2] == ("shear_stiffness[along]", "shear_stiffness[plain]")
@@ -114,7 +198,8 @@ def test_slopes_follow_every_value_that_a_share_depends_on():
     steering = set(steering_values(structure, unknown, sensitive_elements(structure, unknown)).tolist())
     for name in ("bending_stiffness", "shear_stiffness", "loss_factor"):
         assert steering.issuperset(range(places[name].start, places[name].stop))
-    assert steering.isdisjoint(range(places["mass"].start, places["mass"].stop))
+    for name, steers in (("mass", True), ("axial_stiffness", False)):
+        assert steering.isdisjoint(range(places[name].start, places[name].stop)) != steers
 
 
 def test_methods_that_are_linear_in_the_parameters_refuse_bending_beside_shear():

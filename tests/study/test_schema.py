@@ -72,7 +72,7 @@ def test_the_command_shows_and_writes_it(tmp_path):
         ('first = "1X"\n', ""),
         ("1 = 0.0", "one = 0.0"),
         ("[[structure.spring]]", "[[structure.sprng]]"),
-        ("each = true", "each = 1"),
+        ("each = true", "each = 1.5"),
         ("each = true", "prior = {mean = 1.0, std = 0.0}"),
         ("relative = 0.01", "relative = -1"),
         ("band = [0.5, 12.0]", 'residual = "logs"'),

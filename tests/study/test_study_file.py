@@ -49,7 +49,7 @@ WRONG = [
     ("[[structure.dashpot]]", "[structure.dashpot]", "[structure.dashpot]", ["write [[structure.dashpot]]"]),
     ('elements = "mass 2"', 'elements = "mas 2"', "[[unknown]]", ["no element set 'mas 2'", "nearest is 'mass 2'"]),
     ('property = "mass"\nelements = "mass 3"', 'property = "maß"\nelements = "mass 3"', None, ["'maß'", "it has mass"]),
-    ("each = true", "each = 1", "each = 1", ['[[unknown]] "stiffness" each', "true or false"]),
+    ("each = true", "each = 0", "each = 0", ['[[unknown]] "stiffness" each', "true or false"]),
     ("each = true", "eech = true", "eech", ["unknown key", "`each`"]),
     ("each = true", "prior = {mean = 1.0, std = 0.0}", "prior", ["[unknown.prior] std", "greater than 0"]),
     ("each = true", "prior = {mean = 1.0, sdt = 1.0}", "prior", ["sdt", "`std`"]),

@@ -5,7 +5,19 @@ import sys
 import numpy as np
 import pytest
 
-from structid import Beam, Field, InputError, PointMass, Smoothness, SpaceBeam, Spring, Structure, Unknown, parameters
+from structid import (
+    Bar,
+    Beam,
+    Field,
+    InputError,
+    PointMass,
+    Smoothness,
+    SpaceBeam,
+    Spring,
+    Structure,
+    Unknown,
+    parameters,
+)
 from structid.unknowns import penalty
 from structid.unknowns.families import family
 
@@ -155,3 +167,35 @@ def test_the_ground_is_no_place_of_a_field():
     made = parameters(structure, [Unknown("stiffness", ["g", "s"], field=Field((1,)))])
     rows = np.r_[place(structure, "stiffness[g]"), place(structure, "stiffness[s]")]
     np.testing.assert_allclose(made.design.toarray()[rows] / 5.0, [[1, 0], [0, 1], [0.5, 0.5]], atol=1e-15)
+
+
+def bays(n: int = 8) -> Structure:
+    table = [[k, k + 1] for k in range(n)]
+    sets = [Bar("deck", table, 1.0, 5.0), Bar("rail", [[0, n]], 1.0, 5.0)]
+    return Structure({k: float(k) for k in range(n + 1)}, sets, ["0X"], active=["X"])
+
+
+def test_neighbours_share_a_parameter():
+    made = parameters(
+        bays(), [Unknown("axial_stiffness", "deck", each=4, start=6.0), Unknown("mass", "deck", each=True)]
+    )
+    assert made.names[:3] == ("axial_stiffness[deck:1-4]", "axial_stiffness[deck:5-8]", "mass[deck:1]")
+    values = made.values(np.array([7.0, 9.0, *made.start[2:]]))
+    stiffness = next(p.values for p in bays().properties if p.label == "axial_stiffness[deck]")
+    assert values[stiffness].tolist() == [7.0] * 4 + [9.0] * 4
+    some = parameters(bays(), [Unknown("mass", "deck:3-8", each=2)])
+    assert some.names == ("mass[deck:3-4]", "mass[deck:5-6]", "mass[deck:7-8]")
+    assert parameters(bays(), [Unknown("mass", "deck", each=1)]).names == made.names[2:]
+
+
+@pytest.mark.parametrize(
+    ("elements", "each", "words"),
+    [
+        ("deck", 3, "`each` = 3 of mass.deck. makes no whole groups of 8 elements"),
+        (["deck:1-3", "deck:6"], 2, "the group from element 3 on is not of neighbours"),
+        ("rail", 2, "no whole groups of 1 elements"),
+    ],
+)
+def test_groups_that_are_none_are_named(elements, each, words):
+    with pytest.raises(InputError, match=words):
+        parameters(bays(), [Unknown("mass", elements, each=each)])

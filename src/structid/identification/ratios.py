@@ -1,4 +1,4 @@
-"""What output-only modes determine: ratios of stiffness to mass, where a common scale of both is free."""
+"""What modes and motions of supports determine without a force: ratios of stiffness to mass, their common scale free."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def scale_words(names: list[str], reference: str = "") -> str:
     """What a free common scale of the parameters `names` means."""
     given = f" Their ratios to {reference} are given with intervals;" if reference else ""
     return (
-        "modes measured without a force give ratios of stiffness to mass, not kilograms: one common scale of"
+        "what is measured without a force gives ratios of stiffness to mass, not kilograms: one common scale of"
         f" {_listed(names)} is free.{given or ' Ratios are determined as far as no other direction is free;'} a known"
         " mass, a prior or a record with a measured force fixes the scale"
     )

@@ -82,7 +82,7 @@ def answered(
         return Answer(alone.estimated(options, progress, work), problems, None, ())
     method = chosen_method(problems, options)
     regular = regularized(problems, options, method, progress, work)
-    few = not any(problem.measures_force for problem in problems)  # modes: so few data that a wrong minimum fits them
+    few = all(np.isnan(problem.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
     search = Search(
         options.restarts,
         options.uniqueness_starts,

@@ -34,7 +34,7 @@ from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.time.options import Hold, Initial, TimeMethod
 from structid.observation.time.spectra import NO_WINDOW, transient_order
 from structid.records import FrfRecord, TimeRecord, frf_from_time
-from structid.records.record import Quantity
+from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.structure import Structure
 from structid.structure.joint_force import together, with_joint_forces
@@ -119,6 +119,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
         """
         problem: RecordProblem
+        if self.own_estimator and "support_acceleration" in self.record.quantities:
+            raise InputError(f"{self.own_estimator} takes no motion of supports; take fit = 'spectra' for this record")
         if self.settings.fit == "output_error":
             self.channel_errors(self.channel_unknowns)
             problem = output_error_problem(self.structure, self.parameters, self.record, self._options(options))
@@ -173,8 +175,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
         pairs = list(zip(self.record.channels, self.record.quantities, strict=True))
-        motions = tuple(dict.fromkeys(dof for dof, quantity in pairs if quantity != "force"))
-        return ("output", motions), ("input", tuple(dof for dof, quantity in pairs if quantity == "force"))
+        motions = tuple(dict.fromkeys(dof for dof, quantity in pairs if quantity not in LOADS))
+        return ("output", motions), ("input", tuple(dof for dof, quantity in pairs if quantity in LOADS))
 
     def words(self, options: IdentifyOptions) -> str:
         record = self.record
@@ -281,7 +283,7 @@ def averaged_frfs(record: TimeRecord) -> FrfRecord:
     of_kind: dict[Quantity, list[Dof]] = {}
     for dof, kind in zip(record.channels, record.quantities, strict=True):
         of_kind.setdefault(kind, []).append(dof)
-    loads = of_kind.pop("force", [])
+    loads = [dof for kind in LOADS for dof in of_kind.pop(kind, [])]
     most: Quantity = max(of_kind, key=lambda kind: len(of_kind[kind]), default="acceleration")
     sensors = of_kind.get(most, ())
     length = max(len(record.values) // _SEGMENTS, 1)

@@ -24,16 +24,21 @@ def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) ->
     return sparse.csr_array(sum(slopes[1:], slopes[0]))
 
 
+_REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fix it"}
+
+
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
 
-    A thickness, and bending and shear stiffness of a beam that shears.
+    A thickness, the place of a node, and bending and shear stiffness of a beam that shears.
     """
     changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
-    places = {place.start for part in structure.contributions if part.scale for place in part.scale.places}
+    factors = np.zeros(len(changing), dtype=bool)
+    for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
+        factors[place] = True
     for item in structure.properties:
-        if item.values.start in places and changing[item.values].any():
-            remedy = "take Young's modulus as the unknown" if item.term.kind == "thickness" else "leave the shear out"
+        if (factors[item.values] & changing[item.values]).any():
+            remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
             raise InputError(
                 f"{item.label} must be known in the time domain, where matrices are linear in the parameters; {remedy}, or"
                 f" identify the {item.term.property.replace('_', ' ')} from FRFs with `identify`"

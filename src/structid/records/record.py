@@ -18,16 +18,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
-DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2, "transmissibility": 0}
 #: SI unit of an FRF with translations and forces only.
-FRF_UNITS: dict[str, str] = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
+FRF_UNITS: dict[str, str] = {
+    "receptance": "m/N",
+    "mobility": "(m/s)/N",
+    "accelerance": "(m/s^2)/N",
+    "transmissibility": "1",
+}
 #: SI unit of a time history at a translation, and at a rotation.
 QUANTITY_UNITS: dict[str, tuple[str, str]] = {
     "displacement": ("m", "rad"),
     "velocity": ("m/s", "rad/s"),
     "acceleration": ("m/s^2", "rad/s^2"),
     "force": ("N", "N m"),
+    "support_acceleration": ("m/s^2", "rad/s^2"),
 }
+#: What acts on a structure; the other quantities are its motions.
+LOADS: tuple[Quantity, ...] = ("force", "support_acceleration")
 
 
 def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
@@ -62,8 +70,8 @@ class FrfRecord(Shown):
         Response per unit force (or moment); SI units, the sense of each `Dof` included in the value.
     outputs, inputs : tuple of Dof
         Where each response was measured and each load acted.
-    kind : {"receptance", "mobility", "accelerance"}
-        Displacement, velocity or acceleration per unit force.
+    kind : {"receptance", "mobility", "accelerance", "transmissibility"}
+        Displacement, velocity or acceleration per unit force; or motion per the same motion of a support, see `Base`.
     variance : (n_frequencies, n_outputs, n_inputs) float array, optional
         E|error|^2 of each complex value; half of it belongs to the real and half to the imaginary part.
     coherence : same shape, optional
@@ -216,6 +224,8 @@ class FrfRecord(Shown):
         """
         if kind not in DERIVATIVES:
             raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {kind!r}")
+        if "transmissibility" in (kind, self.kind) and kind != self.kind:
+            raise InputError(f"{self.kind} cannot become {kind}: one is per force, the other per motion of a support")
         power = DERIVATIVES[kind] - DERIVATIVES[self.kind]
         if power == 0:
             return self
@@ -314,8 +324,8 @@ class TimeRecord(Shown):
         SI units, the sense of each channel's `Dof` included in the value.
     channels : tuple of Dof
         Where each channel was measured or acted.
-    quantities : tuple of {"displacement", "velocity", "acceleration", "force"}
-        What each channel holds.
+    quantities : tuple of {"displacement", "velocity", "acceleration", "force", "support_acceleration"}
+        What each channel holds; the last is of supports that drive the structure, see `Base`.
     variance : (n_channels,) float array, optional
         Noise variance of each channel.
     start : float

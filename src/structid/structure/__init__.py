@@ -21,11 +21,12 @@ from structid.structure.elements import (
     Spring,
 )
 from structid.structure.structure import Structure, from_matrices
-from structid.structure.supports import Constraint, RigidLink
+from structid.structure.supports import Base, Constraint, RigidLink
 
 __all__ = [
     "ELEMENT_TYPES",
     "Bar",
+    "Base",
     "Beam",
     "Blocks",
     "Constraint",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
 from structid.structure.blocks import ElementMatrices
 from structid.structure.elements.element import TRANSLATIONS, Layer, Term, shear_share
+from structid.structure.sliding import Lengthening
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
 
@@ -29,12 +30,16 @@ class Property:
         return f"{self.term.property}[{self.element}]"
 
 
+#: Where values stand among those of the structure, one an element.
+Place: TypeAlias = slice | IntArray
+
+
 class Factor(Protocol):
     """What multiplies the weights of element matrices and is not linear in the values."""
 
     @property
-    def places(self) -> tuple[slice, ...]:
-        """Where the values stand that it depends on, among the values of the structure."""
+    def places(self) -> tuple[Place, ...]:
+        """Where the values stand that it depends on, among the values of the structure; one an element."""
         ...
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -82,7 +87,7 @@ class ThicknessFactor:
 
 @dataclass(frozen=True, eq=False)
 class ShearFactor:
-    """The share G / (G + ratio E) of `ShearShare` over the nominal one, which the element matrices hold.
+    """The share G / (G + ratio E) of `ShearShare` over the nominal one, to a power; the element matrices hold the nominal.
 
     Attributes
     ----------
@@ -92,12 +97,14 @@ class ShearFactor:
         1/m^2.
     nominal : (n_elements,) float array
         Share at the nominal values.
+    power : int
     """
 
     bending: slice
     shear: slice
     ratio: FloatArray
     nominal: FloatArray
+    power: int = 1
 
     @property
     def places(self) -> tuple[slice, ...]:
@@ -106,12 +113,16 @@ class ShearFactor:
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
-        return shear_share(values[self.bending], values[self.shear], self.ratio) / self.nominal
+        shares: FloatArray = (
+            shear_share(values[self.bending], values[self.shear], self.ratio) / self.nominal
+        ) ** self.power
+        return shares
 
     def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """See `Factor.slopes`."""
         bending, shear = values[self.bending], values[self.shear]
-        common = self.ratio / (shear + self.ratio * bending) ** 2 / self.nominal
+        whole = shear + self.ratio * bending
+        common = self.ratio / whole**2 / self.nominal * self.power * (shear / whole / self.nominal) ** (self.power - 1)
         return (-common * shear, common * bending)
 
 
@@ -150,13 +161,43 @@ class Monomial:
 
 
 @dataclass(frozen=True, eq=False)
+class LengthFactor:
+    """(length / nominal length) to a power, a number an element; the element matrices hold the nominal one.
+
+    Attributes
+    ----------
+    lengthening : Lengthening
+    power : int
+        Such as -3 of bending stiffness, 1 of mass.
+    """
+
+    lengthening: Lengthening
+    power: int
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """See `Factor.places`."""
+        return self.lengthening.at
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """See `Factor.of`."""
+        powers: FloatArray = self.lengthening.ratio(values) ** self.power
+        return powers
+
+    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """See `Factor.slopes`, 1/m."""
+        steep = self.power * self.lengthening.ratio(values) ** (self.power - 1) / self.lengthening.lengths
+        return tuple(steep * slope for slope in self.lengthening.slopes)
+
+
+@dataclass(frozen=True, eq=False)
 class Contribution:
     """Element matrices on free degrees of freedom, with the values that weigh them.
 
     The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
-    (stiffness times loss factor), times what `scale` gives where the element has a thickness or shears. `law` says how
-    it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic`` by 1, ``structural`` by i,
-    ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
+    (stiffness times loss factor), times what `scale` gives where the element has a thickness, shears or has an end that
+    slides. `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
+    by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
     """
 
     law: str
@@ -171,9 +212,9 @@ class Contribution:
         return self.factor is not None or self.scale is not None
 
     @property
-    def places(self) -> tuple[slice, ...]:
+    def places(self) -> tuple[Place, ...]:
         """Where the values stand that make up the weights."""
-        factor = () if self.factor is None else (self.factor,)
+        factor: tuple[Place, ...] = () if self.factor is None else (self.factor,)
         return (self.value, *factor, *(() if self.scale is None else self.scale.places))
 
     def weights(self, values: FloatArray) -> FloatArray:
@@ -188,7 +229,7 @@ class Contribution:
         mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
         return mask
 
-    def partial_slopes(self, values: FloatArray) -> list[tuple[slice, FloatArray]]:
+    def partial_slopes(self, values: FloatArray) -> list[tuple[Place, FloatArray]]:
         """Derivative of the weights with respect to each of the values that make them up: where they stand, and it."""
         factor = 1.0 if self.factor is None else values[self.factor]
         scale = 1.0 if self.scale is None else self.scale.of(values)
@@ -201,8 +242,21 @@ class Contribution:
         return list(zip(self.places, slopes, strict=True))
 
 
-def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], ElementMatrices]) -> tuple[Contribution, ...]:
-    """What every property contributes; `blocks_of` gives the matrices of a layer on free degrees of freedom."""
+def weighed(
+    properties: Sequence[Property],
+    blocks_of: Callable[[Layer], ElementMatrices],
+    lengthenings: Mapping[str, Lengthening],
+) -> tuple[Contribution, ...]:
+    """What every property contributes.
+
+    Parameters
+    ----------
+    properties : sequence of Property
+    blocks_of : callable
+        The matrices of a layer on free degrees of freedom.
+    lengthenings : mapping of str to Lengthening
+        Of element sets with ends that slide.
+    """
     found: list[Contribution] = []
     elastic: dict[str, list[Contribution]] = {}
     blocks: dict[int, ElementMatrices] = {}  # properties with the same matrices share them
@@ -213,7 +267,7 @@ def weighed(properties: Sequence[Property], blocks_of: Callable[[Layer], Element
             law = f"friction:{item.element}" if item.term.kind == "friction" else _law(item, layer)
             if id(layer) not in blocks:
                 blocks[id(layer)] = blocks_of(layer)
-            scale = _scale(properties, item.element, layer)
+            scale = _scale(properties, item.element, layer, lengthenings)
             found.append(Contribution(law, blocks[id(layer)], item.values, scale=scale))
             if law == "elastic":
                 elastic.setdefault(item.element, []).append(found[-1])
@@ -225,7 +279,10 @@ def _law(item: Property, layer: Layer) -> str:
 
 
 def rigid_mass(
-    properties: Sequence[Property], values: FloatArray, direction: str | None = None
+    properties: Sequence[Property],
+    values: FloatArray,
+    direction: str | None,
+    lengthenings: Mapping[str, Lengthening],
 ) -> tuple[float, FloatArray]:
     """Mass that takes part in rigid motion, and its derivative with respect to every value; see `Structure.mass_of`."""
     total, gradient = 0.0, np.zeros(len(values))
@@ -236,25 +293,30 @@ def rigid_mass(
     for candidate in (direction,) if direction else TRANSLATIONS:
         for item, layer in masses:
             unit = _rigid(layer, DIRECTIONS.index(candidate))
-            scale = _scale(properties, item.element, layer)
+            scale = _scale(properties, item.element, layer, lengthenings)
             factor = 1.0 if scale is None else scale.of(values)
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
             if scale is not None:
                 for place, slope in zip(scale.places, scale.slopes(values), strict=True):
-                    gradient[place] += unit * values[item.values] * slope
+                    rows = np.arange(len(values))[place]
+                    np.add.at(gradient, rows, unit * values[item.values] * slope)
         if gradient.any():
             break
     return total, gradient
 
 
-def _scale(properties: Sequence[Property], element: str, layer: Layer) -> Factor | None:
-    """What multiplies the weights of a layer of `element` that goes with a thickness or with powers, or that shears."""
+def _scale(
+    properties: Sequence[Property], element: str, layer: Layer, lengthenings: Mapping[str, Lengthening]
+) -> Factor | None:
+    """What multiplies the weights of a layer of `element` that goes with a thickness, a length or powers, or that shears."""
+    if layer.stretch:
+        return LengthFactor(lengthenings[element], layer.stretch)
     if layer.shear is not None:
         own = {p.term.property: p for p in properties if p.element == element}
         bending, shear = own[layer.shear.bending], own[layer.shear.shear]
         share = shear_share(bending.term.values, shear.term.values, layer.shear.ratio)
-        return ShearFactor(bending.values, shear.values, layer.shear.ratio, share)
+        return ShearFactor(bending.values, shear.values, layer.shear.ratio, share, layer.shear.power)
     if layer.powers:
         own = {p.term.property: p for p in properties if p.element == element}
         return Monomial(

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 from structid.structure.elements.element import ElementSet, Layer, Positions, Term, dof_code
+from structid.structure.sliding import stretched
 
 _ELEMENT = re.compile(r"^(?P<name>.+):(?P<number>\d+)$")
 #: Part of the largest entry of a matrix below which an entry is rounding.
@@ -36,13 +38,18 @@ class NumberedTerms:
 
 
 def numbered_terms(
-    elements: Sequence[ElementSet], positions: Positions, present: IntArray, active: Sequence[str], pieces: int = 1
+    elements: Sequence[ElementSet],
+    positions: Positions,
+    present: IntArray,
+    active: Sequence[str],
+    pieces: int = 1,
+    sliding: Sequence[int] = (),
 ) -> NumberedTerms:
     """The terms of `elements` with lines cut into equal `pieces` and joints made; see `ElementSet.terms`.
 
     An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
     lets go has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the
-    node's.
+    node's. Matrices of bars and beams with an end at one of the nodes `sliding` are told apart by powers of the length.
 
     Raises
     ------
@@ -53,12 +60,15 @@ def numbered_terms(
     owners: dict[int, str] = {}
     first = max(positions) + 1
     for element in elements:
-        if element.is_line and pieces > 1:
-            terms[element.name] = _cut(element, positions, present, pieces, first + len(owners))
+        terms_of = partial(_terms, element, present, pieces, first + len(owners))
+        is_cut = element.is_line and pieces > 1
+        if element.is_line and np.isin(element.nodes, sliding).any():
+            terms[element.name] = stretched(element.name, terms_of, positions)
+        else:
+            terms[element.name] = terms_of(positions)
+        if is_cut:
             names = (f"{element.name}:{row + 1}" for row in range(len(element.nodes)) for _ in range(pieces - 1))
             owners.update(enumerate(names, first + len(owners)))
-        else:
-            terms[element.name] = element.terms(positions, present)
     loosened: dict[tuple[str, int, int], str] = {}
     for joint in elements:
         if joint.loosened is not None:
@@ -74,6 +84,13 @@ def numbered_terms(
             terms[joint.name] = _recoded(terms[joint.name], slice(None), -1, end)
             terms[target.name] = _recoded(terms[target.name], row, own, end)
     return NumberedTerms(terms, owners)
+
+
+def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
+    """Terms of a set, its lines cut into equal pieces."""
+    if element.is_line and pieces > 1:
+        return _cut(element, positions, present, pieces, first)
+    return element.terms(positions, present)
 
 
 def _cut(element: ElementSet, positions: Positions, present: IntArray, pieces: int, first: int) -> tuple[Term, ...]:

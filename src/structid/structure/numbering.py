@@ -107,7 +107,10 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
                 f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
             )
         if held[row]:
-            raise InputError(f"{dof} is held at zero by the supports; move the sensor or load, or free it")
+            raise InputError(
+                f"{dof} is held at zero by the supports; move the sensor or load, free it, or, where its motion was"
+                " measured and drives the structure, make it a support of a base ([[structure.base]])"
+            )
         rows.append(row)
     if not rows:
         return sparse.csc_array((len(all_dofs.free), 0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -21,7 +21,8 @@ from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
 from structid.structure.inside import NumberedTerms, numbered_terms
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
-from structid.structure.supports import Equations, Tie, tie_equations, tied_codes
+from structid.structure.sliding import Lengthening, Slide, lengthening, slides
+from structid.structure.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
 
 #: Into which one element may be cut; its matrices are dense.
 MOST_PIECES = 100
@@ -48,6 +49,11 @@ class Structure(Shown, StructurePlots):
     subdivide : int
         Equal pieces of which each bar, beam and space beam is made. They are still one element: its number, its
         properties and its parameters are those of all pieces.
+    bases : sequence of Base
+        Supports that drive the structure where a record's inputs are there; held at zero otherwise.
+    sliding : sequence of int
+        Nodes whose place along the straight line of the bars and beams that meet there is a property, such as
+        ``position[node 2]``: the distance in m from the neighbour at which the first of them begins.
 
     Raises
     ------
@@ -61,6 +67,8 @@ class Structure(Shown, StructurePlots):
     ties: tuple[Tie, ...] = ()
     active: tuple[str, ...] | None = None
     subdivide: int = 1
+    bases: tuple[Base, ...] = ()
+    sliding: tuple[int, ...] = ()
 
     def __init__(
         self,
@@ -70,6 +78,8 @@ class Structure(Shown, StructurePlots):
         ties: Iterable[Tie] = (),
         active: Sequence[str] | None = None,
         subdivide: int = 1,
+        bases: Iterable[Base] = (),
+        sliding: Iterable[int] = (),
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -84,9 +94,12 @@ class Structure(Shown, StructurePlots):
             raise InputError(f"`active` must list some of {' '.join(DIRECTIONS)}, got {active}")
         object.__setattr__(self, "active", directions)
         object.__setattr__(self, "subdivide", subdivide)
+        object.__setattr__(self, "bases", tuple(bases))
+        object.__setattr__(self, "sliding", tuple(dict.fromkeys(int(node) for node in sliding)))
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
+        _require_supports(self)
 
     def overview(self) -> Overview:
         """Nodes and degrees of freedom, and one row an element set."""
@@ -112,13 +125,36 @@ class Structure(Shown, StructurePlots):
             for term in terms:
                 found.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
+        found += [Property(one.name, one.term, slice(start + i, start + i + 1)) for i, one in enumerate(self._slides)]
         return tuple(found)
+
+    @cached_property
+    def _slides(self) -> tuple[Slide, ...]:
+        """Where nodes slide, checked."""
+        found = slides(self.sliding, self.elements, self.nodes)
+        for slide in found:
+            for tie in self.ties:
+                if isinstance(tie, RigidLink) and slide.node in (tie.main, *tie.dependents):
+                    raise InputError(
+                        f"node {slide.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
+                    )
+        return found
+
+    @cached_property
+    def _lengthenings(self) -> dict[str, Lengthening]:
+        """How lengths change in the sets with ends that slide, by the name of the set."""
+        if not self._slides:
+            return {}
+        of_node = {slide.node: slide for slide in self._slides}
+        places = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
+        lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
+        return {one.name: lengthening(one, of_node, self.nodes, places) for one in lines}
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
         used = [element.codes(self.nodes) for element in self.elements if not element.follows]
         present = joined_codes([*used, tied_codes(self._equations)])
-        return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide)
+        return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide, self.sliding)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -156,7 +192,44 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom with the values that weigh them."""
-        return weighed(self.properties, partial(free_blocks, self.numbering))
+        return weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+
+    def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
+        """The bases that inputs at `dofs` move, each once; () where all of them are forces.
+
+        Raises
+        ------
+        InputError
+            If some are forces, or a base is named twice.
+        """
+        chosen = tuple(dofs)
+        found = [next((base for base in self.bases if base.moves(dof)), None) for dof in chosen]
+        moving = [base for base in found if base is not None]
+        if not moving:
+            return ()
+        if len(moving) < len(chosen):
+            force = next(dof for dof, base in zip(chosen, found, strict=True) if base is None)
+            raise InputError(
+                f"{force} is a force, and others are motions of supports; give each kind a record of its own"
+            )
+        twice = next((base for base in moving if moving.count(base) > 1), None)
+        if twice is not None:
+            raise InputError(f"two inputs move base {twice.name!r}; leave one of them out, or make two bases")
+        return tuple(moving)
+
+    def let_go(self, bases: tuple[Base, ...]) -> Structure:
+        """The same structure with the supports of `bases` free, those of one base still moving alike."""
+        if bases not in self._let_go:
+            supports = {dof.unsigned for base in bases for dof in base.supports}
+            fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
+            ties = (*self.ties, *(tie for base in bases for tie in base.ties))
+            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=())
+        return self._let_go[bases]
+
+    @cached_property
+    def _let_go(self) -> dict[tuple[Base, ...], Structure]:
+        """Made once, so that what was found of one serves all records."""
+        return {}
 
     def matrix(self, law: str, values: FloatArray | None = None) -> sparse.csc_array:
         """Sum of the element matrices that enter by `law`, (n_dofs, n_dofs).
@@ -195,11 +268,13 @@ class Structure(Shown, StructurePlots):
         direction : {"X", "Y", "Z"}, optional
             By default the first translation in which the structure has any mass.
         """
-        return rigid_mass(self.properties, self.values if values is None else values, direction)[0]
+        given = self.values if values is None else values
+        return rigid_mass(self.properties, given, direction, self._lengthenings)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
-        return rigid_mass(self.properties, self.values if values is None else values, direction)[1]
+        given = self.values if values is None else values
+        return rigid_mass(self.properties, given, direction, self._lengthenings)[1]
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
@@ -215,7 +290,7 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 
 def _require_names(structure: Structure) -> None:
-    names = [e.name for e in structure.elements]
+    names = [e.name for e in structure.elements] + [f"node {label}" for label in structure.sliding]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two element sets are called {name!r}; give each a name of its own")
@@ -226,6 +301,21 @@ def _require_names(structure: Structure) -> None:
     for dof in structure.fixed:
         if dof.node not in structure.nodes:
             raise InputError(f"`fixed` names {dof} at node {dof.node}, which the structure does not have")
+
+
+def _require_supports(structure: Structure) -> None:
+    """Raise `InputError` where a base has a support that is none."""
+    held = {dof.unsigned for dof in structure.fixed}
+    known = set(structure.numbering.codes.tolist())
+    owners: dict[Dof, Base] = {}
+    for base in structure.bases:
+        for dof in base.supports:
+            if dof.unsigned not in held:
+                raise InputError(f"base {base.name!r} has no support {dof.place}: it is not held; add it to `fixed`")
+            if dof_code(dof.node, dof.direction) not in known:
+                raise InputError(f"base {base.name!r} moves nothing at {dof.place}: no element or tie is there")
+            if owners.setdefault(dof.unsigned, base) is not base or base.supports.count(dof) > 1:
+                raise InputError(f"base {base.name!r} has support {dof.place}, which is named twice; take one out")
 
 
 def _require_pieces(structure: Structure) -> None:

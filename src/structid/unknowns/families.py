@@ -113,12 +113,33 @@ class Family:
     @property
     def limits(self) -> tuple[float, float]:
         """Between which all of them stay."""
+        lowest, highest = self._sensible
         if self.unknown.bounds is None:
-            return (0.0, np.inf) if self.unknown.positive else (-np.inf, np.inf)
+            return (lowest, highest) if self.unknown.positive or np.isfinite(highest) else (-np.inf, np.inf)
         low, high = self.unknown.bounds
         if not low < high:
             raise InputError(f"bounds of {self.names[0]} must increase, got {self.unknown.bounds}")
+        if not (lowest <= low and high <= highest) and np.isfinite(highest):
+            raise InputError(
+                f"bounds of {self.names[0]} must lie between its neighbours, from {lowest:g} to {highest:g} m, got"
+                f" {list(self.unknown.bounds)}"
+            )
         return float(low), float(high)
+
+    @cached_property
+    def is_bounded(self) -> bool:
+        """Whether they have an upper bound."""
+        return self.unknown.bounds is not None or bool(np.isfinite(self._sensible[1]))
+
+    @cached_property
+    def _sensible(self) -> tuple[float, float]:
+        """Limits of the properties themselves, of a factor in parts of the nominal values."""
+        known = [(i, item.term.limits) for i, item in enumerate(self.properties) if item.term.limits is not None]
+        lowest, highest = 0.0, np.inf
+        for i, (low, high) in known:
+            scale = float(self.nominal[self.item == i].max()) if self.is_factor.any() else 1.0
+            lowest, highest = max(lowest, low / scale), min(highest, high / scale)
+        return lowest, highest
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -198,14 +219,51 @@ def _each(
     kinds = list(dict.fromkeys(zip(words, single, strict=True)))
     number = np.array([kinds.index(pair) for pair in zip(words, single, strict=True)])[item]
     row = indices - np.array([own.values.start for own in items])[item]
+    lead, last = _groups(unknown, [name for name, _ in kinds], number, row)
     largest = int(row.max()) + 1
-    keys, first, owner = np.unique(number * largest + row, return_index=True, return_inverse=True)
+    _, first, owner = np.unique(number * largest + lead, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as they are named first
-    places = zip((keys[order] // largest).tolist(), (keys[order] % largest + 1).tolist(), strict=True)
-    labels = [kinds[k][0] if kinds[k][1] else f"{kinds[k][0]}:{element}" for k, element in places]
+    named = first[order]
+    places = list(zip(number[named].tolist(), (lead[named] + 1).tolist(), (last[named] + 1).tolist(), strict=True))
+    if unknown.each == 1:
+        labels = [kinds[k][0] if kinds[k][1] else f"{kinds[k][0]}:{element}" for k, element, _ in places]
+    else:
+        labels = [f"{kinds[k][0]}:{start}-{end}" for k, start, end in places]
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return tuple(labels), rank[owner]
+
+
+def _groups(unknown: Unknown, names: Sequence[str], number: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
+    """First and last element of the group of neighbours that shares a parameter, of each entry; its own for one each.
+
+    Raises
+    ------
+    InputError
+        If the elements of a set make no whole groups, or those of a group are no neighbours.
+    """
+    size = int(unknown.each)
+    if size == 1:
+        return row, row
+    lead, last = np.empty_like(row), np.empty_like(row)
+    for k, name in enumerate(names):
+        here = number == k
+        chosen = np.unique(row[here])
+        if len(chosen) % size:
+            raise InputError(
+                f"`each` = {size} of {unknown.property}[{name}] makes no whole groups of {len(chosen)} elements; take a"
+                ' divisor, or name fewer elements, as in `elements = "name:1-8"`'
+            )
+        starts, ends = chosen[::size], chosen[size - 1 :: size]
+        if (ends - starts != size - 1).any():
+            apart = int(starts[np.argmax(ends - starts != size - 1)]) + 1
+            raise InputError(
+                f"`each` = {size} of {unknown.property}[{name}]: the group from element {apart} on is not of neighbours; give it"
+                " an [[unknown]] of its own"
+            )
+        group = np.searchsorted(chosen, row[here]) // size
+        lead[here], last[here] = starts[group], ends[group]
+    return lead, last
 
 
 def _field_family(

@@ -199,7 +199,7 @@ def _leader(one: Family, families: list[Family]) -> tuple[tuple[Family, int] | N
 
 
 def _transform(one: Family) -> Transform:
-    if one.unknown.bounds is not None:
+    if one.is_bounded:
         return "interval"
     return "log" if one.unknown.positive else "linear"
 

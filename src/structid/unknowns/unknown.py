@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from structid.declared import Positive
+from structid.declared import Count, Positive
 from structid.unknowns.field import Field
 from structid.unknowns.priors import Prior
 
@@ -21,8 +21,9 @@ class Unknown:
         stiffness of an element, and for a common factor on all of them where it has several.
     elements : str or sequence of str
         Element sets; ``beam:3`` is element 3 of set ``beam``, ``beam:2-4`` elements 2 to 4 (counted from 1).
-    each : bool
-        One parameter an element instead of one for all.
+    each : bool or int
+        One parameter an element instead of one for all; a number is that of the neighbours, in the order of the set, that
+        share one: 4 makes ``deck:1-4``, ``deck:5-8`` and so on.
     start : float, optional
         Initial value, in the unit of the property (1 for a factor). The nominal value by default.
     factor : bool, optional
@@ -53,7 +54,7 @@ class Unknown:
 
     property: str
     elements: str | Sequence[str]
-    each: bool = False
+    each: bool | Count = False
     start: float | None = None
     factor: bool | None = None
     name: str | None = None

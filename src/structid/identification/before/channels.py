@@ -33,6 +33,8 @@ _DECADES, _NEAR_DECADE = 2, 0.2
 #: What reciprocity may miss by, and standard errors of that.
 _RECIPROCAL, _ERRORS = 0.05, 6.0
 
+#: Kinds of FRFs whose sensors are accelerometers.
+_ACCELERATIONS = ("accelerance", "transmissibility")
 #: What a sensor shows too much of, with the unit that it is in and the one that it is read as.
 _MOTIONS = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
 _TURNS = ((180 / np.pi, "deg", "rad"), (1e3, "mrad", "rad"))
@@ -141,7 +143,7 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
                 f' write relabel = {{"{sensor.place}" = "{sensor.place}{"-" if sensor.sign > 0 else "+"}"}}'
             )
         elif abs(size) > _FAR and goes[o] >= _APART:
-            table = _TURNS if sensor.is_rotation else _MOTIONS if record.kind == "accelerance" else _MOTIONS[1:]
+            table = _TURNS if sensor.is_rotation else _MOTIONS if record.kind in _ACCELERATIONS else _MOTIONS[1:]
             unit = _unit(size, table)
             times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
             yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (

@@ -149,6 +149,10 @@ class FrfProblem(ResponseProblem):
     def sources(self) -> tuple[object, ...]:
         return self.structure, self.record
 
+    @property
+    def measures_force(self) -> bool:
+        return self.record.kind != "transmissibility"
+
     @cached_property
     def rows(self) -> DataRows:
         """Of each sensor, with its load where there are several."""

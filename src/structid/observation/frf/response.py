@@ -11,11 +11,13 @@ from weakref import WeakSet, WeakValueDictionary
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
+from structid.errors import InputError
 from structid.observation.frf.channels import Channels, channels
+from structid.observation.frf.driven_lines import DrivenLines
 from structid.observation.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
 from structid.observation.frf.large_lines import LargeLines, Pattern
 from structid.observation.frf.laws import law_coefficients
@@ -25,7 +27,7 @@ from structid.observation.frf.slopes import StiffnessSlopes
 from structid.observation.frf.small_lines import SmallLines
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
-from structid.structure import Structure
+from structid.structure import Base, Structure
 from structid.structure.assembly import assembly
 from structid.unknowns import Parameters
 
@@ -183,14 +185,18 @@ def response(
     Raises
     ------
     InputError
-        If a sensor or load is not part of the structure, or there is friction and the record has several loads.
+        If a sensor or load is not part of the structure, or there is friction and the record has several loads or is of
+        supports that drive the structure.
     """
     models = models or Models()
+    bases = driving_bases(structure, record)
+    structure = structure.let_go(bases) if bases else structure
     slopes = models.slopes(structure, unknown)
     laws = slopes.assembled.laws
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
+    reduced = None if bases else reduced
     small = SmallLines(slopes, sides, record.frequency)
     lines: Lines = small
     if structure.n_dofs > DENSE_UP_TO:
@@ -198,6 +204,8 @@ def response(
         medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
         if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
             lines = MediumLines(small, large)
+    if bases:
+        lines = DrivenLines(lines, slopes, sides, _driven(structure, bases, record, sides))
     return Response(
         slopes=slopes,
         parameters=unknown,
@@ -208,3 +216,46 @@ def response(
         contacts=contacts,
         lines=lines,
     )
+
+
+def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
+    """The bases whose motion the inputs of `record` are; () where they are forces.
+
+    Raises
+    ------
+    InputError
+        If the kind of the record does not fit its inputs.
+    """
+    bases = structure.driven(record.inputs)
+    if bases and record.kind != "transmissibility":
+        raise InputError(
+            f"input {record.inputs[0]} is a support of base {bases[0].name!r}, so its values are motion per motion of the"
+            f" support, but the record holds {record.kind}; read it with kind = 'transmissibility'"
+        )
+    if record.kind == "transmissibility" and not bases:
+        raise InputError(
+            f"transmissibility is per motion of a support, but input {record.inputs[0]} is none; make it a support of a"
+            " [[structure.base]], or read the record as receptance, mobility or accelerance"
+        )
+    return bases
+
+
+def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> IntArray:
+    """The degrees of freedom of a structure let go that `bases` drive.
+
+    Raises
+    ------
+    InputError
+        If sensors read them, or there is friction.
+    """
+    if sides.n_contacts:
+        raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
+    columns = structure.selection([base.supports[0].unsigned for base in bases])
+    driven: IntArray = columns.indices.astype(np.int64)
+    seen = np.abs(structure.selection(record.outputs)[driven, :]).sum(axis=0)
+    if seen.any():
+        sensor = record.outputs[int(np.argmax(seen))]
+        raise InputError(
+            f"sensor {sensor} moves with the support that drives the structure; leave it out of `channels_used`"
+        )
+    return driven

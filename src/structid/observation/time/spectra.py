@@ -20,6 +20,7 @@ from structid.observation.frf.response import Models, Response, response
 from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
 from structid.observation.time.eliminated import Evaluation, Latest, orthonormal
 from structid.records import FrfRecord, TimeRecord
+from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
@@ -140,6 +141,10 @@ class SpectraProblem(ResponseProblem):
         keep = thinned_lines(2 * np.pi * self.frequency)
         return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
+    @property
+    def measures_force(self) -> bool:
+        return not self.spectra.driven.any()
+
     @cached_property
     def rows(self) -> DataRows:
         """Of each sensor."""
@@ -155,34 +160,47 @@ class SpectraProblem(ResponseProblem):
         distinct = tuple(dict.fromkeys(self.spectra.outputs))
         shape = (len(self.spectra.frequency), len(distinct), len(self.spectra.inputs))
         decay = np.full(shape[0], self.spectra.decay)
+        kind: FrfKind = "transmissibility" if self.spectra.driven.any() else "receptance"
         place = FrfRecord(
-            self.spectra.frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, "receptance", decay=decay
+            self.spectra.frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, kind, decay=decay
         )
         return response(self.structure, self.parameters, place, models=self.models)
 
     @cached_property
     def _columns(self) -> sparse.csc_array:
         """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
-        loads = self.structure.selection(self.spectra.inputs)
-        sensors = self.structure.selection(self.spectra.outputs)
+        structure = self.model.slopes.assembled.structure
+        loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
         return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self._transient_forces)]))
 
     @cached_property
     def _transient_forces(self) -> FloatArray:
-        """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n)."""
-        n_dofs = self.structure.n_dofs
+        """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n).
+
+        Supports that drive the structure are held in these, and carry no force.
+        """
+        known = self.model.slopes.assembled.structure
+        n_dofs = known.n_dofs
         if not self.transient:
             return np.zeros((n_dofs, 0))
         values = self.parameters.values(self.parameters.start)
         mass = self.structure.matrix("inertia", values)
         found = modes(mass, self.structure.matrix("elastic", values))
         near = found.frequency <= _REACH * self.spectra.frequency[-1]
-        return mass @ found.mode_shapes[:, near]
+        forces = np.zeros((n_dofs, int(near.sum())))
+        place = {code: i for i, code in enumerate(known.numbering.free)}
+        forces[[place[code] for code in self.structure.numbering.free]] = mass @ found.mode_shapes[:, near]
+        return forces
 
     @cached_property
     def _powers(self) -> ComplexArray:
         """s^d of each line and output, (n_frequencies, n_outputs)."""
         return self.spectra.laplace[:, None] ** self.spectra.orders[None, :]
+
+    @cached_property
+    def _input_powers(self) -> ComplexArray:
+        """What each input holds over what acts: 1 of forces, s^2 of accelerations of supports; (n_frequencies, n_inputs)."""
+        return self.spectra.laplace[:, None] ** (2 * self.spectra.driven)[None, :]
 
     @cached_property
     def _relative_laplace(self) -> ComplexArray:
@@ -219,9 +237,10 @@ class SpectraProblem(ResponseProblem):
         fields = self.model.fields_at(own, self._columns)
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
-        loads = self._columns[:, :n_in]
-        h = np.swapaxes((loads.T @ np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)).reshape(n_in, -1, n_out), 0, 1)
-        return x, y, np.swapaxes(h, 1, 2) * read[:, :, None] / stated[:, None, :]
+        sensors = self._columns[:, n_in : n_in + n_out]
+        motions = np.moveaxis(x[:, :, :n_in], 1, 0).reshape(x.shape[1], -1)
+        h = np.swapaxes((sensors.T @ motions).reshape(n_out, -1, n_in), 0, 1)
+        return x, y, h * read[:, :, None] / stated[:, None, :]
 
     def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
         """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
@@ -230,9 +249,9 @@ class SpectraProblem(ResponseProblem):
         """
         own, rest = np.split(physical, [self.parameters.n_params])
         if self.channels is None:
-            return own, self._powers, np.ones((len(self.frequency), len(self.spectra.inputs)), dtype=np.complex128)
+            return own, self._powers, self._input_powers
         sensors, loads = self.channels.readings(rest, self.spectra.laplace)
-        return own, self._powers * sensors, loads
+        return own, self._powers * sensors, self._input_powers * loads
 
     def _evaluated(self, theta: FloatArray) -> Evaluation:
         physical, spectra = self.physical(theta), self.spectra

@@ -183,7 +183,7 @@ def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
     if options.kind and options.kind not in DERIVATIVES:
         raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}")
     if not options.unit:
-        require_option(path, options, "kind", "whether it holds receptance, mobility or accelerance")
+        require_option(path, options, "kind", "whether it holds receptance, mobility, accelerance or transmissibility")
         return cast(FrfKind, options.kind), 1.0
     unit = parse_frf_unit(options.unit)
     if options.kind and options.kind != unit.kind:

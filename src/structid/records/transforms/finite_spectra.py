@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.records.record import TimeRecord
+from structid.records.record import LOADS, TimeRecord
 
 #: Time derivatives between displacement and each measured quantity.
 _ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -27,7 +27,8 @@ class FiniteSpectra:
     duration : float
         s.
     force : (n_frequencies, n_inputs) complex array
-        Integral of f(t) exp(-s t) dt from the start to the end of the record, s = decay + i omega; N s.
+        Integral of f(t) exp(-s t) dt from the start to the end of the record, s = decay + i omega; N s. Of a support that
+        drives the structure, that of its acceleration.
     motion : (n_frequencies, n_outputs) complex array
         The same of every motion channel, in its SI unit times s.
     inputs, outputs : tuple of Dof
@@ -40,6 +41,8 @@ class FiniteSpectra:
     decay : float
         Real part of s, 1/s; 0 for Fourier integrals.
     source : str
+    driven : (n_inputs,) bool array
+        Which inputs are accelerations of supports; none by default.
     """
 
     frequency: FloatArray
@@ -53,12 +56,16 @@ class FiniteSpectra:
     motion_variance: FloatArray
     decay: float = 0.0
     source: str = ""
+    driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __post_init__(self) -> None:
         for name, kind in (("frequency", float), ("force", complex), ("motion", complex)):
             object.__setattr__(self, name, locked(getattr(self, name), kind))
             require_finite(name, getattr(self, name))
         object.__setattr__(self, "orders", locked(self.orders, int))
+        driven = self.driven if np.size(self.driven) else np.zeros(len(self.inputs), dtype=bool)
+        object.__setattr__(self, "driven", locked(driven, bool))
+        require_shape("driven", self.driven, (len(self.inputs),))
         require_shape("force", self.force, (len(self.frequency), len(self.inputs)))
         require_shape("motion", self.motion, (len(self.frequency), len(self.outputs)))
         for name, like in (("force_variance", self.force), ("motion_variance", self.motion)):
@@ -123,7 +130,7 @@ def finite_spectra(
         raise InputError("the record has no noise level; declare the noise variance of its channels")
     step = 1 / record.sampling_rate
     n_times = len(record.values)
-    forces = _chosen(record, inputs, ("force",), "input")
+    forces = _chosen(record, inputs, LOADS, "input")
     motions = _chosen(record, outputs, tuple(_ORDER), "output")
     frequency = np.fft.rfftfreq(n_times, step)
     low, high = band or (0.5 * frequency[1], 0.5 * record.sampling_rate * (1 - 1e-9))
@@ -146,6 +153,7 @@ def finite_spectra(
         motion_variance=np.broadcast_to(noise[motions], (len(keep), len(motions))),
         decay=decay,
         source=record.source,
+        driven=np.array([record.quantities[i] == "support_acceleration" for i in forces]),
     )
 
 
@@ -162,5 +170,8 @@ def _chosen(
                 raise InputError(f"the record has no {role} channel {dof}; it has {have or 'none'}")
         columns = [i for dof in dofs for i in columns if record.channels[i] == dof]
     if not columns:
-        raise InputError(f"the record has no {role} channel; it needs forces and motions of the same test")
+        raise InputError(
+            f"the record has no {role} channel; it needs motions, and forces or the acceleration of supports that are named in"
+            " a [[structure.base]]"
+        )
     return columns

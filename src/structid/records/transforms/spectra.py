@@ -49,7 +49,7 @@ def frf_from_time(
     records : TimeRecord or sequence of TimeRecord
         One long record, or repeats (such as hammer impacts) that are averaged.
     inputs : iterable of str or Dof
-        Force channels.
+        Force channels, or accelerations of supports, which give transmissibility.
     outputs : iterable of str or Dof
         Motion channels, all of one quantity.
     estimator : {"H1", "H2", "Hv"}
@@ -95,7 +95,11 @@ def frf_from_time(
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
     measured = _quantity(repeats[0], sensors, quantity)
-    columns = _columns(repeats[0], loads, "force"), _columns(repeats[0], sensors, measured)
+    driven = _are_supports(repeats[0], loads)
+    if driven and measured != "acceleration":
+        raise InputError(f"transmissibility is of accelerations, but the outputs measure {measured}; leave them out")
+    role: Quantity = "support_acceleration" if driven else "force"
+    columns = _columns(repeats[0], loads, role), _columns(repeats[0], sensors, measured)
     weights = window_weights(window, length)
     spectra, count = _averaged(repeats, columns, weights, step, detrend)
     averages = effective_averages(weights, step, [segment_count(r, length, step) for r in repeats])
@@ -110,13 +114,22 @@ def frf_from_time(
         values=values,
         outputs=sensors,
         inputs=loads,
-        kind=_KINDS[measured],
+        kind="transmissibility" if driven else _KINDS[measured],
         variance=variance,
         coherence=coherence,
         averages=max(round(averages), 1),
         noise_source="unknown" if variance is None else "coherence",
         source=repeats[0].source,
     )
+
+
+def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
+    """Whether the inputs are accelerations of supports; not some of them."""
+    pairs = set(zip(record.channels, (str(q) for q in record.quantities), strict=True))
+    driven = [(dof, "support_acceleration") in pairs for dof in inputs]
+    if any(driven) and not all(driven):
+        raise InputError("inputs are forces and accelerations of supports together; name those of one kind in `inputs`")
+    return any(driven)
 
 
 def _quantity(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> Quantity:

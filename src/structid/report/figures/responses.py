@@ -50,6 +50,8 @@ def channels(fit: RecordFit) -> tuple[Channel, ...]:
 
 def channel_unit(kind: str, sensor: Dof, load: Dof) -> str:
     """SI unit of an FRF between a sensor and a load, rotations and moments included."""
+    if kind == "transmissibility":
+        return "1" if sensor.is_rotation == load.is_rotation else "rad/m" if sensor.is_rotation else "m/rad"
     motion = _MOTION[kind][sensor.is_rotation]
     top = f"({motion})" if "/" in motion else motion
     return f"{top}/{'(N m)' if load.is_rotation else 'N'}"

@@ -212,11 +212,11 @@ def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
     judged = (("Lines judged", _judged(identification)),) if apart else ()
     facts = [
         ("Source", whole.source or "not stated"),
-        ("Kind and unit", f"{whole.kind}, {unit_text(whole.unit)}"),
+        ("Kind and unit", ", ".join(word for word in (whole.kind, unit_text(whole.unit)) if word)),
         ("Lines used", lines + _gaps(whole.frequency, used.frequency)),
         *judged,
         ("Sensors", _listed(map(str, used.outputs))),
-        ("Loads", _listed(map(str, used.inputs))),
+        ("Support that drives" if whole.kind == "transmissibility" else "Loads", _listed(map(str, used.inputs))),
         ("Coherence", coherence),
         ("Noise", errors),
         ("Model error assumed", assumed),

@@ -10,6 +10,7 @@ from rich.text import Text
 from structid.dof import Dof
 from structid.estimation.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
+from structid.records.record import FRF_UNITS
 from structid.report.figures.plan import compared
 from structid.report.tables import Table, printed
 from structid.shown import counted
@@ -37,7 +38,7 @@ def options_text(found: Plan) -> str:
     options = found.options
     frequency = options.frequency
     noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
-    noise += [f"{options.absolute_noise:.3g} {_UNITS[options.kind]}"] if options.absolute_noise else []
+    noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
     return (
         f"candidates: {counted(len(options.sensors), 'sensor')}, {counted(len(options.loads), 'load')},"
@@ -48,7 +49,6 @@ def options_text(found: Plan) -> str:
     )
 
 
-_UNITS = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
 _HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 

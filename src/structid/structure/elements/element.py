@@ -18,7 +18,15 @@ from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 
 Kind = Literal[
-    "mass", "rotary_inertia", "viscous_damping", "stiffness", "loss_factor", "friction", "thickness", "parameter"
+    "mass",
+    "rotary_inertia",
+    "viscous_damping",
+    "stiffness",
+    "loss_factor",
+    "friction",
+    "thickness",
+    "position",
+    "parameter",
 ]
 Positions = Mapping[int, FloatArray]
 
@@ -65,8 +73,9 @@ class Declared:
     kind : Kind, optional
         Of a property, whose numbers weigh a matrix an element. It fixes how the property enters the dynamic stiffness:
         ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor`` by
-        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers. A
-        ``parameter`` weighs matrices that say themselves how they enter.
+        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers, a ``position`` by
+        those of the lengths that it changes. A ``parameter`` weighs
+        matrices that say themselves how they enter.
     unit : str
         SI unit.
     of : str
@@ -74,7 +83,9 @@ class Declared:
     positive : bool
         Whether 0 is refused.
     unlimited : bool
-        Whether it may be left out, which is the same as one infinite number: nothing gives way there.
+        Whether leaving it out is the same as one infinite number: nothing gives way there.
+    optional : bool
+        Whether it may be left out, and is no property of the set then.
     about_axes : str
         Unit between rotations.
     stored : Store, optional
@@ -88,6 +99,7 @@ class Declared:
     about_axes: str = ""
     stored: Store | None = None
     unlimited: bool = False
+    optional: bool = False
 
 
 #: What many types say of their damping.
@@ -105,10 +117,11 @@ def declared(
     positive: bool = False,
     stored: Store | None = None,
     unlimited: bool = False,
+    optional: bool = False,
     **options: Any,
 ) -> Any:
     """A field of an element type, see `Declared`; `options` are those of `dataclasses.field`, such as `default`."""
-    what = Declared(words, kind, unit, of, positive, about_axes, stored, unlimited)
+    what = Declared(words, kind, unit, of, positive, about_axes, stored, unlimited, optional or unlimited)
     return field(metadata={"declared": what}, **options)
 
 
@@ -137,7 +150,7 @@ def element(cls: type[E]) -> type[E]:
 
 @dataclass(frozen=True, eq=False)
 class ShearShare:
-    """What is left of bending matrices where the elements shear too: the share G / (G + ratio E).
+    """What beams that shear have of a matrix: a power of the share s = G / (G + ratio E) that bending takes.
 
     Parameters
     ----------
@@ -145,15 +158,18 @@ class ShearShare:
         The properties E and G, such as ``bending_stiffness`` and ``shear_stiffness``.
     ratio : (n_elements,) float array
         12 / length^2, 1/m^2.
+    power : int
+        Stiffness goes with s itself, mass has parts with s and s^2.
     """
 
     bending: str
     shear: str
     ratio: FloatArray
+    power: int = 1
 
 
 def shear_share(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
-    """The share of `ShearShare`, (n_elements,)."""
+    """The share s of `ShearShare`, (n_elements,)."""
     return shear / (shear + ratio * bending)
 
 
@@ -168,7 +184,7 @@ class Power:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Matrices of all elements of a set, at unit value, unit thickness and the nominal share of `shear`.
+    """Matrices of all elements of a set, at unit value, unit thickness and the nominal power of the share of `shear`.
 
     Parameters
     ----------
@@ -180,13 +196,15 @@ class Layer:
     whole : sparse array, optional
         In place of `local`: the matrix of a set that is one element.
     shear : ShearShare, optional
-        The share that weighs them besides.
+        What weighs them besides.
     powers : tuple of Power
         Of a set that is one element: powers of its properties that weigh the matrix besides.
     law : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
         Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
+    stretch : int
+        Power of the element's length that they go with, where that may change.
     """
 
     codes: IntArray
@@ -197,6 +215,7 @@ class Layer:
     powers: tuple[Power, ...] = ()
     law: str = ""
     reduced: bool = False
+    stretch: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +235,8 @@ class Term:
     layers : sequence of Layer
         For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or thickness,
         which weigh other terms' matrices.
+    limits : (float, float), optional
+        Between which the values make sense; from 0 on by default.
     """
 
     property: str
@@ -223,6 +244,7 @@ class Term:
     unit: str
     values: FloatArray
     layers: Sequence[Layer] = ()
+    limits: tuple[float, float] | None = None
 
 
 #: The matrices that the properties of a set weigh, by the name of the property.
@@ -254,7 +276,7 @@ class ElementSet:
             value = getattr(self, name)
             if what.unlimited and isinstance(value, float) and value == np.inf:
                 value = None
-            if what.kind is not None and not (what.unlimited and value is None):
+            if what.kind is not None and not (what.optional and value is None):
                 value = property_values(self.name, name, value, len(self.nodes), what.positive)
             problem = problem_of(types[name], value)
             if problem:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.dof import DIRECTIONS
 from structid.errors import InputError
-from structid.structure.elements.beam import SHEAR, bending_layers, hermite_mass, rod_mass, rod_stiffness
+from structid.structure.elements.beam import ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
 from structid.structure.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -66,6 +66,13 @@ class SpaceBeam(ElementSet):
         f"{SHEAR} along local z, with EI about y", "stiffness", "N", positive=True, unlimited=True, default=None
     )
 
+    rotary_inertia_y: OptionalValues = declared(
+        f"{ROTARY_INERTIA}, about local y", "rotary_inertia", "kg m", optional=True, default=None
+    )
+    rotary_inertia_z: OptionalValues = declared(
+        f"{ROTARY_INERTIA}, about local z", "rotary_inertia", "kg m", optional=True, default=None
+    )
+
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
@@ -74,19 +81,24 @@ class SpaceBeam(ElementSet):
         codes = node_codes(self.nodes, DIRECTIONS)
         maps = _space_maps(_axes(self.name, direction, self.orientation))
         rod = rod_stiffness(length)
-        mass = rotated(hermite_mass(length), maps["about_y"]) + rotated(hermite_mass(length), maps["about_z"])
         made = {
-            "mass": mass + rotated(rod_mass(length), maps["along"]),
             "polar_inertia": rotated(rod_mass(length), maps["twist"]),
             "axial_stiffness": rotated(rod, maps["along"]),
             "torsional_stiffness": rotated(rod, maps["twist"]),
         }
         about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
         about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
+        rotary = {"about_y": self.rotary_inertia_y, "about_z": self.rotary_inertia_z}
         layers: dict[str, tuple[Layer, ...]] = {name: (Layer(codes, local),) for name, local in made.items()}
-        for plane, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
-            layers[bending[0]] = bending_layers(codes, maps[plane], length, bending, shear)
-            layers |= {} if shear[1] is None else {shear[0]: ()}
+        layers["mass"] = (Layer(codes, rotated(rod_mass(length), maps["along"])),)
+        for name, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
+            plane = BendingPlane(codes, maps[name], length, bending, shear)
+            layers[bending[0]] = plane.stiffness
+            layers["mass"] = (*added(layers["mass"], plane.mass[0].local), *plane.mass[1:])
+            if shear[1] is not None:
+                layers[shear[0]] = ()
+            if rotary[name] is not None:
+                layers[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
         return layers
 
 

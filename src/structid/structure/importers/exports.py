@@ -23,6 +23,7 @@ _RATIOS = (
     (1e9, "the density was given per mm^3 in a model in m"),
     (1e-9, "the density was given per m^3 in a model in mm"),
     (1 / 175.126835, "the matrices are in lbf s^2/in: set `length_unit` to in and `force_unit` to lbf"),
+    (1 / 175126.835, "the matrices are in kip s^2/in: set `length_unit` to in and `force_unit` to kip"),
     (1 / 14.5939029, "the matrices are in slugs: set `length_unit` to ft and `force_unit` to lbf"),
     (1 / 0.45359237, "the matrices are in pounds (lb)"),
     (386.0886 / 175.126835, "the matrices hold weight in lbf: give PARAM,WTMASS or divide the densities by 386.09"),
@@ -94,21 +95,21 @@ def require_total_mass(found: float, declared: float, tolerance: float = 0.1) ->
 
 #: Metres, and newtons, of the units that a matrix may be in; time is always in seconds.
 LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605}
+FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kip": 4448.2216152605}
 
 
 def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_unit: str = "N") -> sparse.csc_array:
     """A mass, damping or stiffness matrix in SI units, translations and rotations alike.
 
     Energies scale with F L: D K D with D = sqrt(F/L) at translations and sqrt(F L) at rotations. In mm and N masses are
-    in tonnes, in mm and mN in kg, in in and lbf in lbf s^2/in.
+    in tonnes, in mm and mN in kg, in in and lbf in lbf s^2/in, in ft and lbf in slugs.
 
     Parameters
     ----------
     matrix : (n, n) sparse or dense array
     dofs : n degrees of freedom
     length_unit : {"m", "mm", "cm", "in", "ft"}
-    force_unit : {"N", "mN", "kN", "lbf"}
+    force_unit : {"N", "mN", "kN", "lbf", "kip"}
     """
     for name, unit, known in (("length_unit", length_unit, LENGTHS), ("force_unit", force_unit, FORCES)):
         if unit not in known:

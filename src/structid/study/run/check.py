@@ -272,6 +272,11 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
     placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
     nearest = {tie.label: tie.distance for tie in placed if tie.distance > 0 or isinstance(tie, MeshPoint)}
     for role, dofs in setup.channels:
+        if role == "input" and (bases := structure.driven(dofs)):
+            for dof, base in zip(dofs, bases, strict=True):
+                supports = " ".join(own.place for own in base.supports)
+                found.append(ChannelCheck(f"{name}{dof}", role, f"moves {supports} (base {base.name})"))
+            continue
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()

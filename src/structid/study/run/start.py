@@ -120,7 +120,8 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
-            structure.selection(dofs)
+            if not (role == "input" and structure.driven(dofs)):
+                structure.selection(dofs)
     return setup
 
 

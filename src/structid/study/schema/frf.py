@@ -10,6 +10,7 @@ from structid.declared import Limits
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records import FrfRecord, TimeRecord
+from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time
 from structid.study.schema.kinds import COUNT, NUMBER, TEXT, TEXTS, Kind, as_list, choice, limited
 from structid.study.schema.section import Section
@@ -74,7 +75,7 @@ def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRec
         If channels are missing or the settings do not fit the record.
     """
     with settings.section.located():
-        inputs = settings.inputs or _channels(records[0], ("force",))
+        inputs = settings.inputs or _channels(records[0], LOADS)
         if not inputs:
             raise InputError(
                 "the record has no force channel; say which channel is the load with `units` or `quantities`"

@@ -14,6 +14,7 @@ from structid.dof import Dof, parse_dofs, renamed
 from structid.identification.time_setup import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, read_record
+from structid.records.record import LOADS, Quantity
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
 from structid.study.schema.modes import MODES, ModesSource, read_modes_source
@@ -75,6 +76,8 @@ class RecordSource:
         Measured modes in place of responses; what is told of responses then does not count.
     aimed : mapping of str to str
         What channels of ``[record.sensors]`` are called in the structure, by their name after `relabel`.
+    supports : frozenset of Dof
+        Those that drive the structure: accelerations there are inputs, see `Base`.
     """
 
     section: Section
@@ -88,6 +91,7 @@ class RecordSource:
     time: TimeSource | None = None
     modes: ModesSource | None = None
     aimed: Mapping[str, str] = field(default_factory=dict)
+    supports: frozenset[Dof] = frozenset()
 
 
 _ALWAYS = {
@@ -116,8 +120,13 @@ def record_table(changes: Table) -> Table:
     }
 
 
-def read_source(section: Section, files: InputFiles, aimed: Mapping[str, str] | None = None) -> RecordSource:
-    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed`."""
+def read_source(
+    section: Section,
+    files: InputFiles,
+    aimed: Mapping[str, str] | None = None,
+    supports: frozenset[Dof] = frozenset(),
+) -> RecordSource:
+    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed` and `supports`."""
     called = aimed or {}
     table = record_table(Table())
     if "modes" in section.table:
@@ -153,7 +162,7 @@ def read_source(section: Section, files: InputFiles, aimed: Mapping[str, str] | 
     time = None if timed is None else read_time(timed)
     names, noise = given.get("relabel", {}), _noise(section, averaged)
     decay = given.get("window_decay")
-    return RecordSource(section, paths, options, used, names, noise, frf, decay, time, aimed=called)
+    return RecordSource(section, paths, options, used, names, noise, frf, decay, time, aimed=called, supports=supports)
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
@@ -206,7 +215,7 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
         record = time.with_noise(histories)
     used = [dof.unsigned for dof in source.channels_used]
     pairs = list(zip(record.channels, record.quantities, strict=True))
-    keep = [i for i, (dof, kind) in enumerate(pairs) if not used or kind == "force" or dof.unsigned in used]
+    keep = [i for i, (dof, kind) in enumerate(pairs) if not used or kind in LOADS or dof.unsigned in used]
     missing = [str(dof) for dof in source.channels_used if dof.unsigned not in [own.unsigned for own, _ in pairs]]
     if missing:
         raise source.section.error(f"the record has no channel {', '.join(missing)}", "channels_used")
@@ -236,9 +245,10 @@ def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     with source.section.located("sensors"):
         for record in records:
             _relabelled(record, source.aimed)  # whether every channel is there; they get these names when all is chosen
+    driven = [_driven(record, source.supports) for record in records]
     return [
         replace(record, source=_named_shortly(record.source, path))
-        for record, path in zip(records, source.paths, strict=True)
+        for record, path in zip(driven, source.paths, strict=True)
     ]
 
 
@@ -248,6 +258,22 @@ def _named_shortly(source: str, path: Path) -> str:
     return path.name + mark + words
 
 
+def _driven(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
+    """`record` with accelerations of supports that drive the structure as its inputs.
+
+    FRFs of accelerations per whatever a support does are transmissibilities: a force there would do nothing.
+    """
+    if isinstance(record, FrfRecord):
+        moved = record.kind == "accelerance" and all(dof.unsigned in supports for dof in record.inputs)
+        return replace(record, kind="transmissibility") if moved else record
+    pairs = zip(record.channels, record.quantities, strict=True)
+    inputs = [quantity == "acceleration" and dof.unsigned in supports for dof, quantity in pairs]
+    kinds: list[Quantity] = [
+        "support_acceleration" if moved else quantity for moved, quantity in zip(inputs, record.quantities, strict=True)
+    ]
+    return replace(record, quantities=tuple(kinds))
+
+
 def _relabelled(record: R, names: Mapping[str, str]) -> R:
     """`record` with what its channels are in truth."""
     if not names:
@@ -255,7 +281,7 @@ def _relabelled(record: R, names: Mapping[str, str]) -> R:
     if isinstance(record, FrfRecord):
         outputs, inputs = renamed(record.outputs, record.inputs, names)
         return replace(record, outputs=outputs, inputs=inputs)
-    is_load = [quantity == "force" for quantity in record.quantities]
+    is_load = [quantity in LOADS for quantity in record.quantities]
     pairs = list(zip(record.channels, is_load, strict=True))
     sensors, loads = renamed([dof for dof, load in pairs if not load], [dof for dof, load in pairs if load], names)
     left, right = iter(sensors), iter(loads)

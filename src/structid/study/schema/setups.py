@@ -68,7 +68,9 @@ def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
     for record, made in zip(records, structures, strict=True):
         unknown = read_parameters(root, made, known)
         errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
-        source = read_source(record, files, channel_names([tie for tie in made.ties if isinstance(tie, AimedSensor)]))
+        aimed = channel_names([tie for tie in made.ties if isinstance(tie, AimedSensor)])
+        supports = frozenset(dof.unsigned for base in made.bases for dof in base.supports)
+        source = read_source(record, files, aimed, supports)
         name = record.table.get("name", "")
         if name and name in names:
             raise record.error(f"two records are called {name!r}; give one of them another name", "name")

@@ -13,7 +13,7 @@ from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.solver.solved import Solved
-from structid.structure import ELEMENT_TYPES, Constraint, MatrixGroup, RigidLink, Structure
+from structid.structure import ELEMENT_TYPES, Base, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
@@ -38,14 +38,19 @@ from structid.study.schema.tables import Key, Table, held_by, own_table, table_o
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
 Ties = list[tuple[Section, Tie]]
+Bases = list[tuple[Section, Base]]
 Parts = tuple[Elements, Ties, list[Dof]]
 
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
-_RIGID_LINK, _CONSTRAINT = table_of(RigidLink, dependents=NODES), table_of(Constraint, depends_on=WEIGHTED)
+_RIGID_LINK, _CONSTRAINT = (
+    table_of(RigidLink, dependents=NODES, directions=TEXTS),
+    table_of(Constraint, depends_on=WEIGHTED),
+)
 _TIES = {
     "rigid_link": Key(_RIGID_LINK, "Nodes that move with another as one body", listed=True),
     "constraint": Key(_CONSTRAINT, "One degree of freedom as a sum of others", listed=True),
 }
+_BASE = table_of(Base, supports=TEXTS)
 _FIXED = Key(TEXTS, "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`")
 _PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
 _POSITIONS = Table(labels=POSITION)
@@ -60,6 +65,10 @@ def structure_table() -> Table:
         "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
         "subdivide": Key(
             _PIECES, "Equal pieces of which each bar, beam and space beam is made, one element still", default=1
+        ),
+        "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
+        "base": Key(
+            _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
         ),
         "nodes": _NODES,
     }
@@ -131,33 +140,41 @@ def read_structure(
         nodes[point.label] = list(nodes[point.node])
         ties.append((entry, point))
     fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
+    bases = [(entry, _base(entry, nodes)) for entry in section.sections("base")]
     if "total_mass" in given:
-        whole = _built(section, nodes, elements, ties, [*fixed, *held], given)
+        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
         elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
-    structure = _built(section, nodes, elements, ties, [*fixed, *held], given)
+    structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
     if record is not None and "sensors" in record.table:
         aimed = read_sensors(record, nodes, structure.elements, structure.active or ())
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, elements, ties, [*fixed, *held], given)
+        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
 
 
 def _built(
-    section: Section, nodes: Positions, elements: Elements, ties: Ties, fixed: list[Dof], given: Mapping[str, Any]
+    section: Section,
+    nodes: Positions,
+    elements: Elements,
+    ties: Ties,
+    fixed: list[Dof],
+    bases: Bases,
+    given: Mapping[str, Any],
 ) -> Structure:
     active = as_list(given["active"]) if "active" in given else None
     sets, links = [element for _, element in elements], [tie for _, tie in ties]
     try:
-        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1))
+        drives, sliding = [base for _, base in bases], _flat(given.get("sliding", []))
+        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1), drives, sliding)
     except InputError as error:
-        raise _placed(section, str(error), elements, ties) from error
+        raise _placed(section, str(error), elements, ties, bases) from error
 
 
 def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
@@ -189,13 +206,14 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
     return elements, ties, fixed
 
 
-def _placed(section: Section, message: str, elements: Elements, ties: Ties) -> InputError:
-    """The error with the place of the element set or tie that its message names."""
+def _placed(section: Section, message: str, elements: Elements, ties: Ties, bases: Bases) -> InputError:
+    """The error with the place of the element set, tie or base that its message names."""
     named = [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
+    named += [(entry, base.name) for entry, base in bases]
     for entry, name in named:
         if repr(name) in message:
             return entry.error(message)
-    for key in ("fixed", "active", "subdivide", "nodes"):
+    for key in ("fixed", "active", "subdivide", "sliding", "nodes"):
         if f"`{key}`" in message and key in section.table:
             return section.error(message, key)
     return section.error(message)
@@ -271,7 +289,7 @@ def _require_node(entry: Section, key: str, node: int, nodes: Mapping[int, Any])
         raise entry.error(f"node {node} does not exist; the nearest is {near[0]}, or add it to [structure.nodes]", key)
 
 
-def _known_dof(entry: Section, key: str, text: str, nodes: Positions) -> Dof:
+def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> Dof:
     """`text` as a degree of freedom of a node that exists."""
     with entry.located(key):
         dof = parse_dof(text)
@@ -287,6 +305,17 @@ def _fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> 
         _require_node(section, "fixed", held[0].node, nodes)
         found += held
     return found
+
+
+def _base(entry: Section, nodes: Positions) -> Base:
+    given = entry.values(_BASE)
+    supports: list[str | Dof] = []
+    for text in as_list(given["supports"]):
+        with entry.located("supports"):
+            found = [text] if text.strip().endswith("-") else dofs_of_text(text)
+        supports += [_known_dof(entry, "supports", dof, nodes) for dof in found]
+    with entry.located():
+        return Base(given["name"], supports)
 
 
 def dofs_of_text(text: str) -> list[Dof]:
@@ -309,7 +338,12 @@ def _rigid_link(entry: Section, nodes: Positions) -> Tie:
         for node in _flat(given[key]):
             _require_node(entry, key, node, nodes)
     with entry.located():
-        return RigidLink(given["name"], given["main"], _flat(given["dependents"]))
+        return RigidLink(
+            given["name"],
+            given["main"],
+            _flat(given["dependents"]),
+            as_list(given["directions"]) if "directions" in given else None,
+        )
 
 
 def _constraint(entry: Section, nodes: Positions) -> Tie:

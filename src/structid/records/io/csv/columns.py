@@ -300,8 +300,10 @@ def _require_complete(
 
 
 def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
-    motion = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}[record.kind]
+    motion = {"receptance": "", "mobility": "/s"}.get(record.kind, "/s^2")
     above = ("rad" if output.is_rotation else "m") + motion
+    if record.kind == "transmissibility":
+        return f"({above})/({'rad' if load.is_rotation else 'm'}{motion})"
     return f"({above})/{'(N m)' if load.is_rotation else 'N'}"
 
 

@@ -133,9 +133,11 @@ def _frf_scale(
         return kind, factor
     quantity, above_factor = channel_scale(path, dataset, "ordinate", pair[0], factors)
     load, below_factor = channel_scale(path, dataset, "orddenom", pair[1], factors)
+    if quantity == load != "force":
+        return "transmissibility", above_factor / below_factor
     if quantity == "force" or load != "force":
         raise FileError(
-            f"{path}: the FRF of {pair[0]}/{pair[1]} is {quantity} per {load}, not a motion per force; "
+            f"{path}: the FRF of {pair[0]}/{pair[1]} is {quantity} per {load}, not a motion per force or per the same motion; "
             "leave it out of the export"
         )
     return _KINDS[quantity], above_factor / below_factor
@@ -144,14 +146,15 @@ def _frf_scale(
 def _split(dataset: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Ordinate and denominator fields of a dataset whose ordinate label is of the whole FRF."""
     whole = parse_frf_unit(str(dataset["ordinate_axis_units_lab"]))
-    types = {"receptance": 8, "mobility": 11, "accelerance": 12}
+    types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     above = {"ordinate_axis_units_lab": ""}
     below = {"orddenom_axis_units_lab": ""}
+    below_type = 12 if whole.kind == "transmissibility" else 13
     number = int(dataset.get("ordinate_spec_data_type", 0))
     load = int(dataset.get("orddenom_spec_data_type", 0))
     return (
         {**above, "ordinate_spec_data_type": types[whole.kind] if number in (0, 1) else number},
-        {**below, "orddenom_spec_data_type": 13 if load in (0, 1) else load},
+        {**below, "orddenom_spec_data_type": below_type if load in (0, 1) else load},
     )
 
 

@@ -12,7 +12,7 @@ from structid.units import parse_frf_unit, parse_unit
 
 #: Specific data types of dataset 58 that structid reads, and the one it writes for each quantity.
 QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force"}
-DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}
+DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "support_acceleration": 12}
 _UNKNOWN = (0, 1)
 
 

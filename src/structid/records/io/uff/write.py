@@ -19,7 +19,12 @@ from structid.records.io.geometry import Geometry
 from structid.records.io.uff.scales import DATA_TYPES, direction_of
 from structid.records.record import QUANTITY_UNITS, FrfRecord, TimeRecord
 
-_MOTION = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}
+_SIDES = {
+    "receptance": ("displacement", "force"),
+    "mobility": ("velocity", "force"),
+    "accelerance": ("acceleration", "force"),
+    "transmissibility": ("acceleration", "acceleration"),
+}
 _TAG = "    -1"
 _LARGEST_NODE = 999_999_999
 _NOTHING = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"
@@ -127,7 +132,8 @@ def _frf_blocks(path: Path, record: FrfRecord) -> Iterator[bytes]:
     title, axis = _title(record), _axis(path, record.frequency, step, 18, "Hz")
     for a, output in enumerate(record.outputs):
         for b, load in enumerate(record.inputs):
-            sides = [_side(_MOTION[record.kind], output), _side("force", load)]
+            above, below = _SIDES[record.kind]
+            sides = [_side(above, output), _side(below, load)]
             yield _function(4, output, load, record.values[:, a, b], axis, [*title, *sides])
             if record.coherence is not None:
                 text = [*title, _NOTHING, _NOTHING]
