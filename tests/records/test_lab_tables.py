@@ -46,7 +46,7 @@ UNITS = ";".join(["Zeit;Acc A;Acc B;Load", "s;g;g;kN"]).replace("Load;s", "Load\
         ),
         (table(time="", head=["A,B,C"]), {**THREE, "sampling_rate": RATE}, "sampling rate as given"),
         (table(time="", head=[]).partition("\n")[2], {**THREE, "sampling_rate": RATE}, "no header"),
-        (table(end="Mean,1,2,3"), {**THREE, "csv": CsvLayout(footer_rows=1)}, "1 footer lines left out"),
+        (table(end="Mean,1,2,3"), {**THREE, "csv": CsvLayout(footer_rows=1)}, "1 footer line left out"),
         (table(time="{:.4f}"), {**THREE, "sampling_rate": RATE}, "times rounded to 0.0001 s"),
         (table(head=["sample clock,A,B,C"]), {**THREE, "time_column": "sample clock"}, "3 columns"),
         (table(head=["q,A,B,C"]), {**THREE, "time_column": "1"}, "3 columns"),
@@ -89,6 +89,19 @@ def test_rounded_times_do_not_hide_a_lost_sample(tmp_path):
             read(tmp_path, "".join(lines[:lost] + lines[lost + 1 :]), **THREE)
     with pytest.raises(FileError, match="time must be even"):  # 2 ms as 2 digits of 1 ms: too coarse to be sure
         read(tmp_path, table(time="{:.3f}", rows=rows), **THREE)
+
+
+@pytest.mark.parametrize("time", ["{:.6g}", "{:.5e}"])
+def test_times_of_so_many_digits_are_even_however_large_they_are(tmp_path, time):
+    """0.00195312 first and 13.6719 last, zeros at the ends left out: coarser and coarser."""
+    rows = np.tile(ROWS, (1400, 1))
+    text = table(time=time, rows=rows)
+    found = read(tmp_path, text, **THREE)
+    assert found.sampling_rate == RATE
+    lines = text.splitlines(keepends=True)
+    for lost in (2, 60, 1500, 6998):
+        with pytest.raises(FileError, match="time must be even"):
+            read(tmp_path, "".join(lines[:lost] + lines[lost + 1 :]), **THREE)
 
 
 def test_other_encodings_are_named_and_read(tmp_path):

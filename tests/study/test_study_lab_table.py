@@ -46,7 +46,7 @@ def test_check_says_what_was_understood(written):
     text = " ".join(done.stdout.split())
     assert done.exit_code == 0, done.output
     assert "read: lab.csv; 4 columns, 12288 samples at 512 Hz, units N, m/s^2, separated by semicolons" in text
-    assert "decimal commas, names in line 3, units in line 4, 1 footer lines left out; Shaker is 2Y+" in text
+    assert "decimal commas, names in line 3, units in line 4, 1 footer line left out; Shaker is 2Y+" in text
 
 
 def test_modes_and_convert_say_it_too(written, monkeypatch):

@@ -107,7 +107,10 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     dates = [as_date(text) for text in texts]
     if dates and dates[0] is not None:
         time = _seconds(table, axis, dates)
-        scale, step = 1.0, 10.0 ** -max(_decimals(text[11:].partition("+")[0]) for text in texts)
+        scale, written = (
+            1.0,
+            last_digits([text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]),
+        )
     else:
         if scale is None:
             raise _column(table, axis, text=f"times are in {unit!r}; use s, ms, us or min, or leave the column out and give"
@@ -119,10 +122,9 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) is NaN, infinite or empty;"
                 " repair or remove the line"
             )
-        digits = [0 if "e" in text.lower() else _decimals(text) for text in texts]
-        step = 0.0 if any("e" in text.lower() for text in texts) else 10.0 ** -max(digits) * scale
-    time = time * scale
-    rate, error = sampling_rate(table.path, time, step, table.first_line, axis + 1)
+        written = last_digits(texts) * scale
+    time, step = time * scale, float(written.max(initial=0.0))
+    rate, error = sampling_rate(table.path, time, written, table.first_line, axis + 1)
     words = f"times rounded to {step:g} s" if error else ""
     if given is None and error > _SURE:
         raise FileError(
@@ -139,9 +141,22 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     return _Clock(given, float(time[0]), words)
 
 
-def _decimals(text: str) -> int:
-    """Digits behind the decimal sign."""
-    return len(re.sub(r"^[^.,]*[.,]?", "", text))
+def last_digits(texts: Sequence[str]) -> FloatArray:
+    """Size of the last digit of numbers as they are written, (n,), zeros at their ends left out or not.
+
+    Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
+    """
+    sizes, digits = [], []
+    for text in texts:
+        mantissa, _, power = text.lower().replace("d", "e").replace(",", ".").partition("e")
+        number, shift = abs(float(mantissa)), int(power) if power else 0
+        sizes.append(shift + int(np.floor(np.log10(number))) if number > 0 else None)
+        digits.append(len(mantissa.partition(".")[2]) - shift)
+    longest: dict[int | None, int] = {}
+    for size, count in zip(sizes, digits, strict=True):
+        longest[size] = max(longest.get(size, count), count)
+    longest[None] = max(longest.values())  # 0 is as exact as any
+    return np.array([10.0 ** -longest[size] for size in sizes])
 
 
 def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
@@ -159,7 +174,7 @@ def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> Float
 
 
 def sampling_rate(
-    path: Path, time: FloatArray, written: float = 0.0, first_line: int = 2, column: int = 1
+    path: Path, time: FloatArray, written: FloatArray | float = 0.0, first_line: int = 2, column: int = 1
 ) -> tuple[float, float]:
     """Samples per second of an even column of times, and its relative error where the times were rounded, 0 else.
 
@@ -168,7 +183,7 @@ def sampling_rate(
     path : Path
     time : (n_times,) float array
         s.
-    written : float
+    written : float or (n_times,) float array
         The last digit of the times as written, s: a step that differs by the rounding to it is even too, where it is
         longer than two such digits.
     first_line, column : int
@@ -188,11 +203,15 @@ def sampling_rate(
     allowed = _EVEN * step + 4 * np.finfo(float).eps * float(np.abs(time).max())
     if off.max() <= allowed:
         return float(1 / step), 0.0
-    if time.size > 2 and step > 2 * written > 0:
-        order = np.arange(time.size) - (time.size - 1) / 2
-        slope = float(order @ time / (order @ order))
-        if np.abs(time - time.mean() - slope * order).max() <= _ROUNDED * written:
-            rate, error = 1 / slope, written / float(time[-1] - time[0])
+    digit = np.broadcast_to(np.asarray(written, dtype=np.float64), time.shape)
+    coarsest = float(digit.max())
+    if time.size > 2 and step > 2 * coarsest > 0:
+        order, weight = np.arange(time.size), (coarsest / np.maximum(digit, 1e-6 * coarsest)) ** 2
+        middle, mean = np.average(order, weights=weight), np.average(time, weights=weight)
+        slope = float(weight @ ((order - middle) * time) / (weight @ (order - middle) ** 2))
+        rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())
+        if (np.abs(time - mean - slope * (order - middle)) <= _ROUNDED * digit + rounding).all():
+            rate, error = 1 / slope, coarsest / float(time[-1] - time[0])
             near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
             return float(near), error
     i = int(np.argmax(off))

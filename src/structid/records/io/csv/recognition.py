@@ -12,6 +12,7 @@ from typing import NamedTuple
 from structid.errors import FileError, InputError
 from structid.records.io.csv.layout import SEPARATORS, CsvLayout
 from structid.records.io.named_channels import TIME_UNITS
+from structid.shown import counted
 from structid.units import parse_unit
 
 #: Header of the first column, in small letters, and what it is.
@@ -116,7 +117,7 @@ def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
         1: f"names in line {layout.skip_rows + 1}",
         2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
     }[n_header]
-    left = f", {layout.footer_rows} footer lines left out" if layout.footer_rows else ""
+    left = f", {counted(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
     words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{left}"
     return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
 
