@@ -41,9 +41,10 @@ from structid.study.run import workers as workers_module
 from structid.study.run.cluster import Cluster
 from structid.study.run.long_run import LongRun
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
-from structid.study.run.run import load_study, started
 from structid.study.run.spread_lines import SpreadLines
+from structid.study.run.start import started
 from structid.study.run.workers import InProcess, Processes, Workers, one_thread
+from structid.study.schema.study import load_study
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

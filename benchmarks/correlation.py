@@ -76,7 +76,7 @@ def written(folder: Path) -> Path:
 def main() -> None:
     from structid.correlation.correlating import correlate
     from structid.report.correlation.page import correlation_page
-    from structid.study.run.run import load_study
+    from structid.study.schema.study import load_study
 
     with tempfile.TemporaryDirectory() as folder:
         path = written(Path(folder))

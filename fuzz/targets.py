@@ -19,7 +19,7 @@ from structid.records.on_disk import open_record
 from structid.structure.importers import dofs_of, read_matrices, read_numbering
 from structid.structure.meshes import read_mesh, require_sound
 from structid.study.run.checkpoint import Checkpoint
-from structid.study.run.run import started
+from structid.study.run.start import started
 from structid.study.schema.study import load_study
 
 TIME = ReadOptions(sampling_rate=10.0, channels="1X,2X,3X", units="g")

@@ -107,8 +107,8 @@ from structid.structure.mesh_point import MeshPoint as MeshPoint
 from structid.structure.mesh_point import mesh_points as mesh_points
 from structid.structure.meshes import Mesh as Mesh
 from structid.structure.meshes import read_mesh as read_mesh
-from structid.study.run.run import load_study as load_study
 from structid.study.run.run import run_study as run_study
+from structid.study.schema.study import load_study as load_study
 from structid.unknowns import Coupling as Coupling
 from structid.unknowns import Field as Field
 from structid.unknowns import Parameters as Parameters

@@ -19,7 +19,9 @@ from structid.records import FrfRecord
 from structid.study.run import needs as needs_module
 from structid.study.run.doctor import installation
 from structid.study.run.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
-from structid.study.run.run import load_study, run_study, study_problems
+from structid.study.run.run import run_study
+from structid.study.run.start import study_problems
+from structid.study.schema.study import load_study
 from study_cases import CHAIN, exact_frf, write_chain
 
 RUN = CliRunner()

@@ -8,7 +8,8 @@ import numpy as np
 
 from structid.records import FrfRecord, TimeRecord
 from structid.records.io import write_record
-from structid.study.run.run import load_study, study_problems
+from structid.study.run.start import study_problems
+from structid.study.schema.study import load_study
 
 STUDY = """\
 title = "Portal"

@@ -11,7 +11,8 @@ from structid.errors import StructidError
 from structid.explanation.edits import _EDITS
 from structid.explanation.trial import base_trial
 from structid.observation import FrfProblem, SpectraProblem
-from structid.study.run.run import load_study, started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 #: Changes of another kind than of one response: left out data, meshes and laws of whole sets, which the study itself shows.
 BY_STUDY = {

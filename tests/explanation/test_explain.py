@@ -11,7 +11,9 @@ from structid.cli import app as cli
 from structid.criticism.data import scaled_misfit
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
-from structid.study.run.run import load_study, run_started, started
+from structid.study.run.run import run_started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 RUN = CliRunner()
 

@@ -8,8 +8,10 @@ from structid.explanation import refits
 from structid.explanation.answer import criticized
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import load_study, run_started, started
+from structid.study.run.run import run_started
+from structid.study.run.start import started
 from structid.study.run.workers import Processes
+from structid.study.schema.study import load_study
 
 TRUTH = STUDY.replace(
     "[[unknown]]", '[[structure.point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4\n\n[[unknown]]', 1

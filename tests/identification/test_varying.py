@@ -23,7 +23,9 @@ from structid.identification.varying import _chances
 from structid.observation import RecordProblem
 from structid.observation.record_problem import DataRows
 from structid.records.io import write_record
-from structid.study.run.run import load_study, run_started, started
+from structid.study.run.run import run_started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "accuracy" / "varying_records.py"
 N_RECORDS, N_ROWS, TRUTH = 9, 5, np.log([3.0, 40.0, 5.0])

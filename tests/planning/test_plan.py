@@ -358,7 +358,7 @@ def test_record_gives_the_defaults(tmp_path):
 def test_prediction_agrees_with_check(tmp_path):
     """What `check` says of the record as it is, `plan` says of the installed sensors, but for the noise of the values."""
     from structid.study.run.check import check_study
-    from structid.study.run.run import load_study
+    from structid.study.schema.study import load_study
 
     path = write_chain(tmp_path)
     installed = planned(load_plan(path)).installed
@@ -379,7 +379,7 @@ def test_model_error_adds_to_the_noise(tmp_path):
 
 
 def test_identify_leaves_the_plan_alone(tmp_path):
-    from structid.study.run.run import load_study
+    from structid.study.schema.study import load_study
 
     assert load_study(write_chain(tmp_path, CHAIN + PLAN)).title == "Chain of three masses"
 

@@ -38,8 +38,9 @@ from structid.report.rendering import browser, plot, png
 from structid.report.reproduce.page import reproduction_page
 from structid.reproduce.item import Curve, Item, Panel, Verdict
 from structid.study.run.plan import planned
-from structid.study.run.run import load_study, run_study
+from structid.study.run.run import run_study
 from structid.study.schema.plan import load_plan
+from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "correlation"))

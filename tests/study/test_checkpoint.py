@@ -20,7 +20,9 @@ from structid.estimation import BaseProblem, GaussNewton, LevenbergMarquardt, Li
 from structid.records.io import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import load_study, run_study, started
+from structid.study.run.run import run_study
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
 RUN = CliRunner()

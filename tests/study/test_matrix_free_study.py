@@ -22,7 +22,9 @@ from structid.estimation.search import matrix_free
 from structid.identification import search
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
-from structid.study.run.run import is_matrix_free, load_study, run_study, started
+from structid.study.run.run import is_matrix_free, run_study
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 ROOT = Path(__file__).parents[2]
 

@@ -16,7 +16,7 @@ from structid.structure.importers import (
     write_matrix,
     write_op4,
 )
-from structid.study.run.run import load_study
+from structid.study.schema.study import load_study
 from study_cases import write_chain
 
 MASS = np.diag([2.0, 3.0, 1.0])

@@ -20,8 +20,8 @@ from structid.records.on_disk import open_record
 from structid.regression.local_reduction import Kernels
 from structid.study.run import motion_parts
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
-from structid.study.run.run import load_study
 from structid.study.run.workers import InProcess, Processes, workers_for
+from structid.study.schema.study import load_study
 
 ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand side a degree of freedom
 

@@ -25,8 +25,9 @@ from structid.observation.time.identify_time import identify_time
 from structid.observation.time.output_error_search import _furthest, _tried
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import load_study, run_study
+from structid.study.run.run import run_study
 from structid.study.run.workers import Processes
+from structid.study.schema.study import load_study
 
 OWNER = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
 OUTPUT_ERROR = TIME_CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = [0.0, 0.01, 0.01]')

@@ -13,7 +13,8 @@ from structid.errors import InputError
 from structid.report.identification.page import report_page
 from structid.report.identification.tables import span_text
 from structid.study.results.folder import estimate_summary, json_text
-from structid.study.run.run import load_study, run_study
+from structid.study.run.run import run_study
+from structid.study.schema.study import load_study
 from study_cases import chain_record, replaced, write_chain
 
 PROFILED = replaced("[method]", '[method]\nintervals = "profile"')

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from structid.cli.app import app
-from structid.study.run.run import load_study
 from structid.study.schema.record import read_histories
+from structid.study.schema.study import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "first_structure"
 RUN = CliRunner()

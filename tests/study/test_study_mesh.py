@@ -8,7 +8,7 @@ import pytest
 from structid import run_study
 from structid.errors import InputError
 from structid.study.run.check import check_study
-from structid.study.run.run import load_study
+from structid.study.schema.study import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "plate_from_mesh"
 TRUTH = {"youngs_modulus[aluminium]": 68e9, "thickness[strip]": 4.2e-3, "loss_factor[aluminium]": 0.03}

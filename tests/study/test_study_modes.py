@@ -17,7 +17,8 @@ from structid.records.io import write_record
 from structid.report.identification.modal_tables import modal_facts
 from structid.report.identification.page import report_page
 from structid.study.run.check import check_study
-from structid.study.run.run import load_study, run_study
+from structid.study.run.run import run_study
+from structid.study.schema.study import load_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
 
 ROOT = Path(__file__).parents[2]

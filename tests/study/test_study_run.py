@@ -10,7 +10,9 @@ from structid.estimation import Status
 from structid.records import TimeRecord
 from structid.records.io import write_record
 from structid.study.run.check import check_study
-from structid.study.run.run import load_study, run_study, started
+from structid.study.run.run import run_study
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 from study_cases import (
     CHAIN,
     NOISE,

@@ -7,7 +7,7 @@ from structid import FrfRecord, Structure, parameters, run_study, simulated_reco
 from structid.errors import InputError
 from structid.structure import PointMass
 from structid.study.run.check import check_study
-from structid.study.run.run import load_study
+from structid.study.schema.study import load_study
 
 STUDY = """title = "Angle bracket of sheet metal, bare and with a mass at its tip"
 [structure]

@@ -11,7 +11,9 @@ from short_record_cases import RATE, SENSORS, chain, record, unknowns
 from structid import FrfRecord, InputError, TimeRecord, simulated_record, write_record
 from structid.cli.app import app
 from structid.dynamics.transient import sampled_transient
-from structid.study.run.run import load_study, run_study, started
+from structid.study.run.run import run_study
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 CHAIN = """
 title = "Chain of four masses"

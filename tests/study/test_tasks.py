@@ -27,9 +27,11 @@ from structid.estimation.search.work import Tools
 from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import load_study, run_study, started
+from structid.study.run.run import run_study
 from structid.study.run.spread_lines import SpreadLines, spread
+from structid.study.run.start import started
 from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches, workers_for
+from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
 

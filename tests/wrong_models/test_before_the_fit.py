@@ -7,7 +7,8 @@ from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
 
 from structid.study.run.check import check_study
-from structid.study.run.run import load_study, started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 
 #: What a right model has on any rig: too few lines a bandwidth, and elements as large as the truth's.
 _OF_THE_TEST = ("lines in its half-power bandwidth;", "with these elements", "that it lacks with these", "lines in its")

@@ -18,7 +18,8 @@ from wrong_models.telling_apart import can_look_into, told_apart
 from structid.identification.time_setup import averaged_frfs
 from structid.observation import simulated_record
 from structid.records.io import ReadOptions, read_record
-from structid.study.run.run import load_study, started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
 from wrong_models import record_files
 
 ELEMENTS = [rig for rig, made in RIGS.items() if not made().exported]  # matrices come with loss factors

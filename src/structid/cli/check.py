@@ -12,7 +12,7 @@ from structid.cli.base import NOT_DETERMINED, StudyPath, fail
 from structid.cli.tables import groups, heading, new_table, number, show
 from structid.estimation import Status
 from structid.study.run.check import CheckResult, check_study
-from structid.study.run.run import load_study
+from structid.study.schema.study import load_study
 
 #: Warnings that stand first; the others come last.
 _MOST_WARNINGS = 5

@@ -16,7 +16,7 @@ from structid.correlation.summary import correlation_summary, expanded_record
 from structid.modal.files.files import write_modes
 from structid.report.correlation.text import correlation_text
 from structid.study.results.folder import json_text, staged_folder
-from structid.study.run.run import load_study
+from structid.study.schema.study import load_study
 
 
 def correlate(

@@ -11,7 +11,8 @@ from structid.cli.base import UNUSABLE_INPUT, fail
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation, installation
 from structid.study.run.needs import USUAL_ITERATIONS, Needs, available_bytes, gigabytes, measured_needs
-from structid.study.run.run import load_study, study_problems
+from structid.study.run.start import study_problems
+from structid.study.schema.study import load_study
 
 StudyPath = Annotated[
     Path | None, typer.Argument(metavar="[STUDY.toml]", help="Also say what this study will need.", show_default=False)

@@ -33,9 +33,11 @@ from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import load_study, run_started, started
+from structid.study.run.run import run_started
 from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
+from structid.study.run.start import started
 from structid.study.run.workers import WorkersLostError, workers_for
+from structid.study.schema.study import load_study
 
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")

@@ -25,7 +25,7 @@ from structid.provenance import Provenance
 from structid.study.results.result import provenance
 from structid.study.results.values import stored_values
 from structid.study.run.check import ChannelCheck, channel_checks
-from structid.study.run.run import loaded, placed_mechanism
+from structid.study.run.start import loaded, placed_mechanism
 from structid.study.schema.modes import ModesSource
 from structid.study.schema.study import Study
 

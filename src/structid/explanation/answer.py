@@ -19,7 +19,7 @@ from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.study.results.result import StudyResult
-from structid.study.run.run import Start
+from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4

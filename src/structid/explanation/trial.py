@@ -27,7 +27,7 @@ from structid.observation.frf.continuation import LEVELS, smoothed_records
 from structid.observation.frf.problem import smooth_stage
 from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
-from structid.study.run.run import loaded
+from structid.study.run.start import loaded
 from structid.study.schema.study import Study, load_study
 
 #: Keys of a record that change its model, not what was measured.

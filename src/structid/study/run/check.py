@@ -24,7 +24,8 @@ from structid.observation import RecordProblem
 from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.mesh_point import MeshPoint
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
-from structid.study.run.run import Start, is_matrix_free, started
+from structid.study.run.run import is_matrix_free
+from structid.study.run.start import Start, started
 from structid.study.schema.study import Study
 from structid.unknowns import Regularization, term_name
 

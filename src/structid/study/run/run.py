@@ -13,22 +13,9 @@ from structid.identification.search import chosen_method
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
 from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
-from structid.study.run.start import Start, loaded, placed_mechanism, started, study_problems
+from structid.study.run.start import Start, started
 from structid.study.run.workers import threads_for
-from structid.study.schema.study import Study, load_study
-
-__all__ = [
-    "SearchFailedError",
-    "Start",
-    "is_matrix_free",
-    "load_study",
-    "loaded",
-    "placed_mechanism",
-    "run_started",
-    "run_study",
-    "started",
-    "study_problems",
-]
+from structid.study.schema.study import Study
 
 
 class SearchFailedError(NoAnswerError):
