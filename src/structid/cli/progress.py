@@ -2,20 +2,57 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 _LINE_SECONDS = 60.0
-
+#: Parameters beyond which a file of progress does not hold their values, and least time between its lines then, s.
+_MOST_VALUES, _FILE_SECONDS = 400, 0.2
 
 #: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
 Show = Callable[[str, int, int | None, str], None]
+
+
+class ProgressFile:
+    """Progress for programs that watch: a JSON object a line, with the values of the parameters where they are not many.
+
+    Parameters
+    ----------
+    path : Path
+        Lines are added to it.
+    reached : callable
+        Gives ``parameters``, see `Reached.summary`.
+    """
+
+    def __init__(self, path: Path, reached: Callable[[], dict[str, Any]]) -> None:
+        self.path, self.reached = path, reached
+        self._written = 0.0
+        path.touch()
+
+    def show(self, name: str, done: int, total: int | None, words: str) -> None:
+        """One line; few of them where they come fast and say little."""
+        now = time.time()
+        if total is not None and done < total and now - self._written < _FILE_SECONDS and done % 10:
+            return
+        self._written = now
+        line: dict[str, Any] = {"time": now, "name": name, "done": done, "total": total, "words": words}
+        told = self.reached()
+        if math.isfinite(told.get("sum_of_squares", math.nan)):
+            line["sum_of_squares"] = told["sum_of_squares"]
+        parameters = told.get("parameters", [])
+        if len(parameters) <= _MOST_VALUES:
+            line["parameters"] = parameters
+        with self.path.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(line) + "\n")
 
 
 class RunProgress:
@@ -26,8 +63,17 @@ class RunProgress:
 
     def __init__(self, most_iterations: int, show: Show) -> None:
         self.most_iterations = most_iterations
-        self.show = show
+        self._shown = [show]
         self._begun: dict[str, tuple[float, int]] = {}
+
+    def also(self, show: Show) -> None:
+        """Tell `show` too."""
+        self._shown.append(show)
+
+    def show(self, name: str, done: int, total: int | None, words: str) -> None:
+        """Tell all that is to be told."""
+        for show in self._shown:
+            show(name, done, total, words)
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
         """After an iteration."""
