@@ -19,7 +19,7 @@ from structid.files import atomic_write
 OWN = ".structid"
 #: By their suffix; JSON and TOML are looked into.
 RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv", ".uf58", ".bun")
-MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch", ".txt")
+MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch")
 _DEEPEST, _MOST = 4, 3000
 _RESULT = "estimate.json"
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
@@ -189,7 +189,7 @@ def upload_name(name: str) -> str:
     """
     clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
     suffix = Path(clean).suffix.lower()
-    if not clean or suffix not in (*RECORD_SUFFIXES, *MESH_SUFFIXES, ".toml", ".json"):
+    if not clean or suffix not in (*RECORD_SUFFIXES, *MESH_SUFFIXES, ".toml", ".json", ".txt"):
         raise InputError(f"{name}: a file of this kind is no study, record, mesh or matrix; convert it first")
     return clean
 

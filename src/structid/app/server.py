@@ -393,6 +393,7 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
     taken = _socket(port)
     access = Access(taken.getsockname()[1])
     app = workbench(folder, access)
+    taken.listen(128)  # the page may ask before the server is up
     server = uvicorn.Server(
         uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=1, ws="none", date_header=False, server_header=False)
     )

@@ -47,15 +47,18 @@ export function number(value, digits = 4) {
   return (value / 10 ** power).toFixed(digits - 1).replace("-", "−") + "×10" + raised(String(power));
 }
 
-const PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", "-3": "m", "-6": "µ"};
+const PREFIXES = {9: "G", 6: "M", 3: "k"};
 
 // A value with an engineering prefix before units of force or pressure: 25.0 MN m².
 export function quantity(value, unit, digits = 4) {
   if (!Number.isFinite(value)) { return "–"; }
-  if (!/^(N|Pa)\b/.test(unit || "") || value === 0) { return `${number(value, digits)} ${unitText(unit)}`.trim(); }
-  const power = Math.min(9, Math.max(-6, 3 * Math.floor(Math.log10(Math.abs(value)) / 3)));
+  const power = Math.min(9, 3 * Math.floor(Math.log10(Math.abs(Number(value.toPrecision(digits))) || 1) / 3));
+  if (!/^(N|Pa)\b(?!\/N)/.test(unit || "") || power < 3) { return `${number(value, digits)} ${unitText(unit)}`.trim(); }
   return `${number(value / 10 ** power, digits)} ${PREFIXES[power]}${unitText(unit)}`;
 }
+
+// A number for a field that is typed into: no more digits than it has.
+export const typed = (value, digits = 6) => String(Number(value.toPrecision(digits)));
 
 export function percent(part, digits = 2) {
   if (part === null || part === undefined || !Number.isFinite(part)) { return "not determined"; }

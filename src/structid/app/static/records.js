@@ -1,7 +1,7 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "./api.js";
 import {chart, colours} from "./charts.js";
-import {field, fill, h, number, options, unitText, unpacked} from "./dom.js";
+import {field, fill, h, options, typed, unitText, unpacked} from "./dom.js";
 import {facts, givenOptions} from "./start.js";
 import {recordPath} from "./structure.js";
 
@@ -31,7 +31,7 @@ export async function show(box, app) {
 
 async function time(box, app, record, given, found) {
   const shown = new Set(found.channels.slice(0, 4).map((one, k) => k)), place = h("div", {class: "plot", id: "histories"}), words = h("p", {class: "note", "aria-live": "polite"});
-  const from = h("input", {inputmode: "decimal", value: "0"}), to = h("input", {inputmode: "decimal", value: number(found.seconds, 6)});
+  const from = h("input", {inputmode: "decimal", value: "0"}), to = h("input", {inputmode: "decimal", value: typed(found.seconds)});
   const button = h("button", {type: "button", onclick: () => app.doing(button, () => draw(Number(from.value), Number(to.value)))}, "Show");
   const all = h("button", {type: "button", onclick: () => app.doing(all, () => draw(0, null))}, "All");
   fill(box, h("h2", {}, "Time histories"), channelList(found.channels.map((one) => one.name + (one.quantity ? " " + one.quantity : "")), shown, () => draw(...range)),
@@ -57,7 +57,7 @@ async function time(box, app, record, given, found) {
     if (!place.listening) {
       place.listening = true;
       place.on("plotly_relayout", (change) => {
-        if (change["xaxis.range[0]"] !== undefined) { from.value = number(change["xaxis.range[0]"], 6); to.value = number(change["xaxis.range[1]"], 6); draw(Math.max(0, change["xaxis.range[0]"]), change["xaxis.range[1]"]).catch(app.fail); }
+        if (change["xaxis.range[0]"] !== undefined) { from.value = typed(change["xaxis.range[0]"]); to.value = typed(change["xaxis.range[1]"]); draw(Math.max(0, change["xaxis.range[0]"]), change["xaxis.range[1]"]).catch(app.fail); }
         else if (change["xaxis.autorange"]) { draw(0, null).catch(app.fail); }
       });
     }
@@ -83,7 +83,7 @@ async function lines(box, app) {
   const f = unpacked(told.frequency, "f64");
   const set = async (edit, words) => { if (await app.edit([edit], words)) { const method = app.now.table.method || {}; told.band = method.band ?? null; told.exclude = method.exclude ?? []; bands(); await draw(); } };
   const bands = () => {
-    const low = h("input", {value: number(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}), high = h("input", {value: number(told.band?.[1] ?? f.at(-1), 5), inputmode: "decimal"});
+    const low = h("input", {value: typed(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}), high = h("input", {value: typed(told.band?.[1] ?? f.at(-1), 5), inputmode: "decimal"});
     const button = h("button", {type: "button", onclick: () => app.doing(button, () => set({set: ["method", "band"], to: written([Number(low.value), Number(high.value)])}, "The band is set"))}, "Set band");
     const out = (told.exclude || []).length ? h("button", {type: "button", onclick: (event) => app.doing(event.target, () => set({remove: ["method", "exclude"]}, "No line is left out"))}, `Take the ${told.exclude.length} stretches left out back in`) : null;
     fill(bandPlace, h("div", {class: "row end"}, field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button, out));
@@ -99,9 +99,9 @@ async function lines(box, app) {
     });
     const hasError = told.pairs.some((one) => one.error), below = Number(hasCoherence) + Number(hasError), step = 0.19, at = (k) => [k * step, k * step + step - 0.04];
     const layout = {uirevision: "kept" + mode.value, dragmode: mode.value === "zoom" ? "zoom" : "select", selectdirection: "h", xaxis: {title: {text: "frequency, Hz"}, anchor: below ? `y${2 + below}` : "y2"},
-      yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.unit)}`}, domain: [(below + 1) * step, 1]}, yaxis2: {title: {text: "phase, °"}, range: [-185, 185], tickvals: [-180, 0, 180], domain: at(below)}};
-    if (hasCoherence) { layout.yaxis3 = {title: {text: "coherence"}, range: [0, 1.03], domain: at(Number(hasError)), nticks: 3}; }
-    if (hasError) { layout[hasCoherence ? "yaxis4" : "yaxis3"] = {title: {text: "random error, %"}, domain: at(0), type: "log", nticks: 3, exponentformat: "power"}; }
+      yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.unit)}`}, domain: [(below + 1) * step, 1]}, yaxis2: {title: {text: "phase, °", font: {size: 11}}, range: [-185, 185], tickvals: [-180, 0, 180], domain: at(below)}};
+    if (hasCoherence) { layout.yaxis3 = {title: {text: "coherence", font: {size: 11}}, range: [0, 1.03], domain: at(Number(hasError)), nticks: 3}; }
+    if (hasError) { layout[hasCoherence ? "yaxis4" : "yaxis3"] = {title: {text: "error, %", font: {size: 11}}, domain: at(0), type: "log", nticks: 3, exponentformat: "power"}; }
     layout.shapes = [];
     const veil = (x0, x1) => layout.shapes.push({type: "rect", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1, fillcolor: "rgba(128,128,128,0.22)", line: {width: 0}});
     if (told.band) { veil(f[0], told.band[0]); veil(told.band[1], f.at(-1)); }

@@ -13,7 +13,7 @@ export async function show(box, app) {
     h("div", {class: "hint"}, "Drag to turn, Shift and drag to move, wheel to zoom, click a node"));
   const sets = h("section", {class: "card"}), node = h("section", {class: "card", id: "node"}), sensors = h("section", {class: "card", id: "sensors"});
   const checked = h("section", {class: "card", id: "checked"}, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
-  fill(box, h("h1", {}, app.now.table?.title || app.study), h("div", {class: "beside"}, h("div", {}, stage), h("div", {}, node, sensors, sets)), checked);
+  fill(box, h("h1", {}, app.now.table?.title || app.study), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, checked), h("div", {class: "side-part"}, node, sensors, sets)));
   const state = {app, channels: [], chosen: null, node: null, failed: ""};
   const scene = new Scene(stage, (label) => { state.node = label; drawNode(); });
   state.scene = scene;
@@ -39,7 +39,7 @@ export async function show(box, app) {
 
   function drawSets() {
     fill(sets, h("h2", {}, "Element sets"), h("p", {class: "muted"}, `${scene.labels.length} nodes, ${told.n_dofs} free degrees of freedom`),
-      h("ul", {class: "plain"}, scene.sets.map((one) => h("li", {},
+      h("ul", {class: "plain sets", tabindex: 0, "aria-label": "Element sets"}, scene.sets.map((one) => h("li", {},
         h("label", {class: "check"}, h("input", {type: "checkbox", checked: true, onchange: (event) => { if (event.target.checked) { scene.hidden.delete(one.name); } else { scene.hidden.add(one.name); } scene.ask(); }}),
           h("span", {}, h("span", {class: "swatch", style: {background: one.colour}}), one.name, " ", h("span", {class: "muted"}, `${one.count} × ${one.type}`))),
         h("details", {}, h("summary", {}, "properties"), table(["property", "nominal"], one.properties.map((p) => [p.name, p.low === p.high ? quantity(p.low, p.unit) : `${quantity(p.low, p.unit)} to ${quantity(p.high, p.unit)}`])))))));

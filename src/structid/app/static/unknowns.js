@@ -5,7 +5,7 @@ import {field, fill, h, number, options, percent, quantity, table, toml} from ".
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}), list = h("section", {class: "card", id: "unknowns"}), predicted = h("section", {class: "card", id: "predicted"}), plan = h("section", {class: "card"});
   fill(box, h("h1", {}, "Unknowns and plan"), list, fresh(app, told, () => refresh()), predicted, plan);
-  const refresh = async () => { draw(list, app, () => refresh()); await predict(predicted, app); };
+  const refresh = async () => { draw(list, app, () => refresh()); await predict(predicted, app, list); };
   planning(plan, app);
   await refresh();
 }
@@ -22,12 +22,12 @@ function draw(place, app, changed) {
   };
   const change = (k, key, value, remove = value === "") => app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
   const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text} is no number`); } return found; };
-  fill(place, h("h2", {}, `Unknowns (${list.length} entries)`), list.length ? table(["property", "elements", "each", "start", "bounds", "prior", "fixed", ""], list.map((one, k) => {
+  fill(place, h("h2", {}, `Unknowns (${list.length} entries)`), list.length ? table(["property", "elements", "predicted std", "each", "start", "bounds", "prior", "fixed", ""], list.map((one, k) => {
     const name = `${one.property} of ${shown(one.elements)}`;
     const has = (key) => one[key] !== undefined;
     const flag = (key) => h("input", {type: "checkbox", checked: Boolean(one[key]), disabled: !app.folder.writable, "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`, onchange: (event) => app.doing(event.target, async () => { if (await change(k, key, "true", !event.target.checked)) { changed(); } })});
     const prior = one.prior ? `${shown(one.prior.mean)} ± ${one.prior.std !== undefined ? shown(one.prior.std) : number(100 * one.prior.relative_std) + " %"}` : "";
-    return [one.property + (one.field ? " (field)" : ""), shown(one.elements), flag("each"),
+    return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
       cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
       cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),
       cell(prior, `prior: ${name}`, (text) => {
@@ -59,18 +59,38 @@ function fresh(app, told, changed) {
   return h("section", {class: "card"}, h("h2", {}, "Add an unknown"), h("div", {class: "row end"}, field("Element sets", names), field("Property", property), h("label", {class: "check"}, each, "one for each element"), button));
 }
 
-async function predict(place, app) {
-  if (!app.now.table.record) { fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "muted"}, "Needs a record, or a plan.")); return; }
+// The parameters that an entry makes, by their names.
+function made(entry, all) {
+  const sets = [entry.elements].flat().map((one) => one.split(":")[0]);
+  return all.filter((one) => {
+    const [, property, inner] = /^([^[]*)\[(.*)\]$/.exec(one.name) || [];
+    return property === entry.property && (entry.name ? inner === entry.name || inner.startsWith(entry.name + ":") : inner === [entry.elements].flat().join(", ") || [entry.elements].flat().includes(inner) || sets.some((set) => inner.startsWith(set + ":")) || sets.includes(inner));
+  });
+}
+
+function besides(list, app, parameters) {
+  (app.now.table.unknown || []).forEach((entry, k) => {
+    const place = list.querySelector(`[data-predicted="${k}"]`), own = parameters ? made(entry, parameters) : [];
+    if (!place) { return; }
+    const relative = own.map((one) => one.relative ?? Infinity), worst = Math.max(...relative), best = Math.min(...relative);
+    place.textContent = !own.length ? "" : own.length === 1 || best === worst ? percent(worst) : `${percent(best)} to ${percent(worst)}`;
+    place.className = worst > 1 ? "state bad" : "";
+  });
+}
+
+async function predict(place, app, list) {
+  if (!app.now.table.record) { besides(list, app, null); fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "muted"}, "Needs a record, or a plan.")); return; }
   const mark = app.now.digest;
   fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "muted"}, "Computing…"));
   try {
     const found = await get("check", {study: app.study});
     if (app.now.digest !== mark) { return; }
     const rows = found.parameters.slice(0, 300);
+    besides(list, app, found.parameters);
     fill(place, h("h2", {}, "Predicted accuracy"), h("p", {}, `Rank ${found.rank} of ${found.n_parameters} from the data alone; predicted at the initial values, for a model that is right.`),
       table(["parameter", "start", "predicted std", "relative"], rows.map((one) => [one.name, quantity(one.start, one.unit), quantity(one.std ?? NaN, one.unit, 2), percent(one.relative)]), [1, 2, 3], rows.map((one) => (one.relative === null || one.relative > 1 ? "doubtful" : null))),
       found.directions.length ? h("div", {}, h("h3", {}, "Not determined"), h("ul", {class: "warnings"}, found.directions.map((words) => h("li", {}, words)))) : null);
-  } catch (error) { fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); }
+  } catch (error) { besides(list, app, null); fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); }
 }
 
 function planning(place, app) {
