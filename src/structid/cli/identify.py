@@ -87,7 +87,7 @@ def identify(
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
                 if progress_file is not None:
-                    progress.also(ProgressFile(progress_file, run.reached.summary).show)
+                    progress.file = ProgressFile(progress_file, run.reached.summary)
                 ready = about_answer(started(read), progress.search, run)
                 result = with_solver(from_nominal(run_started(ready, progress.search, run)), run)
                 result, fits = criticized(ready, result, explain, run)

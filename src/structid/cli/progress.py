@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 _LINE_SECONDS = 60.0
-#: Parameters beyond which a file of progress does not hold their values, and least time between its lines then, s.
-_MOST_VALUES, _FILE_SECONDS = 400, 0.2
+#: Parameters beyond which a file of progress does not hold their values, and least time between its lines, s.
+_MOST_VALUES, _FILE_SECONDS = 400, 0.1
 
 #: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
 Show = Callable[[str, int, int | None, str], None]
@@ -38,19 +38,16 @@ class ProgressFile:
         self._written = 0.0
         path.touch()
 
-    def show(self, name: str, done: int, total: int | None, words: str) -> None:
-        """One line; few of them where they come fast and say little."""
+    def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
+        """One line, with the sum of squares and the values of a search; few of them where they come fast."""
         now = time.time()
-        if total is not None and done < total and now - self._written < _FILE_SECONDS and done % 10:
+        if now - self._written < _FILE_SECONDS and done not in (1, total):
             return
         self._written = now
         line: dict[str, Any] = {"time": now, "name": name, "done": done, "total": total, "words": words}
-        told = self.reached()
-        if math.isfinite(told.get("sum_of_squares", math.nan)):
-            line["sum_of_squares"] = told["sum_of_squares"]
-        parameters = told.get("parameters", [])
-        if len(parameters) <= _MOST_VALUES:
-            line["parameters"] = parameters
+        if cost is not None and math.isfinite(cost):
+            parameters = self.reached().get("parameters", [])
+            line |= {"sum_of_squares": cost, "parameters": parameters if len(parameters) <= _MOST_VALUES else []}
         with self.path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(line) + "\n")
 
@@ -63,17 +60,9 @@ class RunProgress:
 
     def __init__(self, most_iterations: int, show: Show) -> None:
         self.most_iterations = most_iterations
-        self._shown = [show]
+        self.show = show
+        self.file: ProgressFile | None = None
         self._begun: dict[str, tuple[float, int]] = {}
-
-    def also(self, show: Show) -> None:
-        """Tell `show` too."""
-        self._shown.append(show)
-
-    def show(self, name: str, done: int, total: int | None, words: str) -> None:
-        """Tell all that is to be told."""
-        for show in self._shown:
-            show(name, done, total, words)
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
         """After an iteration."""
@@ -81,13 +70,18 @@ class RunProgress:
         most = (self.most_iterations - iteration) * each if iteration <= self.most_iterations else math.inf
         left = f", {clock(each)} each, at most {clock(most)} left" if each >= 0.1 and math.isfinite(most) else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
-        self.show(stage, iteration, total, f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}")
+        words = f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}"
+        self.show(stage, iteration, total, words)
+        if self.file is not None:
+            self.file.write(stage, iteration, total, words, cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """After some tasks."""
         each = self._each(name, done)
         left = f", {clock((total - done) * each)} left" if each > 0 and done < total else ""
         self.show(name, done, total, f"{name}: {done} of {total}{left}")
+        if self.file is not None:
+            self.file.write(name, done, total, f"{name}: {done} of {total}{left}")
 
     def _each(self, name: str, done: int) -> float:
         """Mean time of one since the first call, s; 0 while it is not known."""

@@ -18,7 +18,12 @@ export function fill(place, ...children) {
   return place;
 }
 
-export function field(label, control, kind = "") { return h("label", {class: "field " + kind}, label, control); }
+let made = 0;
+
+export function field(label, control, kind = "") {
+  control.id = control.id || `field-${++made}`;
+  return h("div", {class: "field " + kind}, h("label", {for: control.id}, label), control);
+}
 
 export function options(values, chosen) {
   return values.map((one) => {
