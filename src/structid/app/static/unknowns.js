@@ -32,7 +32,7 @@ function draw(place, app, changed) {
       cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),
       cell(prior, `prior: ${name}`, (text) => {
         if (!text) { return has("prior") ? change(k, "prior", "") : false; }
-        const found = /^(.*?)(?:±|\+-|\s)\s*(.+?)\s*(%?)$/.exec(text);
+        const found = /^\s*([^\s±]+?)\s*(?:±|\+-|\s)\s*([^\s±%]+)\s*(%?)$/.exec(text);
         if (!found) { throw new Error("A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %"); }
         const spread = numeric(found[2]);
         return change(k, "prior", `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`);
