@@ -49,7 +49,14 @@ class Served:
     def token(self) -> str:
         return self.address.rstrip("/").rpartition("/")[2]
 
-    def ask(self, method: str, path: str, body: bytes | None = None, headers: dict[str, str] | None = None, token: str | None = None):
+    def ask(
+        self,
+        method: str,
+        path: str,
+        body: bytes | None = None,
+        headers: dict[str, str] | None = None,
+        token: str | None = None,
+    ):
         """Status, headers and body of a request; `path` comes after the token."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
         given = {"Host": f"127.0.0.1:{self.port}", **(headers or {})}
@@ -73,7 +80,9 @@ class Served:
 
     def post(self, name: str, body: object):
         """Status and JSON of a request with a body."""
-        status, _, found = self.ask("POST", f"/api/{name}", json.dumps(body).encode(), {"Content-Type": "application/json"})
+        status, _, found = self.ask(
+            "POST", f"/api/{name}", json.dumps(body).encode(), {"Content-Type": "application/json"}
+        )
         return status, json.loads(found)
 
 
@@ -91,7 +100,9 @@ def served(folder: Path, *words: str) -> Iterator[Served]:
         process.stdout.close()
 
 
-def write_beam_record(study: Path, path: Path, outputs: tuple[str, ...], names: tuple[str, ...], stiffer: float = 1.1) -> None:
+def write_beam_record(
+    study: Path, path: Path, outputs: tuple[str, ...], names: tuple[str, ...], stiffer: float = 1.1
+) -> None:
     """The FRFs of the beam in `study` with a stiffness `stiffer` times as large and 1 % noise, sensors called `names`."""
     root, files = read_root(study)
     structure = read_structure(root.inner("structure"), files)
@@ -99,5 +110,9 @@ def write_beam_record(study: Path, path: Path, outputs: tuple[str, ...], names: 
     start = np.array([stiffer if "stiffness" in name else 1.3 for name in unknown.names]) * unknown.start
     frequency = np.linspace(2.0, 140.0, 400)
     like = sid.FrfRecord(frequency, np.ones((400, len(outputs), 1)), outputs, (outputs[-1],), "accelerance")
-    record = sid.simulated_record(structure, unknown.started_at(start), like, relative_noise=0.01, rng=np.random.default_rng(3))
-    write_record(path, sid.FrfRecord(record.frequency, record.values, names, record.inputs, "accelerance", record.variance))
+    record = sid.simulated_record(
+        structure, unknown.started_at(start), like, relative_noise=0.01, rng=np.random.default_rng(3)
+    )
+    write_record(
+        path, sid.FrfRecord(record.frequency, record.values, names, record.inputs, "accelerance", record.variance)
+    )

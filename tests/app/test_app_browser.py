@@ -15,19 +15,23 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-
 from app_cases import ROOT, require_workbench, served, write_beam_record
+
 from structid.records import TimeRecord
 from structid.records.io import write_record
 
 require_workbench()
-playwright = pytest.importorskip("playwright.sync_api", reason="the browser's driver is missing: pip install playwright")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="the browser's driver is missing: pip install playwright"
+)
 CHROMIUM = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
 if CHROMIUM is None:
     pytest.skip("no chromium is installed: apt-get install chromium", allow_module_level=True)
 
 # the driver leaves sockets to the garbage collector
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning", "ignore::DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning", "ignore::DeprecationWarning"
+)
 LOOKS = ((1400, "light"), (1400, "dark"), (420, "light"), (420, "dark"))
 AXE = (Path(__file__).parent / "axe" / "axe.min.js").read_text(encoding="utf-8")
 EVIL = "<img src=x onerror=window.harmed=1>"
@@ -37,7 +41,8 @@ EVIL = "<img src=x onerror=window.harmed=1>"
 def browser():
     with playwright.sync_playwright() as driver:
         made = driver.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
         )
         yield made
         made.close()
@@ -51,7 +56,14 @@ def page(browser):
     made.set_default_timeout(60_000)
     wrong: list[str] = []
     made.on("pageerror", lambda error: wrong.append(str(error)))
-    made.on("console", lambda line: wrong.append(line.text) if line.type == "error" and not re.search("status of 4|net::ERR", line.text) else None)
+    made.on(
+        "console",
+        lambda line: (
+            wrong.append(line.text)
+            if line.type == "error" and not re.search("status of 4|net::ERR", line.text)
+            else None
+        ),
+    )
     yield made
     context.close()
     assert not wrong
@@ -83,8 +95,16 @@ def accessible(page, name: str) -> None:
         page.wait_for_timeout(100)
         if not page.evaluate("'axe' in window"):
             page.evaluate(AXE + "; undefined")
-        found = page.evaluate("axe.run(document, {exclude: [['iframe']], resultTypes: ['violations'], iframes: false})".replace("document, {exclude: [['iframe']],", "{exclude: [['iframe'], ['.js-plotly-plot']]}, {"))
-        grave = [(one["id"], one["nodes"][0]["html"][:160]) for one in found["violations"] if one["impact"] in ("serious", "critical")]
+        found = page.evaluate(
+            "axe.run(document, {exclude: [['iframe']], resultTypes: ['violations'], iframes: false})".replace(
+                "document, {exclude: [['iframe']],", "{exclude: [['iframe'], ['.js-plotly-plot']]}, {"
+            )
+        )
+        grave = [
+            (one["id"], one["nodes"][0]["html"][:160])
+            for one in found["violations"]
+            if one["impact"] in ("serious", "critical")
+        ]
         assert not grave, (name, scheme, grave)
     page.emulate_media(color_scheme="light")
 
@@ -134,7 +154,9 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the sensor is placed by a click on the picture
         page.get_by_label("101Y+").check()
         page.get_by_text("on no node yet").wait_for()
-        place = page.evaluate("(() => { const s = document.querySelector('canvas.under').scene; return s.seen(s.row.get(3)); })()")
+        place = page.evaluate(
+            "(() => { const s = document.querySelector('canvas.under').scene; return s.seen(s.row.get(3)); })()"
+        )
         page.locator("canvas.under").click(position={"x": place[0], "y": place[1]})
         page.get_by_role("button", name="Place 101Y+ here").wait_for()
         page.get_by_label("Direction", exact=True).select_option("+Y")
@@ -161,7 +183,9 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 60, steps=6)
         page.mouse.up()
         page.wait_for_timeout(600)
-        low, high = json.loads(re.search(r"^band = (\[.*\])", (folder / "beam.toml").read_text(encoding="utf-8"), re.M)[1])
+        low, high = json.loads(
+            re.search(r"^band = (\[.*\])", (folder / "beam.toml").read_text(encoding="utf-8"), re.M)[1]
+        )
         assert low == pytest.approx(2 + 0.1 * 138, abs=4)
         assert high == pytest.approx(2 + 0.8 * 138, abs=4)
         shown(page, screens, "4_records")
@@ -176,7 +200,9 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("mass of beam is sought").wait_for()
         page.get_by_label("prior: mass of beam").fill("0.81 ± 2 %")
         page.get_by_label("prior: mass of beam").press("Tab")
-        eventually(page, lambda: "prior = { mean = 0.81, relative_std = 0.02 }" in (folder / "beam.toml").read_text("utf-8"))
+        eventually(
+            page, lambda: "prior = { mean = 0.81, relative_std = 0.02 }" in (folder / "beam.toml").read_text("utf-8")
+        )
         page.locator("[data-predicted='2']", has_text="%").wait_for()
         shown(page, screens, "5_unknowns")
         accessible(page, "unknowns")
@@ -207,10 +233,15 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         with page.expect_download() as waiting:
             page.get_by_role("link", name="All of it as one archive").click()
         names = zipfile.ZipFile(waiting.value.path()).namelist()
-        assert {f"beam_results/{name}" for name in ("estimate.json", "estimate.h5", "study.toml", "report.html")} <= set(names)
+        assert {
+            f"beam_results/{name}" for name in ("estimate.json", "estimate.h5", "study.toml", "report.html")
+        } <= set(names)
         shown(page, screens, "7_results")
         accessible(page, "results")
-        found = {one["name"]: one for one in json.loads((folder / "beam_results" / "estimate.json").read_text())["parameters"]}
+        found = {
+            one["name"]: one
+            for one in json.loads((folder / "beam_results" / "estimate.json").read_text())["parameters"]
+        }
         stiffness = found["bending_stiffness[beam]"]
         assert abs(stiffness["value"] - 27.5) < 4 * stiffness["std"]
         assert page.evaluate("window.harmed") is None
@@ -239,7 +270,9 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.get_by_role("button", name="Save").click()
         page.get_by_text("unknown key; the nearest is").wait_for()
         line = page.locator(".editor pre b")
-        wanted = next(k for k, row in enumerate(study.read_text(encoding="utf-8").splitlines(), 1) if "propertie" in row)
+        wanted = next(
+            k for k, row in enumerate(study.read_text(encoding="utf-8").splitlines(), 1) if "propertie" in row
+        )
         assert line.inner_text().strip() == str(wanted)
         shown(page, screens, "9_broken")
         area.fill("title = [1\n" + area.input_value())

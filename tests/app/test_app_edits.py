@@ -28,7 +28,9 @@ def test_setting_what_is_there_already_changes_nothing(name):
     text = text_of(name)
     record = tomllib.loads(text)["record"]["path"]
     title = tomllib.loads(text)["title"]
-    assert edited(text, [{"set": ["record", "path"], "to": f'"{record}"'}, {"set": ["title"], "to": f'"{title}"'}]) == text
+    assert (
+        edited(text, [{"set": ["record", "path"], "to": f'"{record}"'}, {"set": ["title"], "to": f'"{title}"'}]) == text
+    )
 
 
 @pytest.mark.parametrize("name", ["first_structure", "three_storey_frame", "ambient_storeys"])
@@ -125,7 +127,10 @@ def test_what_is_not_one_value_is_refused(value):
         value_of(value)
 
 
-@pytest.mark.parametrize("edit", [{"set": ["unknown", 99, "each"], "to": "true"}, {"remove": ["nothing"]}, {"set": ["title", "deep"], "to": "1"}])
+@pytest.mark.parametrize(
+    "edit",
+    [{"set": ["unknown", 99, "each"], "to": "true"}, {"remove": ["nothing"]}, {"set": ["title", "deep"], "to": "1"}],
+)
 def test_a_path_that_leads_nowhere_is_told(edit):
     with pytest.raises(InputError):
         edited(text_of("first_structure"), [edit])

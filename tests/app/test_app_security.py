@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import socket
+from pathlib import Path
 
 import pytest
-
 from app_cases import require_workbench, served
 
 require_workbench()
@@ -54,7 +54,9 @@ def test_without_the_token_nothing_is_told(bench, token, path):
     assert b"token" in body
 
 
-@pytest.mark.parametrize("host", ["example.org", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.org:{port}"])
+@pytest.mark.parametrize(
+    "host", ["example.org", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.org:{port}"]
+)
 def test_another_host_is_refused(bench, host):
     """As after a name of a foreign page was made to lead to this machine."""
     status, _, body = bench[0].ask("GET", "/api/folder", headers={"Host": host.format(port=bench[0].port)})
@@ -62,7 +64,16 @@ def test_another_host_is_refused(bench, host):
     assert b"study.toml" not in body
 
 
-@pytest.mark.parametrize("headers", [{"Origin": "https://evil.example"}, {"Origin": "null"}, {"Origin": "http://127.0.0.1:1"}, {"Sec-Fetch-Site": "cross-site"}, {"Sec-Fetch-Site": "same-site"}])
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "https://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+    ],
+)
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_another_origin_is_refused(bench, headers, method):
     status, _, _ = bench[0].ask(method, "/api/folder", b"{}" if method == "POST" else None, headers)
@@ -79,7 +90,17 @@ def test_other_methods_are_refused(bench, method):
     assert bench[0].ask(method, "/api/folder")[0] == 405
 
 
-OUTSIDE = ["../outside.toml", "/etc/hostname", "a/../../outside.toml", "link.toml", "..\\outside.toml", ".", "", "c:/x", "a\0b"]
+OUTSIDE = [
+    "../outside.toml",
+    "/etc/hostname",
+    "a/../../outside.toml",
+    "link.toml",
+    "..\\outside.toml",
+    ".",
+    "",
+    "c:/x",
+    "a\0b",
+]
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
@@ -108,7 +129,17 @@ def test_nothing_is_written_outside(bench, name):
     assert (bench[1].parent / "outside.toml").read_bytes() == before
 
 
-@pytest.mark.parametrize("path", ["/api/download?path=notes.py", "/api/download?path=../outside.toml", "/api/export?results=..", "/static/..%2Fserver.py", "/static/../server.py", "/static/%2e%2e/server.py"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/api/download?path=notes.py",
+        "/api/download?path=../outside.toml",
+        "/api/export?results=..",
+        "/static/..%2Fserver.py",
+        "/static/../server.py",
+        "/static/%2e%2e/server.py",
+    ],
+)
 def test_only_results_and_studies_are_given_out(bench, path):
     status, _, body = bench[0].ask("GET", path)
     assert status in (400, 403, 404, 422)
@@ -160,7 +191,8 @@ def test_a_body_longer_than_it_may_be_is_cut(bench):
 
 def test_an_upload_that_breaks_off_leaves_nothing(bench):
     connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=30)
-    head = f"PUT /{bench[0].token}/api/file?name=half.npy HTTP/1.1\r\nHost: 127.0.0.1:{bench[0].port}\r\nContent-Length: 1000\r\n\r\n"
+    address = f"PUT /{bench[0].token}/api/file?name=half.npy HTTP/1.1"
+    head = f"{address}\r\nHost: 127.0.0.1:{bench[0].port}\r\nContent-Length: 1000\r\n\r\n"
     connection.sendall(head.encode() + b"x" * 10)
     connection.close()
     assert bench[0].get("folder")[0] == 200
@@ -202,7 +234,7 @@ def test_it_listens_on_this_machine_only(bench):
     """No address but the loopback one has the port."""
     if not hasattr(os, "getuid"):
         pytest.skip("reads the table of Linux")
-    with open("/proc/net/tcp", encoding="ascii") as stream:
+    with Path("/proc/net/tcp").open(encoding="ascii") as stream:
         rows = [line.split() for line in stream][1:]
     listening = [row[1] for row in rows if row[3] == "0A" and int(row[1].split(":")[1], 16) == bench[0].port]
     assert listening == [f"0100007F:{bench[0].port:04X}"]

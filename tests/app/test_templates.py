@@ -52,7 +52,19 @@ def test_the_shear_building_sways_as_the_textbook_says(tmp_path):
     assert first == pytest.approx(2 * np.sqrt(1.6e6 / 5000.0) * np.sin(np.pi / 18) / (2 * np.pi), rel=1e-6)
 
 
-@pytest.mark.parametrize("words", [["--set", "length=none"], ["--set", "length=-1"], ["--set", "elements=2.5"], ["--set", "wide=1"], ["--set", "length"], ["--set", "support=glued"], ["--set", "elements=99999"], ["--set", "length=inf"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--set", "length=none"],
+        ["--set", "length=-1"],
+        ["--set", "elements=2.5"],
+        ["--set", "wide=1"],
+        ["--set", "length"],
+        ["--set", "support=glued"],
+        ["--set", "elements=99999"],
+        ["--set", "length=inf"],
+    ],
+)
 def test_what_cannot_be_used_is_told_and_nothing_is_written(words, tmp_path):
     done = RUN.invoke(app, ["init", "beam", str(tmp_path / "b.toml"), *words])
     assert done.exit_code == 2

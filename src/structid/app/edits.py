@@ -99,8 +99,10 @@ def _set_inline(text: str, place: Place, rest: KeyPath, value: str) -> str:
     """A key inside an inline table."""
     held: Any = tomlkit.value(text[place.value : place.end])
     if not isinstance(held, InlineTable) or len(rest) != 1:
-        raise InputError(f"{_words(rest)}: cannot be set inside {text[place.value : place.end]!r}; edit the text of the study")
-    held[rest[0]] = tomlkit.value(value)
+        raise InputError(
+            f"{_words(rest)}: cannot be set inside {text[place.value : place.end]!r}; edit the text of the study"
+        )
+    held[str(rest[0])] = tomlkit.value(value)
     return text[: place.value] + held.as_string() + text[place.end :]
 
 
@@ -137,7 +139,7 @@ def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: st
         near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
         if near:
             return _inserted_text(text, max(block.own_end for block in near), entry)
-    names = [name for name in _ORDER[_ORDER.index(str(path[0])) + 1 :]] if path[0] in _ORDER else []
+    names = list(_ORDER[_ORDER.index(str(path[0])) + 1 :]) if path[0] in _ORDER else []
     later = [block for block in blocks if block.path and block.path[0] in names]
     if later:
         at = _above_comments(text, later[0].start)

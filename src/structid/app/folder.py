@@ -90,7 +90,9 @@ class OpenFolder:
         for folder, folders, files in os.walk(self.root):
             here = Path(folder)
             depth = len(here.relative_to(self.root).parts)
-            folders[:] = sorted(f for f in folders if depth < _DEEPEST and not f.startswith(".") and not f.endswith(".checkpoint"))
+            folders[:] = sorted(
+                f for f in folders if depth < _DEEPEST and not f.startswith(".") and not f.endswith(".checkpoint")
+            )
             for file in sorted(files):
                 count += 1
                 if count > _MOST:

@@ -15,8 +15,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 _LINE_SECONDS = 60.0
-#: Parameters beyond which a file of progress does not hold their values, and least time between its lines, s.
-_MOST_VALUES, _FILE_SECONDS = 400, 0.1
+#: Of a file of progress: parameters whose values it holds at most, lines until it leaves some out, and the time between them
+#: then, s.
+_MOST_VALUES, _ALL_LINES, _FILE_SECONDS = 400, 200, 0.2
 
 #: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
 Show = Callable[[str, int, int | None, str], None]
@@ -35,15 +36,16 @@ class ProgressFile:
 
     def __init__(self, path: Path, reached: Callable[[], dict[str, Any]]) -> None:
         self.path, self.reached = path, reached
-        self._written = 0.0
+        self._written, self._lines = 0.0, 0
         path.touch()
 
     def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
         """One line, with the sum of squares and the values of a search; few of them where they come fast."""
         now = time.time()
-        if now - self._written < _FILE_SECONDS and done not in (1, total):
+        if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
             return
         self._written = now
+        self._lines += 1
         line: dict[str, Any] = {"time": now, "name": name, "done": done, "total": total, "words": words}
         if cost is not None and math.isfinite(cost):
             parameters = self.reached().get("parameters", [])

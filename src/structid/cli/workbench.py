@@ -14,7 +14,7 @@ _NEEDED = ("starlette", "uvicorn")
 
 
 def app(
-    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of studies and records.")] = Path("."),
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of studies and records.")] = Path(),
     port: Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="0: any that is free.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:

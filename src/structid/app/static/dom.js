@@ -32,9 +32,12 @@ export function options(values, chosen) {
   });
 }
 
+// Long names break after underscores and before brackets.
+const broken = (content) => (typeof content === "string" && content.length > 12 ? content.split(/(?<=_)|(?=\[)/).flatMap((part, k) => (k ? [document.createElement("wbr"), part] : [part])) : content);
+
 export function table(header, rows, numeric = [], marks = []) {
-  const cell = (tag, content, k) => h(tag, {class: numeric.includes(k) ? "number" : k === 0 ? "name" : null, scope: tag === "th" ? "col" : null}, content);
-  return h("div", {class: "wide", tabindex: 0, role: "group", "aria-label": "Table: " + header.filter((x) => typeof x === "string" && x).join(", ")}, h("table", {},
+  const cell = (tag, content, k) => h(tag, {class: numeric.includes(k) ? "number" : k === 0 ? "name" : null, scope: tag === "th" ? "col" : null, "data-label": tag === "td" && k ? header[k] : null}, broken(content));
+  return h("div", {class: header.length > 3 ? "wide stack" : "wide", tabindex: 0, role: "group", "aria-label": "Table: " + header.filter((x) => typeof x === "string" && x).join(", ")}, h("table", {},
     h("thead", {}, h("tr", {}, header.map((content, k) => content === "" ? h("td", {}) : cell("th", content, k)))),
     h("tbody", {}, rows.map((row, r) => h("tr", {class: marks[r] || null}, row.map((content, k) => cell("td", content, k)))))));
 }

@@ -13,6 +13,7 @@ export const app = {folder: null, study: "", now: null, step: "start", runs: [],
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
+  for (const one of [...place.children]) { if (one.firstChild.textContent === words) { one.remove(); } }
   const note = h("div", {class: bad ? "bad" : ""}, h("span", {}, words), h("button", {class: "small", type: "button", onclick: () => note.remove()}, "Close"));
   place.append(note);
   while (place.children.length > 3) { place.firstChild.remove(); }

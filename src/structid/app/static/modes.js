@@ -54,7 +54,7 @@ function picture(box, app, found, record, given, band) {
       traces.push({x: which.map((k) => f[k]), y: which.map((k) => order[k]), customdata: which.map((k) => ratio[k]), mode: "markers", type: "scatter", name, marker: {symbol, size, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_], opacity: number_ ? 1 : 0.35, line: {width: 1.5, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_]}}, hovertemplate: "%{x:.5g} Hz, order %{y}, damping %{customdata:.4f}<extra></extra>"});
     });
     const high = Math.min(sf.at(-1), 1.6 * Math.max(...found.frequency, 1e-9));
-    await chart(place, traces, {uirevision: "kept", xaxis: {title: {text: "frequency, Hz"}, range: band || [0, high]}, yaxis: {title: {text: "order of the model"}, range: [0, top], overlaying: "y2"}, yaxis2: {type: "log", side: "right", showgrid: false, title: {text: ""}, exponentformat: "power"},
+    await chart(place, traces, {again: () => draw().catch(app.fail), uirevision: "kept", xaxis: {title: {text: "frequency, Hz"}, range: band || [0, high]}, yaxis: {title: {text: "order of the model"}, range: [0, top], overlaying: "y2", tickmode: "auto"}, yaxis2: {type: "log", side: "right", showgrid: false, title: {text: ""}, exponentformat: "power"},
       shapes: taken.map((one) => ({type: "line", x0: one.frequency, x1: one.frequency, yref: "paper", y0: 0, y1: 1, line: {color: colours()[1], width: 1.5}}))});
     if (!place.listening) { place.listening = true; place.on("plotly_click", (event) => { const point = event.points.find((one) => one.customdata !== undefined); if (point) { pick(point.x, point.customdata); } }); }
     panel();

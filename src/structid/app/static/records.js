@@ -41,7 +41,7 @@ async function time(box, app, record, given, found) {
     range = [first, last];
     const now = ++turn, told = await post("histories", {record, options: given, first, last, points: Math.max(200, Math.min(1600, place.clientWidth))});
     if (now !== turn) { return; }
-    const wanted = [...shown].sort((a, b) => a - b), at = unpacked(told.time, "f64"), traces = [], layout = {uirevision: "kept", dragmode: "zoom"};
+    const wanted = [...shown].sort((a, b) => a - b), at = unpacked(told.time, "f64"), traces = [], layout = {uirevision: "kept", dragmode: "zoom", again: () => draw(first, last).catch(app.fail)};
     wanted.forEach((k, row) => {
       const low = unpacked(told.low[k], "f32"), high = unpacked(told.high[k], "f32"), x = new Float64Array(2 * at.length), y = new Float32Array(2 * at.length);
       at.forEach((t, i) => { x[2 * i] = x[2 * i + 1] = t; y[2 * i] = low[i]; y[2 * i + 1] = high[i]; });
@@ -98,7 +98,7 @@ async function lines(box, app) {
       if (one.error) { traces.push({...common, y: unpacked(one.error, "f32").map((x) => 100 * x), yaxis: hasCoherence ? "y4" : "y3", showlegend: false, hovertemplate: "%{x:.5g} Hz: %{y:.2g} %<extra></extra>"}); }
     });
     const hasError = told.pairs.some((one) => one.error), below = Number(hasCoherence) + Number(hasError), step = 0.19, at = (k) => [k * step, k * step + step - 0.04];
-    const layout = {uirevision: "kept" + mode.value, dragmode: mode.value === "zoom" ? "zoom" : "select", selectdirection: "h", xaxis: {title: {text: "frequency, Hz"}, anchor: below ? `y${2 + below}` : "y2"},
+    const layout = {again: () => draw(), uirevision: "kept" + mode.value, dragmode: mode.value === "zoom" ? "zoom" : "select", selectdirection: "h", xaxis: {title: {text: "frequency, Hz"}, anchor: below ? `y${2 + below}` : "y2"},
       yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.unit)}`}, domain: [(below + 1) * step, 1]}, yaxis2: {title: {text: "phase, °", font: {size: 11}}, range: [-185, 185], tickvals: [-180, 0, 180], domain: at(below)}};
     if (hasCoherence) { layout.yaxis3 = {title: {text: "coherence", font: {size: 11}}, range: [0, 1.03], domain: at(Number(hasError)), nticks: 3}; }
     if (hasError) { layout[hasCoherence ? "yaxis4" : "yaxis3"] = {title: {text: "error, %", font: {size: 11}}, domain: at(0), type: "log", nticks: 3, exponentformat: "power"}; }
@@ -113,7 +113,9 @@ async function lines(box, app) {
       place.on("plotly_selected", (event) => {
         const range = event?.range?.x;
         if (!range || mode.value === "zoom") { return; }
-        const [low, high] = [Math.max(range[0], 0), range[1]];
+        const [low, high] = [Math.max(range[0], 0), range[1]], told_ = written([low, high]);
+        if (told_ === place.last) { return; } // drawing anew tells the same range again
+        place.last = told_;
         if (mode.value === "band") { set({set: ["method", "band"], to: written([low, high])}, "The band is set"); }
         else { set({set: ["method", "exclude"], to: `[${[...(told.exclude || []), [low, high]].map(written).join(", ")}]`}, "These lines are left out"); }
       });

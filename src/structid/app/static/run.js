@@ -89,7 +89,7 @@ class Card {
     if (costs.length > 1) {
       const begun = costs[0].time, stages = [...new Set(costs.map((one) => one.name))];
       await chart(this.plot, stages.map((name, k) => { const own = costs.filter((one) => one.name === name); return {x: own.map((one) => one.time - begun), y: own.map((one) => one.sum_of_squares), name, mode: "lines+markers", marker: {size: 4}, line: {width: 1.5, color: colours()[k % 7]}, hovertemplate: "%{x:.1f} s: %{y:.5g}<extra></extra>"}; }),
-        {xaxis: {title: {text: "s"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4}, showlegend: stages.length > 1 && this.plot.clientWidth > 500});
+        {again: () => this.draw().catch(this.app.fail), xaxis: {title: {text: "s"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4}, showlegend: stages.length > 1 && this.plot.clientWidth > 500});
     }
     const rows = costs.filter((one) => one.parameters?.length).map((one) => one.parameters), last = rows.at(-1);
     if (last) { const first = rows[0]; fill(this.values, h("details", {open: last.length <= 12}, h("summary", {}, `${last.length} parameters as they move`), table(["parameter", "first", "now"], last.map((one) => [one.name, quantity(first.find((other) => other.name === one.name)?.value ?? NaN, one.unit), quantity(one.value, one.unit)]), [1, 2]))); }

@@ -83,7 +83,7 @@ function nodePanel(place, state, told, refresh) {
     const found = scene.row.get(Number(event.target.value));
     if (found === undefined) { app.say(`There is no node ${event.target.value}`, true); } else { scene.choose(found); }
   }});
-  const parts = [h("h2", {}, "Node"), h("div", {class: "row"}, field("Number", input, "short"), label === null ? h("span", {class: "muted"}, "none chosen") : h("span", {class: "muted"}, `at (${[0, 1, 2].map((k) => number(scene.places[3 * row + k], 4)).join(", ")}) m`))];
+  const parts = [h("h2", {}, "Node"), h("div", {class: "row end"}, field("Number", input, "short"), label === null ? h("span", {class: "muted"}, "none chosen") : h("span", {class: "muted"}, `at (${[0, 1, 2].map((k) => number(scene.places[3 * row + k], 4)).join(", ")}) m`))];
   if (label !== null) {
     const held = told.supports.find((one) => one.node === row), moves = told.active.filter((one) => one.length === 1 && !(held?.directions.includes(one)));
     const ways = WAYS.filter(([name]) => moves.includes(name.slice(1))), way = h("select", {id: "way"}, options(ways.map(([name]) => name)));
@@ -152,7 +152,7 @@ async function showCheck(place, app) {
       found.warnings.length ? [h("h3", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))] : h("p", {class: "muted"}, "No warning."),
       found.directions.length ? [h("h3", {}, "Not determined"), h("ul", {class: "warnings"}, found.directions.map((words) => h("li", {}, words)))] : null,
       h("div", {class: "columns"},
-        h("details", {open: true}, h("summary", {}, "Modes of the initial model"), table(["mode", "Hz", "damping ratio", "lines in its bandwidth"], found.modes.map((one, k) => [String(k + 1), number(one[0]), number(one[1], 3), one[2] ? number(one[3], 3) : "outside the band"]), [1, 2, 3])),
+        h("details", {open: true}, h("summary", {}, "Modes of the initial model"), table(["mode", "Hz", "damping ratio", "lines a bandwidth"], found.modes.map((one, k) => [String(k + 1), number(one[0]), number(one[1], 3), one[2] ? number(one[3], 3) : "outside"]), [1, 2, 3])),
         h("details", {open: found.channels.length < 15}, h("summary", {}, `What ${found.channels.length} channels see`), table(["channel", "", "sees"], found.channels.map((one) => one)))));
   } catch (error) {
     fill(place, h("h2", {}, "What check says"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message), h("a", {href: `#text/${encodeURIComponent(study)}${/line (\d+)/.test(error.message) ? "" : ""}`}, "Open the study file"));

@@ -1,6 +1,6 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "./api.js";
-import {field, fill, h, number, options, percent, quantity, table, toml} from "./dom.js";
+import {field, fill, h, options, percent, quantity, table, toml, typed} from "./dom.js";
 
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}), list = h("section", {class: "card", id: "unknowns"}), predicted = h("section", {class: "card", id: "predicted"}), plan = h("section", {class: "card"});
@@ -26,7 +26,7 @@ function draw(place, app, changed) {
     const name = `${one.property} of ${shown(one.elements)}`;
     const has = (key) => one[key] !== undefined;
     const flag = (key) => h("input", {type: "checkbox", checked: Boolean(one[key]), disabled: !app.folder.writable, "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`, onchange: (event) => app.doing(event.target, async () => { if (await change(k, key, "true", !event.target.checked)) { changed(); } })});
-    const prior = one.prior ? `${shown(one.prior.mean)} ± ${one.prior.std !== undefined ? shown(one.prior.std) : number(100 * one.prior.relative_std) + " %"}` : "";
+    const prior = one.prior ? `${shown(one.prior.mean)} ± ${one.prior.std !== undefined ? shown(one.prior.std) : typed(100 * one.prior.relative_std) + " %"}` : "";
     return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
       cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
       cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),

@@ -103,7 +103,9 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
     """The faces that only one cell has."""
-    faces = [(index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]]
+    faces = [
+        (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
+    ]
     count = Counter(tuple(sorted(nodes.tolist())) for _, nodes in faces)
     return [(index, nodes) for index, nodes in faces if count[tuple(sorted(nodes.tolist()))] == 1]
 

@@ -8,7 +8,11 @@ from typing import ClassVar
 from structid.errors import InputError
 from structid.study.templates.template import NO_RECORD, Template, asked, node_lines, number, unknown
 
-_SUPPORTS = {"clamped": ("clamped at its left end", ('"1Y"', '"1RZ"')), "simple": ("on supports at both ends", ()), "free": ("free", ())}
+_SUPPORTS = {
+    "clamped": ("clamped at its left end", ('"1Y"', '"1RZ"')),
+    "simple": ("on supports at both ends", ()),
+    "free": ("free", ()),
+}
 
 
 def _pairs(first: int, count: int) -> str:

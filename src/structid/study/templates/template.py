@@ -30,7 +30,7 @@ class Template:
 
 def asked(words: str, unit: str, default: Any) -> Any:
     """A field of a template: what it is, its unit, and the value that stands where none is given."""
-    return field(default=default, metadata={"words": words, "unit": unit})
+    return field(default=default, metadata={"words": words, "unit": unit, "default": default})
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Asked:
 def asked_of(template: type[Template]) -> tuple[Asked, ...]:
     """What `template` asks for, in order."""
     found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
-    return tuple(Asked(one.name, one.metadata["words"], one.metadata["unit"], one.default) for one in found)
+    return tuple(Asked(one.name, one.metadata["words"], one.metadata["unit"], one.metadata["default"]) for one in found)
 
 
 def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
@@ -68,7 +68,7 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
 
 def _value(one: Asked, text: str) -> float | int | str:
     if isinstance(one.default, str):
-        if not text or any(not letter.isprintable() or letter in "\"\\" for letter in text):
+        if not text or any(not letter.isprintable() or letter in '"\\' for letter in text):
             raise InputError(f"{one.name} must be a text without quotes, as in {one.default}, got {text!r}")
         return text
     try:

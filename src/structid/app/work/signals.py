@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.app.scene import packed
+from structid.app.work.scene import packed
 from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import FileError, InputError, StructidError
@@ -44,8 +44,8 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
     """
     if path.suffix.lower() == ".json":
         modes = read_modes(path)
-        rows = [[float(f), float(d)] for f, d in zip(modes.frequency, modes.damping_ratio, strict=True)]
-        return {"kind": "modes", "channels": _channels(modes.channels), "modes": rows, "findings": []}
+        pairs = [[float(f), float(d)] for f, d in zip(modes.frequency, modes.damping_ratio, strict=True)]
+        return {"kind": "modes", "channels": _channels(modes.channels), "modes": pairs, "findings": []}
     record = _opened(path, options)
     if isinstance(record, FrfRecord):
         return {
@@ -116,7 +116,9 @@ def _kept(path: Path, options: ReadOptions, _changed: int, size: int) -> Chunked
     return MemoryRecord(record) if isinstance(record, TimeRecord) else record
 
 
-def histories(path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path) -> dict[str, Any]:
+def histories(
+    path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path
+) -> dict[str, Any]:
     """Every channel from `first` to `last`, s, as least and greatest of about `points` stretches.
 
     Parameters
@@ -151,7 +153,9 @@ def histories(path: Path, options: ReadOptions, first: float, last: float | None
     }
 
 
-def _read_stretches(record: ChunkedRecord, begin: int, end: int, points: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _read_stretches(
+    record: ChunkedRecord, begin: int, end: int, points: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     step = max(1, -(-values.shape[1] // points))
@@ -231,7 +235,9 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Any]:
                     "magnitude": packed(np.abs(values), np.float32),
                     "phase": packed(np.degrees(np.angle(values)), np.float32),
                     "coherence": None if few.coherence is None else packed(few.coherence[:, o, i], np.float32),
-                    "error": None if few.variance is None else packed(np.sqrt(few.variance[:, o, i] / 2) / size, np.float32),
+                    "error": None
+                    if few.variance is None
+                    else packed(np.sqrt(few.variance[:, o, i] / 2) / size, np.float32),
                 }
             )
     return {
@@ -256,7 +262,9 @@ def options_of(given: dict[str, Any]) -> ReadOptions:
     """
     known = set(ReadOptions.__dataclass_fields__)
     try:
-        return ReadOptions(**{name: value for name, value in given.items() if name in known and value not in ("", None)})
+        return ReadOptions(
+            **{name: value for name, value in given.items() if name in known and value not in ("", None)}
+        )
     except StructidError:
         raise
     except TypeError as error:

@@ -64,7 +64,12 @@ def scene(path: Path) -> dict[str, Any]:
             [row[tie.main], *(row[n] for n in tie.dependents)] for tie in structure.ties if isinstance(tie, RigidLink)
         ],
         "points": [
-            {"node": row.get(tie.label, row[tie.node]), "to": row[tie.node], "distance": tie.distance, "label": tie.label}
+            {
+                "node": row.get(tie.label, row[tie.node]),
+                "to": row[tie.node],
+                "distance": tie.distance,
+                "label": tie.label,
+            }
             for tie in structure.ties
             if isinstance(tie, MeshPoint)
         ],
@@ -157,7 +162,11 @@ def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
     triangles = np.concatenate([at[:, :3], at[four][:, [0, 2, 3]]])
     sides = np.concatenate([at[:, [0, 1]], at[:, [1, 2]], at[:, [2, 3]][four], at[:, [3, 0]]])
     sides = np.unique(np.sort(sides, axis=1), axis=0)
-    return packed(triangles, np.uint32), packed(sides, np.uint32), packed(np.concatenate([owner, owner[four]]), np.uint32)
+    return (
+        packed(triangles, np.uint32),
+        packed(sides, np.uint32),
+        packed(np.concatenate([owner, owner[four]]), np.uint32),
+    )
 
 
 def _four(faces: IntArray) -> IntArray:
@@ -195,7 +204,14 @@ def placed_channels(path: Path, channels: list[tuple[str, str]]) -> list[dict[st
         if tie is not None:
             node, direction, turned = tie.node, [dof.sign * x for x in tie.direction], True
         found.append(
-            {"name": name, "role": role, "node": node, "direction": direction, "rotation": dof.is_rotation, "declared": turned}
+            {
+                "name": name,
+                "role": role,
+                "node": node,
+                "direction": direction,
+                "rotation": dof.is_rotation,
+                "declared": turned,
+            }
         )
     return found
 

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from structid.app.work import called
+from structid.app.work.called import called
 
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
@@ -20,7 +20,7 @@ _LOST = '{"error":"the process that worked on this was ended, by lack of memory 
 
 
 class Workers:
-    """Calls of `work.called` in processes; the last answers are kept by the content that they belong to."""
+    """Calls of `called` in processes; the last answers are kept by the content that they belong to."""
 
     def __init__(self, root: str) -> None:
         self.root = root

@@ -6,6 +6,7 @@ Every function takes the folder first and gives what JSON can hold.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,14 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
 
 
 def _scene(opened: OpenFolder, study: str) -> Any:
-    from structid.app.scene import scene
+    from structid.app.work.scene import scene
 
     return scene(opened.inside(study))
 
 
 def _channels(opened: OpenFolder, study: str) -> Any:
-    from structid.app.scene import placed_channels, require_record
-    from structid.app.signals import channels, options_of
+    from structid.app.work.scene import placed_channels, require_record
+    from structid.app.work.signals import channels, options_of
 
     path = opened.inside(study)
     section = require_record(path)
@@ -49,7 +50,7 @@ def _channels(opened: OpenFolder, study: str) -> Any:
 
 
 def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
-    from structid.app.signals import facts, options_of
+    from structid.app.work.signals import facts, options_of
 
     return facts(opened.inside(record), options_of(options))
 
@@ -57,21 +58,21 @@ def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
 def _histories(
     opened: OpenFolder, record: str, options: dict[str, Any], first: float, last: float | None, points: int
 ) -> Any:
-    from structid.app.signals import histories, options_of
+    from structid.app.work.signals import histories, options_of
 
     kept = opened.own("overviews") if opened.is_writable else opened.root
     return histories(opened.inside(record), options_of(options), first, last, points, kept)
 
 
 def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
-    from structid.app.signals import options_of, write_overview
+    from structid.app.work.signals import options_of, write_overview
 
     write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
     return {}
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
-    from structid.app.signals import responses
+    from structid.app.work.signals import responses
     from structid.study.schema.record import load_record
     from structid.study.schema.study import load_study
 
@@ -104,7 +105,9 @@ def _check(opened: OpenFolder, study: str) -> Any:
         "directions": [one.words for one in found.identifiability.directions[:12]],
         "mass": [found.total_mass, found.total_mass_std],
         "resonances": [
-            [pair.measured, pair.model, pair.half_bandwidths, pair.mac] for one in found.beside for pair in one.resonances
+            [pair.measured, pair.model, pair.half_bandwidths, pair.mac]
+            for one in found.beside
+            for pair in one.resonances
         ],
     }
 
@@ -133,17 +136,22 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
 
 
 def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Any:
-    from structid.app.picked import survey
-    from structid.app.signals import options_of
+    from structid.app.work.picked import survey
+    from structid.app.work.signals import options_of
 
     return survey(opened.inside(record), options_of(options), band)
 
 
 def _pick(
-    opened: OpenFolder, record: str, options: dict[str, Any], frequencies: list[float], out: str, band: list[float] | None
+    opened: OpenFolder,
+    record: str,
+    options: dict[str, Any],
+    frequencies: list[float],
+    out: str,
+    band: list[float] | None,
 ) -> Any:
-    from structid.app.picked import save
-    from structid.app.signals import options_of
+    from structid.app.work.picked import save
+    from structid.app.work.signals import options_of
 
     folder = opened.inside(out)
     return {**save(opened.inside(record), options_of(options), frequencies, folder, band), "path": f"{out}/modes.json"}
@@ -170,7 +178,7 @@ def _line(opened: OpenFolder, study: str) -> Any:
     return {}
 
 
-_FUNCTIONS = {
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "scene": _scene,
     "channels": _channels,
     "facts": _facts,

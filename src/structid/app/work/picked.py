@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.app.scene import packed
+from structid.app.work.scene import packed
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file
 from structid.records import ReadOptions
