@@ -73,7 +73,7 @@ async def _file(_: Workbench, request: Request) -> Response:
 def _static(name: str) -> Response:
     """A file of the page; names have no slash, so that none leads elsewhere."""
     own = files("structid.app") / "static" / name
-    path = files("plotly") / "package_data" / "plotly.min.js" if name == "plotly.js" else own
+    path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else own
     if not path.is_file() or Path(name).suffix not in _TYPES:
         return PlainTextResponse("There is no such file.", 404)
     kept = "private, max-age=3600" if name == "plotly.js" else "no-cache"
