@@ -82,6 +82,7 @@ def _static(name: str) -> Response:
 
 
 async def _folder(bench: Workbench, _: Request) -> Response:
+    _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
     return JSONResponse({**found, "version": __version__, "runs": [run.summary() for run in bench.runs]})
 

@@ -10,15 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from structid.app.folder import OpenFolder
 from structid.errors import InputError, StructidError
-from structid.study.results.folder import plain
 
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
-    """The answer of the function `name` as JSON, or ``{"error": words}``."""
+    """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
+    from structid.study.results.folder import plain
+
     try:
         found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
     except StructidError as error:
@@ -28,6 +27,14 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
     except (OSError, ArithmeticError, ValueError, LookupError) as error:
         found = {"error": f"could not be computed ({type(error).__name__}: {error})"}
     return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
+
+
+def _warm(_: OpenFolder) -> Any:
+    """Nothing but the imports of what is asked first."""
+    import structid.app.work.scene
+    import structid.app.work.signals  # noqa: F401
+
+    return {}
 
 
 def _scene(opened: OpenFolder, study: str) -> Any:
@@ -83,6 +90,8 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
 
 
 def _check(opened: OpenFolder, study: str) -> Any:
+    import numpy as np
+
     from structid.study.run.check import check_study
     from structid.study.schema.study import load_study
 
@@ -179,6 +188,7 @@ def _line(opened: OpenFolder, study: str) -> Any:
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "warm": _warm,
     "scene": _scene,
     "channels": _channels,
     "facts": _facts,

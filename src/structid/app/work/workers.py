@@ -62,6 +62,11 @@ class Workers:
             self._busy[kind] -= 1
             self._used[kind] = time.monotonic()
 
+    async def warm(self) -> None:
+        """Begin the worker that looks before it is asked, as its imports take longest."""
+        if "look" not in self._pools:
+            await self._called("warm", {})
+
     def end_idle(self) -> None:
         """End workers that nothing was asked of for a while."""
         for kind in list(self._pools):
