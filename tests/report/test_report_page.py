@@ -17,8 +17,8 @@ from written_reports import PROVENANCE, TITLE, Report
 from structid.errors import FileError
 from structid.identification.identified import Identification
 from structid.report import write_report
-from structid.report.page import plotly_part
 from structid.report.identification.page import report_page
+from structid.report.page import plotly_part
 
 _SECTIONS = (
     "warnings",

@@ -17,7 +17,6 @@ from structid.files import atomic_write, made_folder
 from structid.report.rendering.browser import clean, embedded, legend
 from structid.report.rendering.plot import Figure
 
-
 #: Parts of Plotly (4.1.1, MIT licence): name, file, and whether it draws space. All of it would be twice as large.
 PLOTLY_PARTS = (("plane", "plotly-cartesian.min.js", False), ("space", "plotly-gl3d.min.js", True))
 

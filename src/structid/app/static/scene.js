@@ -32,8 +32,6 @@ export class Scene {
     this.azimuth = -55; this.elevation = 22; this.zoom = 1; this.moved = [0, 0];
     this.sensors = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0;
     this.canvas.scene = this;
-    this.gl = this.canvas.getContext("webgl2", {antialias: true, preserveDrawingBuffer: false});
-    if (this.gl) { this.prepare(); }
     this.listen();
     new ResizeObserver(() => this.ask()).observe(stage);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.ask());
@@ -56,7 +54,9 @@ export class Scene {
 
   // What the server tells of a structure; buffers of it are made once.
   set(told) {
-    const gl = this.gl;
+    const large = told.sets.some((one) => one.triangles && one.count > 20000); // smooth edges would cost most of its time
+    const gl = this.gl = this.canvas.getContext("webgl2", {antialias: !large});
+    if (gl) { this.prepare(); }
     this.told = told;
     this.labels = unpacked(told.labels, "i32");
     this.places = unpacked(told.places, "f32");
@@ -86,6 +86,7 @@ export class Scene {
       const heaviest = Math.max(1e-300, ...this.sets.flatMap((one) => one.weights ? [one.weights.reduce((a, b) => Math.max(a, b), 0)] : []));
       for (const one of this.sets) {
         if (one.triangles) { one.faceBuffer = this.buffer(one.triangles, gl.ELEMENT_ARRAY_BUFFER); one.edgeBuffer = this.buffer(one.edges, gl.ELEMENT_ARRAY_BUFFER); }
+        if (one.triangles?.length > 90000) { one.coarse = this.coarse(one.triangles); one.coarseBuffer = this.buffer(one.coarse, gl.ELEMENT_ARRAY_BUFFER); }
         if (one.lines) { one.ends = this.buffer(this.ends(one.lines)); }
         if (one.marks) {
           const at = new Float32Array(3 * one.marks.length), size = new Float32Array(one.marks.length);
@@ -96,6 +97,26 @@ export class Scene {
       if (this.few.length) { this.dots = this.buffer(new Float32Array(n).fill(5)); }
     }
     this.ask();
+  }
+
+  // The faces of a large mesh while it turns: nodes of one cell of a grid count as one, and what is left of the triangles.
+  coarse(triangles) {
+    const step = this.size / 110, cells = new Map(), first = new Int32Array(this.labels.length).fill(-1), found = [], known = new Set();
+    const of = (row) => {
+      if (first[row] < 0) {
+        const key = [0, 1, 2].map((i) => Math.floor((this.places[3 * row + i] - this.centre[i]) / step + 512)).reduce((a, b) => 1024 * a + b, 0);
+        if (!cells.has(key)) { cells.set(key, row); }
+        first[row] = cells.get(key);
+      }
+      return first[row];
+    };
+    for (let k = 0; k < triangles.length; k += 3) {
+      const a = of(triangles[k]), b = of(triangles[k + 1]), c = of(triangles[k + 2]);
+      if (a === b || b === c || a === c) { continue; }
+      const key = [a, b, c].sort((x, y) => x - y).join();
+      if (!known.has(key)) { known.add(key); found.push(a, b, c); }
+    }
+    return new Uint32Array(found);
   }
 
   ends(lines) {
@@ -134,8 +155,7 @@ export class Scene {
     }
     const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
     this.unit = this.dragging && this.unit ? this.unit : this.fit(width, height);
-    const unit = this.zoomedUnit = this.dragging ? this.unit : this.unit;
-    this.view = {width, height, turn: this.turn(), unit};
+    this.view = {width, height, turn: this.turn(), unit: this.unit};
     if (this.gl) { this.paint(width, height, dense, colour); }
     this.overlay(width, height, dense, colour);
   }
@@ -166,8 +186,9 @@ export class Scene {
     gl.enable(gl.POLYGON_OFFSET_FILL); gl.polygonOffset(1, 1);
     for (const one of shown.filter((each) => each.triangles)) {
       gl.uniform4f(this.faces.colour, ...rgb(one.colour), 1);
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, one.faceBuffer);
-      gl.drawElements(gl.TRIANGLES, one.triangles.length, gl.UNSIGNED_INT, 0);
+      const quick = this.dragging && one.coarse?.length;
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, quick ? one.coarseBuffer : one.faceBuffer);
+      gl.drawElements(gl.TRIANGLES, quick ? one.coarse.length : one.triangles.length, gl.UNSIGNED_INT, 0);
     }
     gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.uniform1f(this.faces.lit, 0);
@@ -236,9 +257,10 @@ export class Scene {
     c.setLineDash([]);
     for (const one of this.sets) { if (one.connectors && !this.hidden.has(one.name)) { for (const part of one.connectors) { this.connector(c, part, one, muted); } } }
     c.fillStyle = muted;
+    const sign = this.told.supports.length > 60 ? 3 : 7;
     for (const held of this.told.supports) {
       const [x, y] = this.seen(held.node);
-      c.beginPath(); c.moveTo(x, y + 3); c.lineTo(x - 7, y + 15); c.lineTo(x + 7, y + 15); c.closePath(); c.fill();
+      c.beginPath(); c.moveTo(x, y + 2); c.lineTo(x - sign, y + 2 + 1.7 * sign); c.lineTo(x + sign, y + 2 + 1.7 * sign); c.closePath(); c.fill();
     }
     const words = [];
     for (const one of this.sensors) {
