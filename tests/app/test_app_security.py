@@ -172,12 +172,13 @@ def test_too_much_at_once_is_refused(bench):
 
 def test_a_body_longer_than_it_may_be_is_cut(bench):
     """Sent in chunks, which say no length before."""
-    piece = b"x" * 500_000
+    body = json.dumps({"study": "long.toml", "text": "# " + "x" * 4_000_000, "digest": ""}).encode()
+    pieces = [body[k : k + 500_000] for k in range(0, len(body), 500_000)]
     connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=30)
     head = f"POST /{bench[0].token}/api/study HTTP/1.1\r\nHost: 127.0.0.1:{bench[0].port}\r\nTransfer-Encoding: chunked\r\n\r\n"
     connection.sendall(head.encode())
     try:
-        for _ in range(8):
+        for piece in pieces:
             connection.sendall(f"{len(piece):x}\r\n".encode() + piece + b"\r\n")
         connection.sendall(b"0\r\n\r\n")
         answer = connection.recv(200)
@@ -186,6 +187,7 @@ def test_a_body_longer_than_it_may_be_is_cut(bench):
     finally:
         connection.close()
     assert b" 200 " not in answer
+    assert not (bench[1] / "long.toml").exists()
     assert bench[0].get("folder")[0] == 200
 
 

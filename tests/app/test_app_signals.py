@@ -45,6 +45,9 @@ def test_the_overview_has_the_least_and_greatest_of_every_stretch(long, tmp_path
         np.testing.assert_allclose(row(found["low"][channel]), low, rtol=1e-6)
         np.testing.assert_allclose(row(found["high"][channel]), high, rtol=1e-6)
     assert row(found["high"][1]).max() == 50.0
+    part = histories(path, OPTIONS, 100.0, 777.8, 400, tmp_path)  # its last stretch is not over at the end of the range
+    assert row(part["high"][1]).max() == 50.0
+    assert row(part["time"], np.float64)[0] == pytest.approx(100.0, abs=STRETCH / 100)
 
 
 def test_a_zoom_into_few_samples_reads_them(long, tmp_path):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from starlette.background import BackgroundTask
 from starlette.requests import ClientDisconnect, Request
@@ -51,7 +52,7 @@ class Workbench:
 
     def shown(self, page: str) -> str:
         """The address under which a page of results is seen."""
-        return f"/view/{self.access.view_key(page)}/{page}"
+        return f"/view/{self.access.view_key(page)}/{quote(page)}"
 
     async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
@@ -84,7 +85,7 @@ def _static(name: str) -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
-    return JSONResponse({**found, "version": __version__, "runs": [run.summary() for run in bench.runs]})
+    return JSONResponse({**found, "version": __version__, "runs": bench.runs.summaries()})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
@@ -239,7 +240,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 
 
 def _state(bench: Workbench) -> dict[str, Any]:
-    runs = [run.summary() for run in bench.runs][:_SIDE_BY_SIDE]
+    runs = bench.runs.summaries()[:_SIDE_BY_SIDE]
     stamps = {}
     for pattern in ("*.toml", "*/*.toml", "*/*/*.toml"):
         for path in list(bench.opened.root.glob(pattern))[:500]:

@@ -150,6 +150,16 @@ class Runs:
             raise InputError(f"there is no run {name!r} any more")
         return found
 
+    def summaries(self) -> list[dict[str, Any]]:
+        """Of every run, the newest first; none can be resumed whose results another one writes or has written since."""
+        found, taken = [], set[str]()
+        for run in self:
+            told = run.summary()
+            told["can_resume"] = told["can_resume"] and told["results"] not in taken
+            taken.add(told["results"])
+            found.append(told)
+        return found
+
     def start(self, study: str, results: str, resume: bool = False) -> Run:
         """Start `structid identify` on a study.
 

@@ -25,12 +25,16 @@ export async function show(box, app) {
 }
 
 function start(app) {
-  const base = app.study.replace(/\.toml$/, ""), taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
-  let name = `${base}_results`;
-  for (let k = 2; taken.has(name); k += 1) { name = `${base}_results_${k}`; }
-  const results = h("input", {value: name, spellcheck: "false", id: "results-folder"}), needs = h("p", {class: "note", "aria-live": "polite"}, "");
+  const free = () => {
+    const base = app.study.replace(/\.toml$/, ""), taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
+    let name = `${base}_results`;
+    for (let k = 2; taken.has(name); k += 1) { name = `${base}_results_${k}`; }
+    return name;
+  };
+  const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}), needs = h("p", {class: "note", "aria-live": "polite"}, "");
   const go = h("button", {class: "main", type: "button", disabled: !app.folder.writable || !app.now.table.record, onclick: () => app.doing(go, async () => {
-    await post("runs", {study: app.study, results: results.value});
+    app.runs = [...app.runs, await post("runs", {study: app.study, results: results.value})];
+    results.value = free();
     app.say("Started; it goes on when this page is closed.");
   })}, "Identify");
   const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {

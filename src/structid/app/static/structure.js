@@ -18,8 +18,8 @@ export async function show(box, app) {
   const scene = new Scene(stage, (label) => { state.node = label; drawNode(); });
   state.scene = scene;
   const told = await get("scene", {study: app.study});
-  if (!scene.gl) { app.say("This browser has no WebGL 2; the structure is drawn by lines only.", true); }
   scene.set(told);
+  if (!scene.gl) { app.say("This browser has no WebGL 2; the structure is drawn by lines only.", true); }
   drawSets();
   const drawNode = () => nodePanel(node, state, told, refresh);
   const drawSensors = () => sensorPanel(sensors, state, told, (name) => { state.chosen = name; drawSensors(); drawNode(); });
