@@ -88,3 +88,16 @@ def test_faults_of_signals_are_told(tmp_path):
     found = facts(tmp_path / "dead.npy", OPTIONS)
     assert [one["words"] for one in found["findings"] if "0 at every sample" in one["words"]]
     assert found["seconds"] == 40.0
+
+
+def test_a_table_of_a_laboratory_is_read_by_its_columns(tmp_path):
+    """As a ``[record]`` says it, the layout of the file included."""
+    rows = "".join(f"{k / 50:.2f};{np.sin(k):.6f};{np.cos(k):.6f}\n" for k in range(200)).replace(".", ",")
+    (tmp_path / "lab.csv").write_text("Test 12\nt;a;b\n" + rows, encoding="utf-8")
+    given = {
+        "path": "lab.csv", "columns": ["b"], "time_column": "t", "channels": ["1X"], "quantities": ["acceleration"],
+        "csv": {"skip_rows": 1, "separator": "semicolon", "decimal": "comma"},
+    }  # fmt: skip
+    found = facts(tmp_path / "lab.csv", signals.options_of(given))
+    assert (found["rate"], found["samples"]) == (pytest.approx(50.0), 200)
+    assert [one["name"] for one in found["channels"]] == ["1X+"]

@@ -18,7 +18,9 @@ from structid.files import atomic_write
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
 OWN = ".structid"
 #: By their suffix; JSON and TOML are looked into.
-RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv", ".uf58", ".bun")
+RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv", ".uf58", ".bun",
+    ".tdms", ".mf4", ".mdf", ".mseed", ".miniseed", ".parquet",
+)  # fmt: skip
 MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch")
 _DEEPEST, _MOST = 4, 3000
 _RESULT = "estimate.json"

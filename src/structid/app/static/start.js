@@ -1,6 +1,6 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put} from "./api.js";
-import {bytes, field, fill, h, number, options, table, toml} from "./dom.js";
+import {bytes, field, fill, h, number, options, table} from "./dom.js";
 
 export async function show(box, app) {
   await app.reload();
@@ -80,17 +80,19 @@ function drop(app) {
 
 const MAPPING = [
   ["sampling_rate", "Samples a second, Hz"], ["channels", "Channels, as in 2Y, 3Y"], ["quantities", "Quantities, as in force, acceleration"], ["units", "Units, as in N, g"],
-  ["array", "Array by name"], ["frequency_array", "Array of frequencies"], ["coherence_array", "Array of coherences"], ["outputs", "Sensors of the FRFs"], ["inputs", "Loads of the FRFs"], ["kind", "receptance, mobility or accelerance"], ["unit", "Unit of the FRFs"],
+  ["columns", "Columns of a CSV, as in acc_1, acc_2"], ["time_column", "Its column of times"], ["array", "Array by name"], ["frequency_array", "Array of frequencies"], ["coherence_array", "Array of coherences"], ["outputs", "Sensors of the FRFs"], ["inputs", "Loads of the FRFs"], ["kind", "receptance, mobility or accelerance"], ["unit", "Unit of the FRFs"],
 ];
-const LISTS = ["channels", "quantities", "units", "outputs", "inputs"];
+const LISTS = ["columns", "channels", "quantities", "units", "outputs", "inputs"];
 
 // What the record of the open study says of the same file.
 export function givenOptions(app, path) {
   const record = [app.now?.table?.record].flat()[0];
   const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
   if (!record || folder + record.path !== path) { return {}; }
-  return Object.fromEntries(Object.entries(record).filter(([key]) => MAPPING.some(([name]) => name === key) || ["start", "stop", "longest_gap"].includes(key)));
+  return Object.fromEntries(Object.entries(record).filter(([key]) => MAPPING.some(([name]) => name === key) || ["start", "stop", "longest_gap", "csv"].includes(key)));
 }
+
+const written = (value) => (Array.isArray(value) ? `[${value.map(written).join(", ")}]` : JSON.stringify(value));
 
 export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
@@ -128,7 +130,8 @@ function use(app, path, found, given) {
   const button = h("button", {class: "main", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
     const edits = has ? [{remove: ["record"]}] : [];
     edits.push({set: ["record", "path"], to: JSON.stringify(name)});
-    for (const [key, value] of Object.entries(given)) { edits.push({set: ["record", key], to: Array.isArray(value) ? toml(value) : typeof value === "number" ? String(value) : JSON.stringify(value)}); }
+    for (const [key, value] of Object.entries(given)) { if (key !== "csv") { edits.push({set: ["record", key], to: written(value)}); } }
+    for (const [key, value] of Object.entries(given.csv || {})) { edits.push({set: ["record", "csv", key], to: written(value)}); }
     if (isTime) { edits.push({set: ["record", "frf", "segment_length"], to: String(Math.round(Number(segment.value)))}); }
     if (found.kind === "modes") { edits.push({set: ["record", "modes", "form"], to: '"output"'}); }
     if (await app.edit(edits, `${name} is now the record of ${app.study}`)) { app.go("structure"); }

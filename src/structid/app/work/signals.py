@@ -17,7 +17,7 @@ from structid.errors import FileError, InputError, StructidError
 from structid.files import atomic_write
 from structid.modal.files.files import read_modes
 from structid.records import FrfRecord, TimeRecord
-from structid.records.io import ReadOptions, read_record
+from structid.records.io import CsvLayout, ReadOptions, read_record
 from structid.records.on_disk import ChunkedRecord, MemoryRecord, open_record
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.record import QUANTITY_UNITS
@@ -261,10 +261,11 @@ def options_of(given: dict[str, Any]) -> ReadOptions:
         If an option is unknown or of the wrong kind.
     """
     known = set(ReadOptions.__dataclass_fields__)
+    chosen = {name: value for name, value in given.items() if name in known and value not in ("", None)}
     try:
-        return ReadOptions(
-            **{name: value for name, value in given.items() if name in known and value not in ("", None)}
-        )
+        if isinstance(chosen.get("csv"), dict):
+            chosen["csv"] = CsvLayout(**chosen["csv"])
+        return ReadOptions(**chosen)
     except StructidError:
         raise
     except TypeError as error:
