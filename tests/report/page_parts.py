@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-_PACKED = re.compile(r'<script id="(\w+)" type="text/plain">([^<]*)</script>')
+_PACKED = re.compile(r'<script id="([\w-]+)"(?: class="library")? type="text/plain">([^<]*)</script>')
 
 
 def words(page: str) -> str:
@@ -19,7 +19,7 @@ def words(page: str) -> str:
 
 
 def unpacked(page: str) -> dict[str, str]:
-    """What the page keeps compressed: ``library`` and ``figures``."""
+    """What the page keeps compressed: ``library-plane`` or ``library-space``, and ``figures``."""
     return {name: zlib.decompress(base64.b64decode(text)).decode("utf-8") for name, text in _PACKED.findall(page)}
 
 

@@ -14,8 +14,10 @@ from structid._version import __version__
 from structid.cli.base import DONE, EXIT_CODES
 from structid.cli.flags import command
 
-#: Each is the function of that name in the module of that name beside this one; its docstring is the help.
+#: Each is the function of that name in the module beside this one (`_module`); its docstring is the help.
 COMMANDS = (
+    "init",
+    "app",
     "identify",
     "explain",
     "check",
@@ -34,6 +36,8 @@ _HELP = f"""Mass, damping and stiffness of a structure from vibration measuremen
 
 \b
 Examples:
+  structid init beam
+  structid app
   structid plan frame.toml --sensors 4
   structid check frame.toml
   structid doctor frame.toml
@@ -62,7 +66,7 @@ class _OnCall(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in self.commands and self.commands[cmd_name] is None:
             alone = typer.Typer(**_SETTINGS)
-            alone.command(cmd_name)(command(vars(import_module(f"structid.cli.{cmd_name}"))[cmd_name]))
+            alone.command(cmd_name)(command(vars(import_module(_module(cmd_name)))[cmd_name]))
             self.commands[cmd_name] = typer.main.get_command(alone)
         return self.commands.get(cmd_name)
 
@@ -71,9 +75,14 @@ class _OnCall(TyperGroup):
             formatter.write_dl([(name, _summary(name)) for name in COMMANDS])
 
 
+def _module(name: str) -> str:
+    """Where the command `name` is: in the module of its name, but for that which this module has."""
+    return f"structid.cli.{'workbench' if name == 'app' else name}"
+
+
 def _summary(name: str) -> str:
     """First line of the docstring of a command, read from its source: what it imports may take long."""
-    spec = find_spec(f"structid.cli.{name}")
+    spec = find_spec(_module(name))
     source: str = spec.loader.get_source(spec.name)  # type: ignore[union-attr]
     body = ast.parse(source).body
     function = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)

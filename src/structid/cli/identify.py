@@ -25,7 +25,7 @@ from structid.cli.base import (
     results_folder,
 )
 from structid.cli.console import identification_summary
-from structid.cli.progress import run_progress
+from structid.cli.progress import ProgressFile, run_progress
 from structid.cli.tables import show
 from structid.estimation import Status
 from structid.explanation.answer import criticized, write_suggestions
@@ -47,6 +47,10 @@ Explain = Annotated[
     bool | None,
     typer.Option("--explain/--no-explain", help="Look for causes of a misfit always, never [default: unless sound]."),
 ]
+Watched = Annotated[
+    Path | None,
+    typer.Option("--progress", metavar="FILE", help="Add a JSON line on each step to FILE, for programs that watch."),
+]
 #: The words of each choice.
 _EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
@@ -61,6 +65,7 @@ def identify(
     workers: Workers = None,
     scheduler: Scheduler = None,
     checkpoint: Seconds = CHECKPOINT_SECONDS,
+    progress_file: Watched = None,
 ) -> None:
     """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
 
@@ -83,6 +88,8 @@ def identify(
         try:
             with run_progress(read.options.method.max_iterations) as progress:
                 run.progress = progress.tasks
+                if progress_file is not None:
+                    progress.file = ProgressFile(progress_file, run.reached.summary)
                 ready = about_answer(started(read), progress.search, run)
                 result = with_solver(from_nominal(run_started(ready, progress.search, run)), run)
                 result, fits = criticized(ready, result, explain, run)

@@ -2,20 +2,56 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 _LINE_SECONDS = 60.0
-
+#: Of a file of progress: parameters whose values it holds at most, lines until it leaves some out, and the time between them
+#: then, s.
+_MOST_VALUES, _ALL_LINES, _FILE_SECONDS = 400, 200, 0.2
 
 #: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
 Show = Callable[[str, int, int | None, str], None]
+
+
+class ProgressFile:
+    """Progress for programs that watch: a JSON object a line, with the values of the parameters where they are not many.
+
+    Parameters
+    ----------
+    path : Path
+        Lines are added to it.
+    reached : callable
+        Gives ``parameters``, see `Reached.summary`.
+    """
+
+    def __init__(self, path: Path, reached: Callable[[], dict[str, Any]]) -> None:
+        self.path, self.reached = path, reached
+        self._written, self._lines = 0.0, 0
+        path.touch()
+
+    def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
+        """One line, with the sum of squares and the values of a search; few of them where they come fast."""
+        now = time.time()
+        if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
+            return
+        self._written = now
+        self._lines += 1
+        line: dict[str, Any] = {"time": now, "name": name, "done": done, "total": total, "words": words}
+        if cost is not None and math.isfinite(cost):
+            parameters = self.reached().get("parameters", [])
+            line |= {"sum_of_squares": cost, "parameters": parameters if len(parameters) <= _MOST_VALUES else []}
+        with self.path.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(line) + "\n")
 
 
 class RunProgress:
@@ -27,6 +63,7 @@ class RunProgress:
     def __init__(self, most_iterations: int, show: Show) -> None:
         self.most_iterations = most_iterations
         self.show = show
+        self.file: ProgressFile | None = None
         self._begun: dict[str, tuple[float, int]] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
@@ -35,13 +72,18 @@ class RunProgress:
         most = (self.most_iterations - iteration) * each if iteration <= self.most_iterations else math.inf
         left = f", {clock(each)} each, at most {clock(most)} left" if each >= 0.1 and math.isfinite(most) else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
-        self.show(stage, iteration, total, f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}")
+        words = f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}"
+        self.show(stage, iteration, total, words)
+        if self.file is not None:
+            self.file.write(stage, iteration, total, words, cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """After some tasks."""
         each = self._each(name, done)
         left = f", {clock((total - done) * each)} left" if each > 0 and done < total else ""
         self.show(name, done, total, f"{name}: {done} of {total}{left}")
+        if self.file is not None:
+            self.file.write(name, done, total, f"{name}: {done} of {total}{left}")
 
     def _each(self, name: str, done: int) -> float:
         """Mean time of one since the first call, s; 0 while it is not known."""

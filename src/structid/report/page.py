@@ -7,15 +7,18 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from plotly.offline import get_plotlyjs
 
 from structid._version import __version__
 from structid.files import atomic_write, made_folder
 from structid.report.rendering.browser import clean, embedded, legend
 from structid.report.rendering.plot import Figure
+
+#: Parts of Plotly (4.1.1, MIT licence): name, file, and whether it draws space. All of it would be twice as large.
+PLOTLY_PARTS = (("plane", "plotly-cartesian.min.js", False), ("space", "plotly-gl3d.min.js", True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +45,15 @@ class Page:
     @property
     def text(self) -> str:
         """The page; the same words and figures give the same bytes."""
-        drawn = {"library": _library(), "described": packed(embedded(self.figures))} if self.figures else {}
+        drawn = {"libraries": self._libraries(), "described": packed(embedded(self.figures))} if self.figures else {}
         return _environment().get_template(self.template).render(
             **self.words, figures=self.figures, drawn=drawn, version=__version__
         )  # fmt: skip
+
+    def _libraries(self) -> dict[str, str]:
+        """The parts of Plotly that the figures need: that of the plane, that of space, or both."""
+        spatial = {panel.z is not None for figure in self.figures.values() for panel in figure.panels}
+        return {name: _library(file) for name, file, is_spatial in PLOTLY_PARTS if is_spatial in spatial}
 
     def write(self, folder: Path, png: bool = False) -> Path:
         """Path of the page in `folder`, written whole or not at all; with `png` the figures too, as files in ``figures``.
@@ -71,9 +79,14 @@ def packed(text: str) -> str:
     return base64.b64encode(zlib.compress(text.encode("utf-8"), 9)).decode("ascii")
 
 
+def plotly_part(file: str) -> str:
+    """One of `PLOTLY_PARTS`, a script that sets ``Plotly``."""
+    return (files("structid.report") / "plotly_parts" / file).read_text(encoding="utf-8")
+
+
 @cache
-def _library() -> str:
-    return packed(get_plotlyjs())
+def _library(file: str) -> str:
+    return packed(plotly_part(file))
 
 
 @cache

@@ -6,6 +6,7 @@ import math
 import re
 
 _SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_FORCES, _PREFIXES = re.compile(r"(N|Pa)\b(?!/N)"), ("", "k", "M", "G")
 _POWER = re.compile(r"\^(-?\d+)")
 MINUS, TIMES, DASH = "\u2212", "\u00d7", "\u2013"
 #: What stands where there is no number.
@@ -95,6 +96,23 @@ def unit_text(unit: str) -> str:
     ('(m/s²)/N', '')
     """
     return "" if unit == "1" else _POWER.sub(lambda found: _superscript(int(found[1])), unit)
+
+
+def prefixed(unit: str, *values: float) -> tuple[float, str]:
+    """A power of 1000 and the unit with its prefix in which the largest of `values` has few digits.
+
+    Units of force and pressure have one from 1000 on; all others stay as they are.
+
+    Examples
+    --------
+    >>> prefixed("N m^2", 2.5e7, 3.0e5), prefixed("N/m", 900.0), prefixed("kg", 2e6)
+    ((1000000.0, 'MN m²'), (1.0, 'N/m'), (1.0, 'kg'))
+    """
+    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if not _FORCES.match(unit) or largest < 1e3:
+        return 1.0, unit_text(unit)
+    power = min(_exponent(largest, 4) // 3, 3)
+    return 1000.0**power, _PREFIXES[power] + unit_text(unit)
 
 
 def with_unit(text: str, unit: str) -> str:

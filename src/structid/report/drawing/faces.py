@@ -14,15 +14,15 @@ from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
 from structid.structure.elements import ElementSet
 
 #: Corners of the faces of a solid cell by its number of corners, each in order round the face.
-_FACES = {
+SOLID_FACES = {
     4: ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)),
     5: ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
     6: ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-_SOLID_CORNERS = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
+SOLID_CORNERS = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
 #: Corners of a flat cell by its number of nodes.
-_AREA_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
+AREA_CORNERS = {3: 3, 6: 3, 4: 4, 8: 4, 9: 4}
 #: Size of a flat cell as drawn, so that a gap shows between neighbours.
 _SHRUNK = 0.94
 #: Nodes times faces beyond which no node of cells is drawn.
@@ -50,7 +50,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
     for element in structure.elements:
         if is_cells(element) and not isinstance(element, Solid):
             rows = (row[row >= 0] for row in element.nodes)
-            faces += [(element, index, row[: _AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
+            faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
     found: list[tuple[float, Mark]] = []
     for element, index, nodes in faces:
         outline = np.array([points[int(n)] for n in nodes])
@@ -72,7 +72,7 @@ def cell_edges(element: ElementSet) -> list[tuple[int, int]]:
     if isinstance(element, Solid):
         outlines = [nodes for _, nodes in _outer_faces(rows)]
     else:
-        outlines = [row[: _AREA_CORNERS[len(row)]] for row in rows]
+        outlines = [row[: AREA_CORNERS[len(row)]] for row in rows]
     return [
         (int(first), int(second))
         for outline in outlines
@@ -103,7 +103,9 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
     """The faces that only one cell has."""
-    faces = [(index, row[list(face)]) for index, row in enumerate(rows) for face in _FACES[_SOLID_CORNERS[len(row)]]]
+    faces = [
+        (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
+    ]
     count = Counter(tuple(sorted(nodes.tolist())) for _, nodes in faces)
     return [(index, nodes) for index, nodes in faces if count[tuple(sorted(nodes.tolist()))] == 1]
 

@@ -157,14 +157,13 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
         for label, row in zip(labels, rows.tolist(), strict=True)
     )
     square = plot.Marker("square", 8.0, "white", plot.Pen(palette.INITIAL, 2.0))
-    bars = (place - 0.33, place + 0.33), (floor, np.maximum(median, floor))
+    dot = plot.Marker("circle", 9.0, palette.FITTED, plot.Pen("white", 1.0))
     panel = plot.panel(
         plot.Axis("channel (sensor/load)", limits=(-0.7, len(found) - 0.3), ticks=plot.named_ticks(labels), grid=False),
         plot.Axis("relative FRF error", "%", (floor, top), log=True, ticks=plot.decade_ticks(floor, top)),
-        plot.boxes(*bars, palette.SKY, "fitted, median"),
         plot.segments((place, place), (median, high), plot.Pen(palette.INK, 1.6), "fitted, up to the 90 % quantile"),
         plot.Curve(place, before, None, square, "initial, median", texts),
-        plot.Curve(place, median, None, plot.UNSEEN, hover=texts),
+        plot.Curve(place, np.maximum(median, floor), None, dot, "fitted, median", texts),
     )
     caption = (
         "Relative error of the FRFs by channel: medians over the lines, and the 90 % quantile of the fitted model."
@@ -186,8 +185,8 @@ def residual_map_figure(fit: RecordFit) -> plot.Figure:
     label = "residual / its expected size (1)"
     scale = plot.ColourScale(palette.SEQUENTIAL, low, high, label, plot.decade_ticks(low, high), log=True)
     caption = (
-        "Magnitude of the whitened residual. About 1 where the model fits to within the stated errors; bright where it"
-        " does not; white where no line was used."
+        "Magnitude of the whitened residual. About 1 where the model fits to within the stated errors; larger where it"
+        " does not; empty where no line was used."
     )
     return plot.Figure(
         (plot.panel(x, y, cells, scale=scale),), (1100.0, float(np.clip(150 + 20 * n, 320, 900))), caption=caption

@@ -15,7 +15,7 @@ from structid.identification.resonances import Resonance
 from structid.identification.varying import Varied
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
-from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, unit_text, with_std, with_unit
+from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, prefixed, unit_text, with_std, with_unit
 from structid.shown import counted
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
@@ -77,20 +77,21 @@ def parameter_table(identification: Identification) -> Table:
     rows = []
     for i in identification.listed:
         name = found.names[i]
-        value, initial, std = float(found.values[i]), float(found.initial[i]), float(found.std[i])
-        prior = with_std(float(identification.prior_mean[i]), float(identification.prior_std[i]))
+        factor, unit = prefixed(found.units[i], float(found.values[i]), float(found.initial[i]))
+        value, initial, std = (float(own[i]) / factor for own in (found.values, found.initial, found.std))
+        prior = with_std(float(identification.prior_mean[i]) / factor, float(identification.prior_std[i]) / factor)
         rows.append(
             (
                 name,
-                unit_text(found.units[i]) or "1",
+                unit or "1",
                 exact(initial),
                 prior if np.isfinite(identification.prior_std[i]) else NOTHING,
                 exact(value) if i in held else with_std(value, std),
                 percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
-                span_text(float(ends[i, 0]), float(ends[i, 1])),
+                span_text(float(ends[i, 0]) / factor, float(ends[i, 1]) / factor),
                 percent(value / initial - 1) if initial else NOTHING,
-                number(float(found.std_noise[i]), 2),
-                number(float(found.std_model_error[i]), 2),
+                number(float(found.std_noise[i]) / factor, 2),
+                number(float(found.std_model_error[i]) / factor, 2),
                 states[i],
             )
         )

@@ -8,7 +8,12 @@ const TEMPLATE = {layout: {
   scene: Object.fromEntries(["xaxis", "yaxis", "zaxis"].map((name) => [name, {backgroundcolor: "white", gridcolor: LIGHT}])),
 }};
 const CONFIG = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "sendChartToCloud"]};
-const N_FRAMES = 24;
+const N_FRAMES = 24, LIBRARIES = {};
+// Draw in `plot` by the part of the library that can.
+function react(plot, panel, data, layout, config) {
+  plot.library = LIBRARIES[panel.layout.scene ? "library-space" : "library-plane"];
+  plot.library.react(plot, data, {...layout, template: TEMPLATE}, config);
+}
 
 async function unpacked(id) {
   const packed = atob(document.getElementById(id).textContent), bytes = Uint8Array.from(packed, (c) => c.charCodeAt(0));
@@ -42,7 +47,7 @@ function startFigure(box, panels, arrays) {
     phase = timer ? phase : 0;
     headings[i].textContent = panel.title;
     const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
-    Plotly.react(plot, panel.data.map(traceOf), {...panel.layout, template: TEMPLATE}, config);
+    react(plot, panel, panel.data.map(traceOf), panel.layout, config);
   });
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);
@@ -52,8 +57,32 @@ function startFigure(box, panels, arrays) {
     phase = (phase + 1) % N_FRAMES;
     const data = panelOf(0).data, which = data.flatMap((trace, i) => (trace.arrays && trace.arrays.real ? [i] : []));
     const places = which.map((i) => moved(data[i]));
-    Plotly.restyle(plots[0], Object.fromEntries(Object.keys(places[0]).map((key) => [key, places.map((p) => p[key])])), which);
+    plots[0].library.restyle(plots[0], Object.fromEntries(Object.keys(places[0]).map((key) => [key, places.map((p) => p[key])])), which);
   };
+  // All panels at once, small, in place of one at a time.
+  const grid = box.querySelector(".grid"), all = box.querySelector(".all");
+  const drawAll = () => panels.forEach((panel, i) => {
+    if (!grid.children[i]) {
+      const heading = document.createElement("p"), plot = document.createElement("div");
+      heading.className = "heading";
+      heading.textContent = panel.title;
+      plot.className = "plot";
+      grid.append(document.createElement("div"));
+      grid.children[i].append(heading, plot);
+    }
+    const place = grid.children[i].lastChild, bare = ([name, axis]) => [name, name.includes("axis") ? {...axis, title: {text: ""}, nticks: 5} : axis];
+    place.style.height = "300px";
+    react(place, panel, panel.data.map(traceOf), {...Object.fromEntries(Object.entries(panel.layout).map(bare)), height: 300, margin: {l: 4, r: 4, t: 6, b: 24}}, {...CONFIG, displayModeBar: false});
+  });
+  if (all) {
+    all.addEventListener("click", () => {
+      const open = grid.hidden;
+      grid.hidden = !open;
+      plots[0].parentNode.parentNode.hidden = open;
+      all.setAttribute("aria-expanded", String(open));
+      if (open) { drawAll(); } else { draw(); }
+    });
+  }
   const on = (selector, event, action) => box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
   on(".chooser select, .chooser input", "change", draw);
   on(".previous", "click", () => step(-1));
@@ -64,20 +93,28 @@ function startFigure(box, panels, arrays) {
     const name = event.currentTarget.dataset.name;
     event.currentTarget.setAttribute("aria-pressed", String(hidden.has(name)));
     if (!hidden.delete(name)) { hidden.add(name); }
-    draw();
+    if (all && !grid.hidden) { drawAll(); } else { draw(); }
   });
   draw();
 }
 
 async function start() {
   if (!("DecompressionStream" in window)) { document.getElementById("too-old").hidden = false; return; }
-  const library = document.createElement("script");
-  library.textContent = await unpacked("library");
-  document.head.append(library);
+  for (const part of document.querySelectorAll("script.library")) {
+    const library = document.createElement("script");
+    library.textContent = await unpacked(part.id);
+    document.head.append(library);
+    LIBRARIES[part.id] = window.Plotly;
+  }
   const {figures, arrays} = JSON.parse(await unpacked("figures"));
   for (const [name, panels] of Object.entries(figures)) {
     const box = document.getElementById("figure-" + name);
     if (box) { startFigure(box, panels, arrays); }
   }
 }
+// On paper the page is narrower than on the screen.
+const fitted = () => document.querySelectorAll(".plot").forEach((plot) => { if (plot.clientWidth) { plot.library?.Plots.resize(plot); } });
+matchMedia("print").addEventListener("change", fitted);
+window.addEventListener("beforeprint", fitted);
+window.addEventListener("afterprint", fitted);
 start();

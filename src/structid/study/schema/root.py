@@ -82,7 +82,8 @@ def read_root(
     InputError
         If there is no such file, it is no TOML, or a section is unknown.
     """
-    source = replace(read_study_text(path), edited=edited)
+    source = read_study_text(path)
+    source = source if edited is None else replace(source, edited=edited)
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")

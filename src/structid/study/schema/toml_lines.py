@@ -8,7 +8,8 @@ import tomllib
 KeyPath = tuple[str | int, ...]
 Words = list[tuple[str, int]]
 
-_WORD = re.compile(
+#: Texts, brackets, signs, line ends, comments, blanks and all other words of TOML.
+WORD = re.compile(
     r'"""(?:\\[\s\S]|(?!""")[^\\])*"{3,5}'  # long texts may end with two quotes of their own
     r"|'''(?:(?!''')[\s\S])*'{3,5}"
     r'|"(?:\\.|[^"\\])*"'
@@ -38,7 +39,7 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     """
     found: dict[KeyPath, int] = {}
     words, line = [], 1
-    for match in _WORD.finditer(text.replace("\r\n", "\n")):
+    for match in WORD.finditer(text.replace("\r\n", "\n")):
         if match[0][0] not in " \t#":
             words.append((match[0], line))
         line += match[0].count("\n")

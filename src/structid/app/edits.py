@@ -1,0 +1,177 @@
+"""Edits of a study's text: keys set, tables added and taken out; every other letter stays as it was."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import tomlkit
+from tomlkit.items import InlineTable
+
+from structid.app.toml_places import Block, KeyPath, Place, blocks_of
+from structid.errors import InputError
+
+#: Sections of a study in the order in which they are written.
+_ORDER = ("structure", "unknown", "record", "method", "regularization", "plan")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
+    """`text` with `edits` made, in order.
+
+    Parameters
+    ----------
+    text : str
+        A TOML text.
+    edits : sequence of mappings
+        ``{"set": path, "to": value}``, the value as it would be written, such as ``1.6e6`` or ``["1X"]``;
+        ``{"remove": path}``; ``{"add": path, "table": {key: value}}``, a new entry of an array of tables. Paths are lists
+        of names, and of positions in arrays of tables.
+
+    Raises
+    ------
+    InputError
+        If the text is no TOML, a value is none, or a path leads nowhere; nothing is changed then.
+    """
+    for edit in edits:
+        _require_toml(text, "the study is no TOML as it stands")
+        if "add" in edit:
+            text = _added(text, tuple(edit["add"]), edit["table"])
+        elif "remove" in edit:
+            text = _removed(text, tuple(edit["remove"]))
+        else:
+            text = _set(text, tuple(edit["set"]), value_of(str(edit["to"])))
+        _require_toml(text, "this edit would break the study")
+    return text
+
+
+def value_of(text: str) -> str:
+    """`text` without blanks around it, after a check that it writes exactly one value.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    written = text.strip()
+    try:
+        if "\n" in written or len(tomllib.loads(f"value = [{written}]")["value"]) != 1 or not written:
+            raise InputError(f"{text!r} is not one value")
+        tomllib.loads(f"value = {written}\n")
+    except (tomllib.TOMLDecodeError, KeyError) as error:
+        raise InputError(f'{text!r} is no value; write a number, "a text", or a list in brackets') from error
+    return written
+
+
+def _require_toml(text: str, words: str) -> None:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{words}, so nothing was changed: {error}") from error
+
+
+def _set(text: str, path: KeyPath, value: str) -> str:
+    blocks = blocks_of(text)
+    if not path or not isinstance(path[-1], str):
+        raise InputError(f"{_words(path)}: the last part of a path must be the name of a key")
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                return text[: place.value] + value + text[place.end :]
+            if len(block.path + key) < len(path) and path[: len(block.path + key)] == block.path + key:
+                return _set_inline(text, place, path[len(block.path + key) :], value)
+    if any(block.path[: len(path)] == path for block in blocks):
+        raise InputError(f"{_words(path)}: is a table; change the keys in it")
+    holder = next((block for block in blocks if block.path == path[:-1]), None)
+    for length in range(1, len(path)):
+        if isinstance(path[length - 1], int) and not any(block.path[:length] == path[:length] for block in blocks):
+            raise InputError(f"the study has no {_words(path[:length])} any more; it was changed since")
+    line = f"{_name(path[-1:])} = {value}\n"
+    if holder is not None:
+        return _inserted_line(text, holder.own_end, line)
+    return _inserted_block(text, blocks, path[:-1], f"[{_name(path[:-1])}]\n{line}")
+
+
+def _set_inline(text: str, place: Place, rest: KeyPath, value: str) -> str:
+    """A key inside an inline table."""
+    held: Any = tomlkit.value(text[place.value : place.end])
+    if not isinstance(held, InlineTable) or len(rest) != 1:
+        raise InputError(
+            f"{_words(rest)}: cannot be set inside {text[place.value : place.end]!r}; edit the text of the study"
+        )
+    held[str(rest[0])] = tomlkit.value(value)
+    return text[: place.value] + held.as_string() + text[place.end :]
+
+
+def _removed(text: str, path: KeyPath) -> str:
+    blocks = blocks_of(text)
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                return text[: place.start] + text[place.line_end :]
+    gone = [block for block in blocks if block.path and block.path[: len(path)] == path]
+    if not gone:
+        raise InputError(f"the study has no {_words(path)} any more; it was changed since")
+    for block in reversed(gone):
+        after = text[block.own_end :].lstrip("\n")
+        before = text[: block.start]
+        text = before + after if after else before.rstrip("\n") + "\n"
+    return text
+
+
+def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
+    """A new entry behind the last one of its array."""
+    keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
+    entry = f"[[{_name(path)}]]\n{keys}"
+    blocks = blocks_of(text)
+    same = [block for block in blocks if block.path[: len(path)] == path and len(block.path) > len(path)]
+    if same:
+        return _inserted_text(text, max(block.own_end for block in same), entry)
+    return _inserted_block(text, blocks, path, entry)
+
+
+def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
+    """A new table: behind what is in the same table, or where its section stands by custom."""
+    for length in range(len(path) - 1, 0, -1):
+        near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
+        if near:
+            return _inserted_text(text, max(block.own_end for block in near), entry)
+    names = list(_ORDER[_ORDER.index(str(path[0])) + 1 :]) if path[0] in _ORDER else []
+    later = [block for block in blocks if block.path and block.path[0] in names]
+    if later:
+        at = _above_comments(text, later[0].start)
+        return text[:at] + entry + "\n" + text[at:]
+    return _inserted_text(text, len(text), entry)
+
+
+def _inserted_line(text: str, at: int, line: str) -> str:
+    before = text[:at]
+    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[at:]
+
+
+def _inserted_text(text: str, at: int, entry: str) -> str:
+    """A table with a blank line before it."""
+    before = text[:at].rstrip("\n")
+    return before + ("\n\n" if before else "") + entry + text[at:]
+
+
+def _above_comments(text: str, at: int) -> int:
+    """Where the comment begins that stands directly above a header."""
+    while at > 0:
+        start = text.rfind("\n", 0, at - 1) + 1
+        if not text[start:at].startswith("#"):
+            break
+        at = start
+    return at
+
+
+def _name(path: KeyPath) -> str:
+    parts = [part for part in path if isinstance(part, str)]
+    return ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in parts)
+
+
+def _words(path: KeyPath) -> str:
+    return ".".join(str(part) for part in path)

@@ -1,0 +1,221 @@
+"""The folder that is open: its studies, records and results, and no path outside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from structid.errors import FileError, InputError
+from structid.files import atomic_write
+
+#: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
+OWN = ".structid"
+#: By their suffix; JSON and TOML are looked into.
+RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv", ".uf58", ".bun",
+    ".tdms", ".mf4", ".mdf", ".mseed", ".miniseed", ".parquet",
+)  # fmt: skip
+MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch")
+_DEEPEST, _MOST = 4, 3000
+_RESULT = "estimate.json"
+_SECTIONS = {"structure", "unknown", "record", "plan", "method"}
+
+
+class OutsideError(FileError):
+    """A path that does not lie in the open folder."""
+
+
+class ChangedError(FileError):
+    """A study was changed by something else since it was read."""
+
+
+@dataclass(frozen=True)
+class OpenFolder:
+    """The folder at `root`, an absolute path without links."""
+
+    root: Path
+
+    def inside(self, name: str) -> Path:
+        """The path of `name`, given by slashes from the folder.
+
+        Raises
+        ------
+        OutsideError
+            If it is absolute, climbs out, or a link leads out.
+        """
+        parts = PurePosixPath(name).parts
+        if not name or "\0" in name or "\\" in name or name.startswith("/") or ".." in parts or ":" in name:
+            raise OutsideError(f"{name!r}: is no path inside the open folder")
+        path = self.root.joinpath(*parts).resolve()
+        if path == self.root or not path.is_relative_to(self.root):
+            raise OutsideError(f"{name!r}: is no path inside the open folder")
+        return path
+
+    def name(self, path: Path) -> str:
+        """`path` by slashes from the folder."""
+        return path.relative_to(self.root).as_posix()
+
+    @property
+    def is_writable(self) -> bool:
+        return os.access(self.root, os.W_OK)
+
+    def listing(self) -> dict[str, Any]:
+        """Studies with their titles, records, other inputs and results of the folder, a few levels deep."""
+        found: dict[str, list[dict[str, Any]]] = {"studies": [], "records": [], "models": [], "results": []}
+        for path in self._files():
+            name, suffix = self.name(path), path.suffix.lower()
+            if path.name == _RESULT:
+                found["results"].append({"path": self.name(path.parent), "changed": path.stat().st_mtime})
+            elif self._is_result(path):
+                continue
+            elif suffix == ".toml":
+                found["studies"] += _study(name, path)
+            elif suffix in RECORD_SUFFIXES:
+                found["records"].append({"path": name, "bytes": path.stat().st_size})
+            elif suffix in MESH_SUFFIXES:
+                found["models"].append({"path": name, "bytes": path.stat().st_size})
+            elif path.name == "modes.json":
+                found["records"].append({"path": name, "bytes": path.stat().st_size})
+        return {"folder": str(self.root), "writable": self.is_writable, **found}
+
+    def _is_result(self, path: Path) -> bool:
+        return (path.parent / _RESULT).exists() or path.parent.name in ("suggestions", "figures")
+
+    def _files(self) -> Iterator[Path]:
+        count = 0
+        for folder, folders, files in os.walk(self.root):
+            here = Path(folder)
+            depth = len(here.relative_to(self.root).parts)
+            folders[:] = sorted(
+                f for f in folders if depth < _DEEPEST and not f.startswith(".") and not f.endswith(".checkpoint")
+            )
+            for file in sorted(files):
+                count += 1
+                if count > _MOST:
+                    return
+                if not file.startswith("."):
+                    yield here / file
+
+    def text(self, name: str) -> tuple[str, str]:
+        """The text of a study and its digest.
+
+        Raises
+        ------
+        FileError
+            If it is not there or no text.
+        """
+        path = self.inside(name)
+        try:
+            given = path.read_bytes()
+            return given.decode("utf-8-sig"), digest(given)
+        except FileNotFoundError:
+            raise FileError(f"{name}: is not there any more; it was moved or removed") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise FileError(f"{name}: cannot be read as text ({error})") from error
+
+    def save(self, name: str, text: str, before: str) -> str:
+        """Write the text of a study that still has the digest `before`; "" for a new one. The new digest.
+
+        Raises
+        ------
+        ChangedError
+            If it changed since; nothing is written then.
+        FileError
+            If it cannot be written.
+        """
+        path = self.inside(name)
+        if path.suffix.lower() != ".toml":
+            raise InputError(f"{name}: a study is a file that ends in .toml")
+        now = digest(path.read_bytes()) if path.exists() else ""
+        if now != before:
+            raise ChangedError(
+                f"{name}: was changed by another page or program; what it says now is shown, change it again"
+                if now
+                else f"{name}: was removed; save it under a new name"
+            )
+        raw = text.encode("utf-8")
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(raw)
+        return digest(raw)
+
+    def own(self, *parts: str) -> Path:
+        """A folder of the workbench's own, made where it does not exist.
+
+        Raises
+        ------
+        FileError
+            If it cannot be made.
+        """
+        path = self.root.joinpath(OWN, *parts)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            ignore = self.root / OWN / ".gitignore"
+            if not ignore.exists():
+                ignore.write_text("*\n", encoding="utf-8")
+        except OSError as error:
+            raise FileError(
+                f"{self.root}: cannot be written ({error.strerror or error}); open a folder that you may write to"
+            ) from error
+        return path
+
+
+def digest(content: bytes) -> str:
+    """SHA-256 in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def opened(path: Path) -> OpenFolder:
+    """The folder at `path`.
+
+    Raises
+    ------
+    FileError
+        If there is none.
+    """
+    if not path.is_dir():
+        raise FileError(f"{path}: is no folder; give the folder of your studies and records")
+    return OpenFolder(path.resolve())
+
+
+def upload_name(name: str) -> str:
+    """`name` of a dropped file as it may be written: one part, no sign that leads elsewhere.
+
+    Raises
+    ------
+    InputError
+        If nothing is left, or its suffix is of no file that a study reads.
+    """
+    clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
+    suffix = Path(clean).suffix.lower()
+    if not clean or suffix not in (*RECORD_SUFFIXES, *MESH_SUFFIXES, ".toml", ".json", ".txt"):
+        raise InputError(f"{name}: a file of this kind is no study, record, mesh or matrix; convert it first")
+    return clean
+
+
+def _study(name: str, path: Path) -> list[dict[str, Any]]:
+    """A study of a folder, also one that is broken; nothing for other TOML files."""
+    try:
+        text = path.read_bytes()[:50_000_000].decode("utf-8-sig")
+        if len(text) > 5_000_000:
+            return [{"path": name, "title": path.stem, "broken": ""}]
+        table = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return [{"path": name, "title": path.stem, "broken": str(error)}]
+    if not _SECTIONS & set(table):
+        return []
+    title = table.get("title")
+    return [{"path": name, "title": title if isinstance(title, str) else path.stem, "broken": ""}]
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file; None where it is not there or not whole."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,166 @@
+"""Who may ask: this machine, by its own name, from the workbench's own page, with the token, and not too much at once."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+from typing import Any
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+#: Of a request that is no upload, and of an upload, bytes.
+MOST_REQUEST, MOST_UPLOAD = 2_000_000, 4_000_000_000
+_METHODS = ("GET", "HEAD", "POST", "PUT")
+_PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:;"
+    " connect-src 'self'; frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
+#: Of pages of results, which hold their own script: they run apart from the workbench and reach no network.
+_VIEW_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    " img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'"
+)
+_ALWAYS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+_WITHOUT_TOKEN = "The address lacks the token: open the whole address that `structid app` printed in the terminal."
+
+
+@dataclass(frozen=True)
+class Access:
+    """What requests must have.
+
+    Attributes
+    ----------
+    port : int
+        On which the workbench is served.
+    token : str
+        First part of every path.
+    """
+
+    port: int
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+
+    @property
+    def address(self) -> str:
+        """What the browser opens."""
+        return f"http://127.0.0.1:{self.port}/{self.token}/"
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """Names under which this machine alone reaches the workbench."""
+        return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+
+    def view_key(self, path: str) -> str:
+        """What lets a page of results be seen, and nothing else: such a page knows its own address."""
+        return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
+
+    def refusal(self, scope: Scope) -> tuple[int, str] | None:
+        """Status and words for a request that is not let in."""
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        if not _is_loopback(scope.get("client")):
+            return 403, "The workbench is for this machine only."
+        if headers.get("host") not in self.hosts:
+            return 403, "This name is not the workbench's: open the address that `structid app` printed."
+        origin = headers.get("origin")
+        if origin is not None and origin not in {f"http://{host}" for host in self.hosts}:
+            return 403, "Requests from other pages are refused."
+        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+            return 403, "Requests from other pages are refused."
+        if scope["method"] not in _METHODS:
+            return 405, "This method is not used here."
+        return None
+
+    def is_token(self, given: str) -> bool:
+        """Whether `given` is the token; as long for a wrong one as for the right one."""
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+
+class Guard:
+    """Lets requests through that `Access` allows, takes the token off their path, and puts the policies on the answers."""
+
+    def __init__(self, app: App, access: Access) -> None:
+        self.app, self.access = app, access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        refusal = self.access.refusal(scope)
+        first, _, rest = scope["path"].lstrip("/").partition("/")
+        if refusal is None and first == "view":
+            key, _, rest = rest.partition("/")
+            if not hmac.compare_digest(key.encode(), self.access.view_key(rest).encode()):
+                refusal = 403, _WITHOUT_TOKEN
+        elif refusal is None and not self.access.is_token(first):
+            refusal = 403, _WITHOUT_TOKEN
+        is_view = first == "view"
+        if refusal is None:
+            length = next((v for k, v in scope["headers"] if k == b"content-length"), b"0")
+            most = MOST_UPLOAD if scope["method"] == "PUT" else MOST_REQUEST
+            if not length.isdigit() or int(length) > most:
+                refusal = 413, f"More than {most // 1_000_000} MB at once is refused."
+        told = _with_policy(send, _VIEW_POLICY if is_view else _PAGE_POLICY)
+        if refusal is not None:
+            await _answer(told, *refusal)
+            return
+        inner = "/view/" + rest if is_view else "/" + rest
+        await self.app({**scope, "path": inner, "raw_path": inner.encode()}, _limited(receive, most), told)
+
+
+def _is_loopback(client: tuple[str, int] | None) -> bool:
+    if client is None:
+        return False
+    try:
+        return ip_address(client[0]).is_loopback
+    except ValueError:
+        return False
+
+
+def _limited(receive: Receive, most: int) -> Receive:
+    """`receive` that ends a request longer than it said, or than is let in."""
+    taken = 0
+
+    async def counted() -> Message:
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        return {"type": "http.disconnect"} if taken > most else message
+
+    return counted
+
+
+def _with_policy(send: Send, policy: str) -> Send:
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            own = {"content-security-policy": policy, **_ALWAYS}
+            given = {name.lower() for name, _ in message.get("headers", [])}
+            own |= {} if b"cache-control" in given else {"cache-control": "no-store"}
+            message = {
+                **message,
+                "headers": [*message.get("headers", []), *((k.encode(), v.encode()) for k, v in own.items())],
+            }
+        await send(message)
+
+    return sent
+
+
+async def _answer(send: Send, status: int, words: str) -> None:
+    body = words.encode()
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

@@ -1,0 +1,92 @@
+// Elements from names, attributes and children. Texts are texts: nothing that a file says becomes markup.
+
+export function h(tag, given = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(given)) {
+    if (value === undefined || value === null || value === false) { continue; }
+    if (key.startsWith("on")) { made.addEventListener(key.slice(2), value); }
+    else if (key === "value" || key === "checked" || key === "disabled" || key === "selected") { made[key] = value; }
+    else if (key === "style") { for (const [name, part] of Object.entries(value)) { made.style.setProperty(name, part); } }
+    else { made.setAttribute(key, value === true ? "" : String(value)); }
+  }
+  made.append(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
+  return made;
+}
+
+export function fill(place, ...children) {
+  place.replaceChildren(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
+  return place;
+}
+
+let made = 0;
+
+export function field(label, control, kind = "") {
+  control.id = control.id || `field-${++made}`;
+  return h("div", {class: "field " + kind}, h("label", {for: control.id}, label), control);
+}
+
+export function options(values, chosen) {
+  return values.map((one) => {
+    const [value, words] = Array.isArray(one) ? one : [one, one];
+    return h("option", {value, selected: value === chosen}, words);
+  });
+}
+
+// Long names break after underscores and before brackets.
+const broken = (content) => (typeof content === "string" && content.length > 12 ? content.split(/(?<=_)|(?=\[)/).flatMap((part, k) => (k ? [document.createElement("wbr"), part] : [part])) : content);
+
+export function table(header, rows, numeric = [], marks = []) {
+  const cell = (tag, content, k) => h(tag, {class: numeric.includes(k) ? "number" : k === 0 ? "name" : null, scope: tag === "th" ? "col" : null, "data-label": tag === "td" && k ? header[k] : null}, broken(content));
+  return h("div", {class: header.length > 3 ? "wide stack" : "wide", tabindex: 0, role: "group", "aria-label": "Table: " + header.filter((x) => typeof x === "string" && x).join(", ")}, h("table", {},
+    h("thead", {}, h("tr", {}, header.map((content, k) => content === "" ? h("td", {}) : cell("th", content, k)))),
+    h("tbody", {}, rows.map((row, r) => h("tr", {class: marks[r] || null}, row.map((content, k) => cell("td", content, k)))))));
+}
+
+export const SUPERSCRIPT = {"0": "⁰", "1": "¹", "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶", "7": "⁷", "8": "⁸", "9": "⁹", "-": "⁻"};
+const raised = (text) => [...text].map((letter) => SUPERSCRIPT[letter] || letter).join("");
+
+export function unitText(unit) { return unit === "1" || !unit ? "" : unit.replace(/\^(-?\d+)/g, (_, power) => raised(power)); }
+
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) { return "–"; }
+  if (value === 0) { return "0"; }
+  const power = Number(value.toExponential(digits - 1).split("e")[1]);
+  if (power >= -3 && power < 5) { return value.toFixed(Math.max(digits - 1 - power, 0)).replace("-", "−"); }
+  return (value / 10 ** power).toFixed(digits - 1).replace("-", "−") + "×10" + raised(String(power));
+}
+
+const PREFIXES = {9: "G", 6: "M", 3: "k"};
+
+// A value with an engineering prefix before units of force or pressure: 25.0 MN m².
+export function quantity(value, unit, digits = 4) {
+  if (!Number.isFinite(value)) { return "–"; }
+  const power = Math.min(9, 3 * Math.floor(Math.log10(Math.abs(Number(value.toPrecision(digits))) || 1) / 3));
+  if (!/^(N|Pa)\b(?!\/N)/.test(unit || "") || power < 3) { return `${number(value, digits)} ${unitText(unit)}`.trim(); }
+  return `${number(value / 10 ** power, digits)} ${PREFIXES[power]}${unitText(unit)}`;
+}
+
+// A number for a field that is typed into: no more digits than it has.
+export const typed = (value, digits = 6) => String(Number(value.toPrecision(digits)));
+
+export function percent(part, digits = 2) {
+  if (part === null || part === undefined || !Number.isFinite(part)) { return "not determined"; }
+  return part > 10 ? "> 1000 %" : number(100 * part, digits) + " %";
+}
+
+export function bytes(count) {
+  return count < 1e6 ? `${Math.max(1, Math.round(count / 1e3))} kB` : count < 1e9 ? `${(count / 1e6).toFixed(1)} MB` : `${(count / 1e9).toFixed(2)} GB`;
+}
+
+export function clock(seconds) {
+  if (seconds < 60) { return `${Number(seconds.toPrecision(2))} s`; }
+  return seconds < 3600 ? `${Math.floor(seconds / 60)} min ${Math.floor(seconds % 60)} s` : `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
+}
+
+const KINDS = {f32: Float32Array, f64: Float64Array, i32: Int32Array, u32: Uint32Array, u8: Uint8Array};
+
+export function unpacked(text, kind) {
+  const raw = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return new KINDS[kind](raw.buffer);
+}
+
+export const toml = (value) => Array.isArray(value) ? `[${value.map(toml).join(", ")}]` : typeof value === "string" ? JSON.stringify(value) : typeof value === "number" && Number.isInteger(value) ? value.toFixed(1) : String(value);

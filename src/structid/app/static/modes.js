@@ -1,0 +1,86 @@
+// Modes of a record: the stabilization diagram, poles taken and left by a click, saved as a record of modes.
+import {post, view} from "./api.js";
+import {chart, colours} from "./charts.js";
+import {field, fill, h, number, options, table, unpacked} from "./dom.js";
+import {givenOptions} from "./start.js";
+
+const KINDS = [["outside the criteria", "circle", 3], ["not in a cluster", "x-thin-open", 6], ["in the cluster of a mode", "circle-open", 7], ["the mode itself", "diamond", 10]];
+
+export async function show(box, app) {
+  const files = app.folder.records.map((one) => one.path).filter((path) => !path.endsWith(".json"));
+  if (!files.length) { fill(box, h("h1", {}, "Modes of a record"), h("p", {}, "This folder holds no record yet: drop one on the start page.")); return; }
+  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "", record = [app.now?.table?.record].flat()[0];
+  const choice = h("select", {id: "record"}, options(files, record ? folder + record.path : files[0]));
+  const low = h("input", {inputmode: "decimal", placeholder: "all"}), high = h("input", {inputmode: "decimal", placeholder: "all"});
+  const rate = h("input", {inputmode: "decimal"}), channels = h("input", {spellcheck: "false"}), quantities = h("input", {spellcheck: "false"});
+  const result = h("div", {id: "survey"});
+  const options_ = () => {
+    const given = {...givenOptions(app, choice.value)};
+    if (rate.value) { given.sampling_rate = Number(rate.value); }
+    if (channels.value) { given.channels = channels.value.split(",").map((one) => one.trim()); }
+    if (quantities.value) { given.quantities = quantities.value.split(",").map((one) => one.trim()); }
+    return given;
+  };
+  const band = () => (low.value && high.value ? [Number(low.value), Number(high.value)] : null);
+  const button = h("button", {class: "main", type: "submit"}, "Find modes");
+  const form = h("form", {class: "card", onsubmit: (event) => { event.preventDefault(); app.doing(button, () => find()); }},
+    h("div", {class: "row end"}, field("Record", choice), field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button),
+    h("details", {}, h("summary", {}, "What the file does not say about itself"), h("div", {class: "fields"}, field("Samples a second, Hz", rate), field("Channels, as in 1X, 2X", channels), field("Quantities, as in acceleration", quantities))));
+  fill(box, h("h1", {}, "Modes of a record"), form, result);
+  const find = async () => {
+    fill(result, h("p", {class: "muted"}, "Looking at all orders… this takes from a second to some minutes."));
+    try { picture(result, app, await post("survey", {record: choice.value, options: options_(), band: band()}), choice.value, options_(), band()); }
+    catch (error) { fill(result, h("div", {class: "card bad"}, error.message)); }
+  };
+}
+
+function picture(box, app, found, record, given, band) {
+  const place = h("div", {class: "plot tall", id: "stabilization"}), list = h("section", {class: "card"});
+  const f = unpacked(found.poles.frequency, "f64"), order = unpacked(found.poles.order, "f32"), kind = unpacked(found.poles.kind, "u8"), ratio = unpacked(found.poles.damping, "f32");
+  const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], mode: k}));
+  fill(box, h("section", {class: "card"}, h("h2", {}, "Stabilization diagram"), h("p", {class: "note"}, `Method ${found.method}. A pole that keeps its place from order to order is a mode. Click a pole to take or leave it.`), place), list,
+    found.warnings.length ? h("section", {class: "card doubt"}, h("h2", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))) : null);
+  const pick = (frequency, damping) => {
+    const near = taken.findIndex((one) => Math.abs(one.frequency / frequency - 1) < 0.005);
+    if (near >= 0) { taken.splice(near, 1); } else { taken.push({frequency, damping, mode: -1}); taken.sort((a, b) => a.frequency - b.frequency); }
+    draw().catch(app.fail);
+  };
+  const draw = async () => {
+    const spectrum = unpacked(found.spectrum.value, "f32"), sf = unpacked(found.spectrum.frequency, "f64"), top = f.length ? order.reduce((a, b) => Math.max(a, b), 0) * 1.05 + 1 : 1;
+    const traces = [{x: sf, y: spectrum, yaxis: "y2", mode: "lines", line: {width: 1.3, color: colours()[5]}, name: "first singular value", hoverinfo: "skip"}];
+    KINDS.forEach(([name, symbol, size], number_) => {
+      const which = [];
+      kind.forEach((one, k) => { if (one === number_) { which.push(k); } });
+      traces.push({x: which.map((k) => f[k]), y: which.map((k) => order[k]), customdata: which.map((k) => ratio[k]), mode: "markers", type: "scatter", name, marker: {symbol, size, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_], opacity: number_ ? 1 : 0.35, line: {width: 1.5, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_]}}, hovertemplate: "%{x:.5g} Hz, order %{y}, damping %{customdata:.4f}<extra></extra>"});
+    });
+    const high = Math.min(sf.at(-1), 1.6 * Math.max(...found.frequency, 1e-9));
+    await chart(place, traces, {again: () => draw().catch(app.fail), uirevision: "kept", xaxis: {title: {text: "frequency, Hz"}, range: band || [0, high]}, yaxis: {title: {text: "order of the model"}, range: [0, top], overlaying: "y2", tickmode: "auto"}, yaxis2: {type: "log", side: "right", showgrid: false, title: {text: ""}, exponentformat: "power"},
+      shapes: taken.map((one) => ({type: "line", x0: one.frequency, x1: one.frequency, yref: "paper", y0: 0, y1: 1, line: {color: colours()[1], width: 1.5}}))});
+    if (!place.listening) { place.listening = true; place.on("plotly_click", (event) => { const point = event.points.find((one) => one.customdata !== undefined); if (point) { pick(point.x, point.customdata); } }); }
+    panel();
+  };
+  const panel = () => {
+    const name = h("input", {value: `${record.replace(/\.[^./]*$/, "")}_modes`, spellcheck: "false"}), by = h("input", {inputmode: "decimal"});
+    const add = h("button", {type: "button", onclick: () => { if (Number(by.value) > 0) { pick(Number(by.value), NaN); } }}, "Take or leave");
+    const save = h("button", {class: "main", type: "button", disabled: !taken.length || !app.folder.writable, onclick: () => app.doing(save, async () => {
+      const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band});
+      await app.reload();
+      shapes(saved, name.value);
+    })}, `Save ${taken.length} modes`);
+    fill(list, h("h2", {}, "Modes taken"),
+      table(["Hz", "std", "damping ratio", "std", ""], taken.map((one) => [number(one.frequency, 6), number(one.std ?? NaN, 2), number(one.damping, 3), number(one.damping_std ?? NaN, 2), h("button", {class: "small", type: "button", "aria-label": `Leave the mode at ${number(one.frequency, 5)} Hz`, onclick: () => pick(one.frequency, one.damping)}, "Leave")]), [0, 1, 2, 3]),
+      h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save), h("div", {id: "saved"}));
+  };
+  const shapes = (saved, folder) => {
+    const place_ = list.querySelector("#saved"), here = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
+    const use = app.study && saved.path.startsWith(here) ? h("button", {type: "button", onclick: () => app.doing(use, async () => {
+      const edits = app.now.table.record ? [{remove: ["record"]}] : [];
+      edits.push({set: ["record", "path"], to: JSON.stringify(saved.path.slice(here.length))}, {set: ["record", "modes", "form"], to: '"output"'});
+      if (await app.edit(edits, "The modes are now the record of this study")) { app.go("structure"); }
+    })}, `Use as the record of ${app.study}`) : null;
+    fill(place_, h("div", {class: "card good"}, h("p", {}, `${saved.frequency.length} modes are saved in ${saved.path}.`), use, h("p", {class: "note"}, "The page below shows their shapes in motion, AutoMAC and complexity.")),
+      saved.page ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(saved.page), title: `Modes in ${folder}`}) : null);
+    app.say(`${saved.path}: saved`);
+  };
+  draw().catch(app.fail);
+}

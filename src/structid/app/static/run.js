@@ -1,0 +1,101 @@
+// Runs: processes of their own that go on without this page; stages, sum of squares and values as they move.
+import {get, post} from "./api.js";
+import {chart, colours} from "./charts.js";
+import {bytes, clock, field, fill, h, quantity, table} from "./dom.js";
+
+export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], killed: ["ended from outside", "bad"]};
+const LIVE = ["running", "paused", "stopping"];
+
+export async function show(box, app) {
+  const list = h("div", {id: "runs"}), cards = new Map();
+  fill(box, h("h1", {}, "Run"), app.study ? start(app) : h("p", {class: "muted"}, "Choose a study above to start a run."), list);
+  const draw = (runs) => {
+    const shown = runs.filter((one) => !app.study || one.study === app.study);
+    for (const one of shown) {
+      if (!cards.has(one.id)) { const card = new Card(app, one); cards.set(one.id, card); }
+      cards.get(one.id).tell(one);
+    }
+    const wanted = shown.map((one) => cards.get(one.id).box);
+    if (wanted.some((card, k) => list.children[k] !== card) || !shown.length) { fill(list, wanted.length ? wanted : h("p", {class: "muted"}, "No run of this study yet.")); }
+    shown.slice(0, 3).forEach((one) => cards.get(one.id).open());
+  };
+  app.heard.add(({runs}) => { if (runs) { draw(runs); } });
+  await app.reload();
+  draw(app.runs);
+}
+
+function start(app) {
+  const free = () => {
+    const base = app.study.replace(/\.toml$/, ""), taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
+    let name = `${base}_results`;
+    for (let k = 2; taken.has(name); k += 1) { name = `${base}_results_${k}`; }
+    return name;
+  };
+  const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}), needs = h("p", {class: "note", "aria-live": "polite"}, "");
+  const go = h("button", {class: "main", type: "button", disabled: !app.folder.writable || !app.now.table.record, onclick: () => app.doing(go, async () => {
+    app.runs = [...app.runs, await post("runs", {study: app.study, results: results.value})];
+    results.value = free();
+    app.say("Started; it goes on when this page is closed.");
+  })}, "Identify");
+  const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {
+    fill(needs, "Timing a few lines…");
+    try { const found = await get("needs", {study: app.study}); fill(needs, `About ${clock(found.seconds)}, ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
+  })}, "What will it take?");
+  return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), go, ask), needs, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
+}
+
+class Card {
+  constructor(app, one) {
+    this.app = app; this.id = one.id; this.at = 0; this.lines = []; this.isOpen = false; this.busy = false; this.again = false;
+    this.state = h("span", {class: "state"}); this.words = h("p", {"aria-live": "polite"}); this.buttons = h("div", {class: "row"});
+    this.bar = h("progress", {max: 1, "aria-label": `Progress of the run into ${one.results}`}); this.plot = h("div", {class: "plot low"}); this.values = h("div"); this.log = h("pre", {class: "log", tabindex: 0, role: "log", "aria-label": "Log of the run"});
+    this.more = h("div", {}, this.plot, this.values, h("details", {}, h("summary", {}, "Log"), this.log));
+    this.toggle = h("button", {class: "small", type: "button", onclick: () => (this.isOpen ? this.close() : this.open())}, "Show");
+    this.box = h("section", {class: "card", "data-run": one.id}, h("div", {class: "row"}, h("strong", {}, one.results), h("span", {class: "muted"}, `${one.study}, ${new Date(1000 * one.started).toLocaleString()}`), this.state, this.toggle), this.words, this.bar, this.buttons);
+  }
+
+  open() { if (!this.isOpen && !this.closed) { this.isOpen = true; this.box.append(this.more); this.toggle.textContent = "Hide"; this.read(); } }
+  close() { this.isOpen = false; this.closed = true; this.more.remove(); this.toggle.textContent = "Show"; this.toggle.onclick = () => { this.closed = false; this.open(); }; }
+
+  tell(one) {
+    const told = JSON.stringify(one);
+    if (told === this.told) { return; }
+    this.told = told;
+    const [words, kind] = STATES[one.state] || [one.state, ""], live = LIVE.includes(one.state), app = this.app;
+    this.state.textContent = words;
+    this.state.className = "state " + kind;
+    this.bar.hidden = !live;
+    if (one.last?.total) { this.bar.value = one.last.done / one.last.total; } else { this.bar.removeAttribute("value"); }
+    this.words.textContent = live ? one.last?.words || "reading and checking" : "";
+    const act = (label, action, main = false) => { const button = h("button", {class: main ? "main" : "", type: "button", onclick: () => app.doing(button, action)}, label); return button; };
+    fill(this.buttons, live && one.state !== "paused" ? act("Pause", () => post(`runs/${one.id}/pause`, {})) : null, one.state === "paused" ? act("Go on", () => post(`runs/${one.id}/continue`, {}), true) : null, live ? act("Stop", () => post(`runs/${one.id}/stop`, {})) : null,
+      one.can_resume ? act("Resume where it was", () => post("runs", {study: one.study, results: one.results, resume: true}), true) : null, one.has_results && !live ? h("a", {class: "button", href: `#results/${encodeURIComponent(one.study)}`}, "Results") : null);
+    if (this.isOpen) { this.read(); }
+  }
+
+  async read() {
+    if (this.busy) { this.again = true; return; }
+    this.busy = true;
+    try {
+      const found = await get(`runs/${this.id}`, {after: this.at});
+      this.at = found.at;
+      this.lines.push(...found.lines);
+      this.log.textContent = found.log || "nothing yet";
+      this.log.scrollTop = this.log.scrollHeight;
+      if (["unusable", "killed"].includes(found.state) && found.log) { this.words.textContent = found.log.trim().split("\n").at(-1); }
+      await this.draw();
+    } catch (error) { this.app.fail(error); } finally { this.busy = false; if (this.again) { this.again = false; this.read(); } }
+  }
+
+  async draw() {
+    const costs = this.lines.filter((one) => one.sum_of_squares !== undefined && one.name !== "");
+    this.plot.hidden = costs.length < 2;
+    if (costs.length > 1) {
+      const begun = costs[0].time, stages = [...new Set(costs.map((one) => one.name))];
+      await chart(this.plot, stages.map((name, k) => { const own = costs.filter((one) => one.name === name); return {x: own.map((one) => one.time - begun), y: own.map((one) => one.sum_of_squares), name, mode: "lines+markers", marker: {size: 4}, line: {width: 1.5, color: colours()[k % 7]}, hovertemplate: "%{x:.1f} s: %{y:.5g}<extra></extra>"}; }),
+        {again: () => this.draw().catch(this.app.fail), xaxis: {title: {text: "s"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4}, showlegend: stages.length > 1 && this.plot.clientWidth > 500});
+    }
+    const rows = costs.filter((one) => one.parameters?.length).map((one) => one.parameters), last = rows.at(-1);
+    if (last) { const first = rows[0]; fill(this.values, h("details", {open: last.length <= 12}, h("summary", {}, `${last.length} parameters as they move`), table(["parameter", "first", "now"], last.map((one) => [one.name, quantity(first.find((other) => other.name === one.name)?.value ?? NaN, one.unit), quantity(one.value, one.unit)]), [1, 2]))); }
+  }
+}

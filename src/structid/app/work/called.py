@@ -1,0 +1,205 @@
+"""What the workbench asks of structid, each in a worker process: the server stays small and outlives a broken file.
+
+Every function takes the folder first and gives what JSON can hold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from structid.app.folder import OpenFolder
+from structid.errors import InputError, StructidError
+
+
+def called(name: str, root: str, given: dict[str, Any]) -> str:
+    """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
+    from structid.study.results.folder import plain
+
+    try:
+        found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
+    except StructidError as error:
+        found = {"error": str(error).replace(f"{root}/", "")}
+    except MemoryError:
+        found = {"error": "does not fit in memory; close other programs, or take a smaller part"}
+    except (OSError, ArithmeticError, ValueError, LookupError) as error:
+        found = {"error": f"could not be computed ({type(error).__name__}: {error})"}
+    return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
+
+
+def _warm(_: OpenFolder) -> Any:
+    """Nothing but the imports of what is asked first."""
+    import structid.app.work.scene
+    import structid.app.work.signals  # noqa: F401
+
+    return {}
+
+
+def _scene(opened: OpenFolder, study: str) -> Any:
+    from structid.app.work.scene import scene
+
+    return scene(opened.inside(study))
+
+
+def _channels(opened: OpenFolder, study: str) -> Any:
+    from structid.app.work.scene import placed_channels, require_record
+    from structid.app.work.signals import channels, options_of
+
+    path = opened.inside(study)
+    section = require_record(path)
+    names = section.table.get("path") or (section.table.get("repeats") or [""])[0]
+    file = (path.parent / str(names)).resolve()
+    if not file.is_file():
+        raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
+    return {"record": names, "channels": placed_channels(path, channels(file, options_of(dict(section.table))))}
+
+
+def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
+    from structid.app.work.signals import facts, options_of
+
+    return facts(opened.inside(record), options_of(options))
+
+
+def _histories(
+    opened: OpenFolder, record: str, options: dict[str, Any], first: float, last: float | None, points: int
+) -> Any:
+    from structid.app.work.signals import histories, options_of
+
+    kept = opened.own("overviews") if opened.is_writable else opened.root
+    return histories(opened.inside(record), options_of(options), first, last, points, kept)
+
+
+def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
+    from structid.app.work.signals import options_of, write_overview
+
+    write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
+    return {}
+
+
+def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
+    from structid.app.work.signals import responses
+    from structid.study.schema.record import load_record
+    from structid.study.schema.study import load_study
+
+    read = load_study(opened.inside(study))
+    if read.record.modes is not None:
+        raise InputError("the record of this study holds modes and no responses")
+    return {**responses(load_record(read.record), outputs), "band": read.options.band, "exclude": read.options.exclude}
+
+
+def _check(opened: OpenFolder, study: str) -> Any:
+    import numpy as np
+
+    from structid.study.run.check import check_study
+    from structid.study.schema.study import load_study
+
+    found = check_study(load_study(opened.inside(study)))
+    relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
+    rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
+    return {
+        "determined": found.determined,
+        "records": found.records,
+        "warnings": found.warnings,
+        "facts": [one.title + fact for one in found.beside for fact in one.facts],
+        "channels": [[one.channel, one.role, one.seen] for one in found.channels],
+        "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in found.modes],
+        "parameters": [
+            {"name": name, "unit": unit, "start": start, "std": std, "relative": part}
+            for name, unit, start, std, part in list(rows)[:2000]
+        ],
+        "n_parameters": len(found.names),
+        "rank": found.identifiability.rank,
+        "directions": [one.words for one in found.identifiability.directions[:12]],
+        "mass": [found.total_mass, found.total_mass_std],
+        "resonances": [
+            [pair.measured, pair.model, pair.half_bandwidths, pair.mac]
+            for one in found.beside
+            for pair in one.resonances
+        ],
+    }
+
+
+def _needs(opened: OpenFolder, study: str) -> Any:
+    from structid.study.run.needs import available_bytes, measured_needs
+    from structid.study.run.run import study_problems
+    from structid.study.schema.study import load_study
+
+    read = load_study(opened.inside(study))
+    found = measured_needs(read, study_problems(read))
+    return {"bytes": found.bytes_needed, "free": available_bytes(), "seconds": found.seconds(1)}
+
+
+def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
+    from structid.study.run.plan import planned
+    from structid.study.schema.plan import load_plan
+
+    found = planned(load_plan(opened.inside(study), n_sensors=sensors))
+    rows = zip(found.parameters.names, found.chosen.std, strict=True)
+    return {
+        "sensors": [str(dof) for dof in found.chosen.sensors],
+        "loads": [str(dof) for dof in found.chosen.loads],
+        "parameters": [{"name": name, "relative": std} for name, std in rows],
+    }
+
+
+def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Any:
+    from structid.app.work.picked import survey
+    from structid.app.work.signals import options_of
+
+    return survey(opened.inside(record), options_of(options), band)
+
+
+def _pick(
+    opened: OpenFolder,
+    record: str,
+    options: dict[str, Any],
+    frequencies: list[float],
+    out: str,
+    band: list[float] | None,
+) -> Any:
+    from structid.app.work.picked import save
+    from structid.app.work.signals import options_of
+
+    folder = opened.inside(out)
+    return {**save(opened.inside(record), options_of(options), frequencies, folder, band), "path": f"{out}/modes.json"}
+
+
+def _schema(_: OpenFolder) -> Any:
+    from structid.study.json_schema import study_schema
+
+    return study_schema()
+
+
+def _line(opened: OpenFolder, study: str) -> Any:
+    """What is wrong with a study as it stands; nothing where it can be read."""
+    from structid.study.schema.plan import load_plan
+    from structid.study.schema.root import read_root
+    from structid.study.schema.study import load_study
+
+    path = opened.inside(study)
+    root, _ = read_root(path)
+    if "record" in root.table:
+        load_study(path)
+    else:
+        load_plan(path)
+    return {}
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "warm": _warm,
+    "scene": _scene,
+    "channels": _channels,
+    "facts": _facts,
+    "histories": _histories,
+    "overview": _overview,
+    "responses": _responses,
+    "check": _check,
+    "needs": _needs,
+    "plan": _plan,
+    "survey": _survey,
+    "pick": _pick,
+    "schema": _schema,
+    "line": _line,
+}

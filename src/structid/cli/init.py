@@ -1,0 +1,62 @@
+"""The command `structid init`: a new study from a template and a few numbers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.errors import InputError
+from structid.study.templates import TEMPLATES, Template, asked_of, template_with, write_study
+
+
+def init(
+    template: Annotated[str, typer.Argument(metavar="TEMPLATE", help=f"One of {', '.join(TEMPLATES)}.")],
+    study: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.toml]", help="File to write [default: TEMPLATE.toml].")
+    ] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A number that the template asks for; may be repeated."),
+    ] = None,
+) -> None:
+    """Write a new study from a template: a few numbers make structure and unknowns; the record comes later.
+
+    On a terminal the numbers that are not given are asked for; elsewhere they take their defaults.
+
+    \b
+    Examples:
+      structid init beam
+      structid init bridge crossing.toml --set spans=4 --set length=25
+      structid init own-matrices model.toml --set mass=M.npz --set stiffness=K.npz
+    """
+    if template not in TEMPLATES:
+        raise InputError(f"there is no template {template!r}; take one of {', '.join(TEMPLATES)}")
+    kind = TEMPLATES[template]
+    values = _given(given or [])
+    made = template_with(kind, values)  # so that what is wrong shows before anything is asked
+    if sys.stdin.isatty():
+        made = template_with(kind, values | _asked(kind, set(values)))
+    path = write_study(made, study or Path(f"{template}.toml"))
+    typer.echo(f"{path}: written; look at it with `structid app {path.parent}`, or go on with `structid plan {path}`")
+
+
+def _given(pairs: list[str]) -> dict[str, str]:
+    found = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"--set takes NAME=VALUE, as in --set length=2.5, got {pair!r}")
+        found[name.strip().replace("-", "_")] = value
+    return found
+
+
+def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
+    found = {}
+    for one in asked_of(kind):
+        if one.name not in known:
+            unit = f", {one.unit}" if one.unit else ""
+            found[one.name] = typer.prompt(f"{one.name} ({one.words}{unit})", default=str(one.default))
+    return found

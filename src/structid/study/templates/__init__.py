@@ -1,0 +1,17 @@
+"""New studies from a few numbers: one template a kind of structure, a line each in `TEMPLATES`."""
+
+from structid.study.templates.frames import BeamTemplate, BridgeTemplate, FrameTemplate, ShearBuildingTemplate
+from structid.study.templates.others import OwnMatricesTemplate, PlateTemplate
+from structid.study.templates.template import Template, asked_of, template_with, write_study
+
+#: Every template by the name that `structid init` takes.
+TEMPLATES: dict[str, type[Template]] = {
+    "beam": BeamTemplate,
+    "bridge": BridgeTemplate,
+    "frame": FrameTemplate,
+    "shear-building": ShearBuildingTemplate,
+    "plate": PlateTemplate,
+    "own-matrices": OwnMatricesTemplate,
+}
+
+__all__ = ["TEMPLATES", "Template", "asked_of", "template_with", "write_study"]

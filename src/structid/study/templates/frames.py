@@ -1,0 +1,183 @@
+"""Templates of structures of beams, and of storeys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from structid.errors import InputError
+from structid.study.templates.template import NO_RECORD, Template, asked, node_lines, number, unknown
+
+_SUPPORTS = {
+    "clamped": ("clamped at its left end", ('"1Y"', '"1RZ"')),
+    "simple": ("on supports at both ends", ()),
+    "free": ("free", ()),
+}
+
+
+def _pairs(first: int, count: int) -> str:
+    return ", ".join(f"[{k}, {k + 1}]" for k in range(first, first + count))
+
+
+@dataclass(frozen=True)
+class BeamTemplate(Template):
+    """A straight beam along X that bends in Y."""
+
+    words: ClassVar[str] = "A straight beam that bends: clamped at one end, on two supports, or free"
+    length: float = asked("length", "m", 0.6)
+    elements: int = asked("elements along it", "", 12)
+    mass: float = asked("mass", "kg/m", 0.81)
+    bending_stiffness: float = asked("bending stiffness E I", "N m^2", 25.0)
+    support: str = asked("clamped, simple or free", "", "clamped")
+
+    def text(self) -> str:
+        if self.support not in _SUPPORTS:
+            raise InputError(f"support must be one of {', '.join(_SUPPORTS)}, got {self.support!r}")
+        words, held = _SUPPORTS[self.support]
+        last = self.elements + 1
+        held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held
+        fixed = f"fixed = [{', '.join(held)}]  # {words}\n" if held else ""
+        places = {k + 1: [self.length * k / self.elements] for k in range(last)}
+        return f"""title = "Beam {words}"
+
+[structure]
+{fixed}
+[structure.nodes]  # m
+{node_lines(places)}
+
+[[structure.beam]]
+name = "beam"
+nodes = [{_pairs(1, self.elements)}]
+mass = {number(self.mass)}  # kg/m
+bending_stiffness = {number(self.bending_stiffness)}  # N m^2
+loss_factor = 0.01
+{unknown("bending_stiffness", "beam")}{unknown("loss_factor", "beam")}{NO_RECORD}"""
+
+
+@dataclass(frozen=True)
+class BridgeTemplate(Template):
+    """A girder over several spans, one bending stiffness a span."""
+
+    words: ClassVar[str] = "A girder over several spans on rigid piers, one bending stiffness a span"
+    spans: int = asked("spans", "", 3)
+    length: float = asked("length of a span", "m", 30.0)
+    elements: int = asked("elements a span", "", 8)
+    mass: float = asked("mass", "kg/m", 12000.0)
+    bending_stiffness: float = asked("bending stiffness E I", "N m^2", 4.0e10)
+
+    def text(self) -> str:
+        total = self.spans * self.elements
+        places = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
+        piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
+        sets = "".join(
+            f"""
+[[structure.beam]]
+name = "span {k + 1}"
+nodes = [{_pairs(1 + k * self.elements, self.elements)}]
+mass = {number(self.mass)}  # kg/m
+bending_stiffness = {number(self.bending_stiffness)}  # N m^2
+loss_factor = 0.02
+"""
+            for k in range(self.spans)
+        )
+        unknowns = "".join(unknown("bending_stiffness", f"span {k + 1}") for k in range(self.spans))
+        return f"""title = "Bridge of {self.spans} spans"
+
+[structure]
+fixed = [{piers}]  # abutments and piers
+
+[structure.nodes]  # m
+{node_lines(places)}
+{sets}{unknowns}{NO_RECORD}"""
+
+
+@dataclass(frozen=True)
+class FrameTemplate(Template):
+    """A plane frame of one bay, columns and girders stiff against stretch."""
+
+    words: ClassVar[str] = "A plane frame of one bay: columns clamped at their feet, a girder on every floor"
+    storeys: int = asked("storeys", "", 3)
+    height: float = asked("height of a storey", "m", 3.0)
+    width: float = asked("width of the bay", "m", 6.0)
+    column_mass: float = asked("mass of a column", "kg/m", 60.0)
+    column_bending_stiffness: float = asked("bending stiffness of a column", "N m^2", 1.2e7)
+    girder_mass: float = asked("mass of a girder with its floor", "kg/m", 900.0)
+    girder_bending_stiffness: float = asked("bending stiffness of a girder", "N m^2", 4.0e7)
+
+    def text(self) -> str:
+        floors = range(self.storeys + 1)
+        places = {10 * f + 1: [0.0, f * self.height] for f in floors}
+        places |= {10 * f + 2: [self.width, f * self.height] for f in floors}
+        places |= {10 * f + 3: [0.5 * self.width, f * self.height] for f in floors if f}
+        places = dict(sorted(places.items()))
+        columns = "".join(
+            f"""
+[[structure.beam]]
+name = "columns {f}"
+nodes = [[{10 * f - 9}, {10 * f + 1}], [{10 * f - 8}, {10 * f + 2}]]
+mass = {number(self.column_mass)}  # kg/m
+bending_stiffness = {number(self.column_bending_stiffness)}  # N m^2
+axial_stiffness = {number(100 * self.column_bending_stiffness)}  # N, hardly gives way
+loss_factor = 0.02
+"""
+            for f in floors
+            if f
+        )
+        girders = ", ".join(f"[{10 * f + 1}, {10 * f + 3}], [{10 * f + 3}, {10 * f + 2}]" for f in floors if f)
+        unknowns = "".join(unknown("bending_stiffness", f"columns {f}") for f in floors if f)
+        return f"""title = "Frame of {self.storeys} storeys"
+
+[structure]
+active = ["X", "Y", "RZ"]
+fixed = ["1", "2"]  # feet of the columns
+subdivide = 2
+
+[structure.nodes]  # m; floor f has the nodes f1 (left), f2 (right) and f3 (middle)
+{node_lines(places)}
+{columns}
+[[structure.beam]]
+name = "girders"
+nodes = [{girders}]
+mass = {number(self.girder_mass)}  # kg/m
+bending_stiffness = {number(self.girder_bending_stiffness)}  # N m^2
+axial_stiffness = {number(100 * self.girder_bending_stiffness)}  # N, hardly gives way
+loss_factor = 0.02
+{unknowns}{unknown("bending_stiffness", "girders")}{NO_RECORD}"""
+
+
+@dataclass(frozen=True)
+class ShearBuildingTemplate(Template):
+    """Floors that sway along X, a spring a storey."""
+
+    words: ClassVar[str] = "Rigid floors that sway along X, a spring a storey"
+    storeys: int = asked("storeys", "", 4)
+    height: float = asked("height of a storey", "m", 3.0)
+    mass: float = asked("mass of a floor", "kg", 5000.0)
+    stiffness: float = asked("stiffness of a storey", "N/m", 1.6e6)
+
+    def text(self) -> str:
+        places = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
+        floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
+        lower = ", ".join(f'"{k}X"' for k in range(self.storeys))
+        upper = ", ".join(f'"{k}X"' for k in range(1, self.storeys + 1))
+        return f"""title = "Shear building of {self.storeys} storeys"
+
+[structure]
+active = ["X"]
+fixed = ["0X"]  # the ground
+
+[structure.nodes]  # m
+{node_lines(places)}
+
+[[structure.point_mass]]
+name = "floor"
+nodes = [{floors}]
+mass = {number(self.mass)}  # kg, each
+
+[[structure.spring]]
+name = "storey"
+first = [{lower}]
+second = [{upper}]
+stiffness = {number(self.stiffness)}  # N/m, each
+loss_factor = 0.02
+{unknown("stiffness", "storey", each=True)}{NO_RECORD}"""

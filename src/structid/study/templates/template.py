@@ -1,0 +1,121 @@
+"""What a template of a study is: a dataclass of the numbers that it asks for, and the text that it makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar
+
+from structid.errors import FileError, InputError
+from structid.files import atomic_write, made_folder
+
+#: What stands at the end of every new study until a record is there.
+NO_RECORD = """
+# The record, once it is there (structid app writes this section, too):
+# [record]
+# path = "record.csv"
+"""
+
+
+class Template:
+    """Of one kind of structure; a subclass is a frozen dataclass whose fields are what is asked for."""
+
+    words: ClassVar[str] = ""
+
+    def text(self) -> str:
+        """The study file."""
+        raise NotImplementedError
+
+
+def asked(words: str, unit: str, default: Any) -> Any:
+    """A field of a template: what it is, its unit, and the value that stands where none is given."""
+    return field(default=default, metadata={"words": words, "unit": unit, "default": default})
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One number or text that a template asks for."""
+
+    name: str
+    words: str
+    unit: str
+    default: float | int | str
+
+
+def asked_of(template: type[Template]) -> tuple[Asked, ...]:
+    """What `template` asks for, in order."""
+    found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
+    return tuple(Asked(one.name, one.metadata["words"], one.metadata["unit"], one.metadata["default"]) for one in found)
+
+
+def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
+    """`template` with values as text or numbers, defaults for what is left out.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or a value is no number, not positive or far too many pieces.
+    """
+    known = {one.name: one for one in asked_of(template)}
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        if name not in known:
+            raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(known)}")
+        values[name] = _value(known[name], str(value).strip())
+    return template(**values)
+
+
+def _value(one: Asked, text: str) -> float | int | str:
+    if isinstance(one.default, str):
+        if not text or any(not letter.isprintable() or letter in '"\\' for letter in text):
+            raise InputError(f"{one.name} must be a text without quotes, as in {one.default}, got {text!r}")
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        raise InputError(f"{one.name} must be a number, as in {one.default}, got {text!r}") from None
+    if isinstance(one.default, int):
+        if number != int(number) or not 1 <= number <= 2000:
+            raise InputError(f"{one.name} must be a whole number from 1 to 2000, got {text}")
+        return int(number)
+    if not 0 < number < float("inf"):
+        raise InputError(f"{one.name} must be greater than 0 ({one.unit or 'no unit'}), got {text}")
+    return number
+
+
+def write_study(template: Template, path: Path) -> Path:
+    """The study of `template` in a new file.
+
+    Raises
+    ------
+    FileError
+        If there is a file of that name already, or it cannot be written.
+    """
+    if path.exists():
+        raise FileError(f"{path}: is there already; give another name, or remove it first")
+    made_folder(path.parent)
+    with atomic_write(path) as temporary:
+        temporary.write_text(template.text(), encoding="utf-8")
+    return path
+
+
+def node_lines(places: Mapping[int, Sequence[float]]) -> str:
+    """The lines of ``[structure.nodes]``."""
+    return "\n".join(f"{label} = [{', '.join(number(x) for x in place)}]" for label, place in places.items())
+
+
+def number(value: float) -> str:
+    """`value` as TOML has it, to nine digits."""
+    text = f"{value:.9g}"
+    return text if any(letter in text for letter in ".e") else f"{text}.0"
+
+
+def unknown(property: str, elements: str, each: bool = False, comment: str = "") -> str:
+    """An ``[[unknown]]`` table."""
+    return (
+        f'\n[[unknown]]\nproperty = "{property}"\nelements = "{elements}"'
+        + ("\neach = true" if each else "")
+        + (f"  # {comment}" if comment else "")
+        + "\n"
+    )

@@ -1,0 +1,366 @@
+"""The workbench from end to end in a real browser: what an engineer does, with pictures of every step.
+
+Pictures go to the folder that STRUCTID_SCREENS names, else to that of the test.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from app_cases import ROOT, require_workbench, served, write_beam_record
+
+from structid.records import TimeRecord
+from structid.records.io import write_record
+
+require_workbench()
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="the browser's driver is missing: pip install playwright"
+)
+CHROMIUM = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
+if CHROMIUM is None:
+    pytest.skip("no chromium is installed: apt-get install chromium", allow_module_level=True)
+
+# the driver leaves sockets to the garbage collector
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning", "ignore::DeprecationWarning"
+)
+LOOKS = ((1400, "light"), (1400, "dark"), (420, "light"), (420, "dark"))
+AXE = (Path(__file__).parent / "axe" / "axe.min.js").read_text(encoding="utf-8")
+EVIL = "<img src=x onerror=window.harmed=1>"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        made = driver.chromium.launch(
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+        )
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def page(browser):
+    """A page whose errors fail the test."""
+    context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
+    made = context.new_page()
+    made.set_default_timeout(60_000)
+    wrong: list[str] = []
+    made.on("pageerror", lambda error: wrong.append(str(error)))
+    made.on(
+        "console",
+        lambda line: (
+            wrong.append(line.text)
+            if line.type == "error" and not re.search("status of 4|net::ERR", line.text)
+            else None
+        ),
+    )
+    yield made
+    context.close()
+    assert not wrong
+
+
+@pytest.fixture(scope="module")
+def screens(tmp_path_factory):
+    folder = Path(os.environ.get("STRUCTID_SCREENS") or tmp_path_factory.mktemp("screens"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def shown(page, screens: Path, name: str) -> None:
+    """Pictures of the page as it is, wide and narrow, light and dark; nothing may be wider than the page."""
+    for width, scheme in LOOKS:
+        page.set_viewport_size({"width": width, "height": 900})
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_timeout(250)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
+        page.screenshot(path=screens / f"{name}_{width}_{scheme}.png", full_page=True)
+    page.set_viewport_size({"width": 1400, "height": 900})
+    page.emulate_media(color_scheme="light")
+
+
+def accessible(page, name: str) -> None:
+    """No serious finding of axe-core, in either scheme."""
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_timeout(100)
+        if not page.evaluate("'axe' in window"):
+            page.evaluate(AXE + "; undefined")
+        found = page.evaluate(
+            "axe.run(document, {exclude: [['iframe']], resultTypes: ['violations'], iframes: false})".replace(
+                "document, {exclude: [['iframe']],", "{exclude: [['iframe'], ['.js-plotly-plot']]}, {"
+            )
+        )
+        grave = [
+            (one["id"], one["nodes"][0]["html"][:160])
+            for one in found["violations"]
+            if one["impact"] in ("serious", "critical")
+        ]
+        assert not grave, (name, scheme, grave)
+    page.emulate_media(color_scheme="light")
+
+
+def eventually(page, holds) -> None:
+    """Wait until `holds()`, ten seconds at most."""
+    for _ in range(100):
+        if holds():
+            return
+        page.wait_for_timeout(100)
+    assert holds()
+
+
+def step(page, name: str) -> None:
+    page.get_by_role("navigation").get_by_role("link", name=name).click()
+    page.wait_for_selector(f"[data-step={name.lower().replace('study file', 'text')}]")
+
+
+def test_from_a_template_to_a_verdict(page, screens, tmp_path):
+    folder = tmp_path / "work"
+    folder.mkdir()
+    (folder / "other.toml").write_text(f'title = "{EVIL}"\n[structure]\nactive = ["X"]\n', encoding="utf-8")
+    with served(folder) as bench:
+        page.goto(bench.address)
+        page.get_by_role("heading", name="New study").wait_for()
+        assert page.get_by_text(EVIL, exact=True).count() == 1  # a title is a text
+        page.get_by_label("Template").select_option("beam")
+        page.get_by_label("elements along it").fill("4")
+        page.get_by_label("File", exact=True).fill("beam.toml")
+        shown(page, screens, "1_start")
+        accessible(page, "start")
+        page.get_by_role("button", name="Make the study").click()
+        page.wait_for_selector("[data-step=structure]")
+        assert "elements" in (folder / "beam.toml").read_text(encoding="utf-8")
+
+        # a record is dropped and used; one of its channels is called after no node
+        write_beam_record(folder / "beam.toml", tmp_path / "hammer.npz", ("3Y+", "5Y+"), ("101Y+", "5Y+"))
+        step(page, "Start")
+        page.locator("#files").set_input_files(tmp_path / "hammer.npz")
+        page.get_by_text("accelerances in").wait_for()
+        page.get_by_role("button", name="Use in beam.toml").wait_for()
+        shown(page, screens, "2_dropped")
+        accessible(page, "dropped")
+        page.get_by_role("button", name="Use in beam.toml").click()
+        page.wait_for_selector("[data-step=structure]")
+
+        # the sensor is placed by a click on the picture
+        page.get_by_label("101Y+").check()
+        page.get_by_text("on no node yet").wait_for()
+        place = page.evaluate(
+            "(() => { const s = document.querySelector('canvas.under').scene; return s.seen(s.row.get(3)); })()"
+        )
+        page.locator("canvas.under").click(position={"x": place[0], "y": place[1]})
+        page.get_by_role("button", name="Place 101Y+ here").wait_for()
+        page.get_by_label("Direction", exact=True).select_option("+Y")
+        page.get_by_role("button", name="Place 101Y+ here").click()
+        page.get_by_text("at node 3, +Y").wait_for()
+        page.get_by_text("data and priors determine every parameter").wait_for()
+        text = (folder / "beam.toml").read_text(encoding="utf-8")
+        assert "[record.sensors]\n101Y = { node = 3, direction = [0.0, 1.0, 0.0] }" in text
+        shown(page, screens, "3_structure")
+        accessible(page, "structure")
+
+        # the band by numbers, the same as by dragging
+        step(page, "Records")
+        page.locator("#responses .main-svg").first.wait_for()
+        page.get_by_label("band from, Hz").fill("5")
+        page.get_by_label("to, Hz").fill("120")
+        page.get_by_role("button", name="Set band").click()
+        page.get_by_text("The band is set").wait_for()
+        assert "band = [5.0, 120.0]" in (folder / "beam.toml").read_text(encoding="utf-8")
+        page.get_by_label("Dragging").select_option("band")
+        box = page.locator("#responses .nsewdrag").first.bounding_box()
+        page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 60, steps=6)
+        page.mouse.up()
+        page.wait_for_timeout(600)
+        low, high = json.loads(
+            re.search(r"^band = (\[.*\])", (folder / "beam.toml").read_text(encoding="utf-8"), re.M)[1]
+        )
+        assert low == pytest.approx(2 + 0.1 * 138, abs=4)
+        assert high == pytest.approx(2 + 0.8 * 138, abs=4)
+        shown(page, screens, "4_records")
+        accessible(page, "records")
+
+        # unknowns: the accuracy stands beside each; one is added by hand
+        step(page, "Unknowns")
+        page.locator("[data-predicted='0']", has_text="%").wait_for()
+        page.get_by_label("Element sets", exact=True).select_option("beam")
+        page.get_by_label("Property", exact=True).select_option("mass")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_text("mass of beam is sought").wait_for()
+        page.get_by_label("prior: mass of beam").fill("0.81 ± 2 %")
+        page.get_by_label("prior: mass of beam").press("Tab")
+        eventually(
+            page, lambda: "prior = { mean = 0.81, relative_std = 0.02 }" in (folder / "beam.toml").read_text("utf-8")
+        )
+        page.locator("[data-predicted='2']", has_text="%").wait_for()
+        shown(page, screens, "5_unknowns")
+        accessible(page, "unknowns")
+
+        # the run goes on while the page is read again, and is seen in a second one
+        step(page, "Run")
+        page.get_by_role("button", name="What will it take?").click()
+        page.get_by_text("of memory").wait_for()
+        page.get_by_role("button", name="Identify").click()
+        page.locator("[data-run]").wait_for()
+        page.reload()
+        second = page.context.new_page()
+        second.goto(page.url)
+        for one in (page, second):
+            one.locator("[data-run] .state", has_text="done").wait_for(timeout=240_000)
+        shown(page, screens, "6_run")
+        accessible(page, "run")
+        second.close()
+
+        # the verdict comes first; the report is beside it, everything can be taken away
+        page.get_by_role("link", name="Results").last.click()
+        page.locator("#verdict").wait_for()
+        assert "good" in page.locator("#verdict").get_attribute("class")
+        report = page.frame_locator("iframe.report")
+        report.locator("#verdict").wait_for()
+        report.locator("#figure-parameters .main-svg").first.wait_for()
+        page.get_by_text("Take away").click()
+        with page.expect_download() as waiting:
+            page.get_by_role("link", name="All of it as one archive").click()
+        names = zipfile.ZipFile(waiting.value.path()).namelist()
+        assert {
+            f"beam_results/{name}" for name in ("estimate.json", "estimate.h5", "study.toml", "report.html")
+        } <= set(names)
+        shown(page, screens, "7_results")
+        accessible(page, "results")
+        found = {
+            one["name"]: one
+            for one in json.loads((folder / "beam_results" / "estimate.json").read_text())["parameters"]
+        }
+        stiffness = found["bending_stiffness[beam]"]
+        assert abs(stiffness["value"] - 27.5) < 4 * stiffness["std"]
+        assert page.evaluate("window.harmed") is None
+
+
+def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path):
+    shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
+    shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)
+    study = tmp_path / "study.toml"
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#text/study.toml")
+        page.get_by_text("The study can be read.").wait_for()
+        shown(page, screens, "8_text")
+        accessible(page, "text")
+        area = page.get_by_label("Text of the study")
+        typed = area.input_value().replace("bending_stiffness = 25.0", "bending_stiffness = 26.0")
+        area.fill(typed)
+        # meanwhile another program writes the file: nothing of either is lost
+        study.write_text(study.read_text(encoding="utf-8").replace("mass = 0.1 ", "mass = 0.2 "), encoding="utf-8")
+        page.get_by_text("What you typed is still here").first.wait_for()
+        assert area.input_value() == typed
+        page.get_by_role("button", name="Take what is in the file").click()
+        assert "mass = 0.2 " in area.input_value()
+        # a broken study is shown at its line
+        area.fill(area.input_value().replace('property = "mass"', 'propertie = "mass"'))
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("unknown key; the nearest is").wait_for()
+        line = page.locator(".editor pre b")
+        wanted = next(
+            k for k, row in enumerate(study.read_text(encoding="utf-8").splitlines(), 1) if "propertie" in row
+        )
+        assert line.inner_text().strip() == str(wanted)
+        shown(page, screens, "9_broken")
+        area.fill("title = [1\n" + area.input_value())
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("Unclosed array").first.wait_for()
+        page.goto(bench.address + "#structure/study.toml")
+        page.get_by_text("This study is no TOML as it stands").wait_for()
+        # a record that is removed while the study is open is told
+        shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
+        page.goto(bench.address + "#records/study.toml")
+        page.locator("#histories .main-svg").first.wait_for()
+        (tmp_path / "record.csv").unlink()
+        page.get_by_role("button", name="All", exact=True).click()
+        page.get_by_text("was moved or removed while it was open").first.wait_for()
+
+
+def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
+    """Three storeys under random forces, seed 5; the second mode is left out by hand and taken back."""
+    write_ambient(tmp_path / "ambient.h5")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#modes")
+        page.get_by_role("button", name="Find modes").click()
+        page.locator("#stabilization .main-svg").first.wait_for(timeout=120_000)
+        page.get_by_role("button", name="Save 3 modes").wait_for()
+        shown(page, screens, "10_modes")
+        accessible(page, "modes")
+        page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
+        page.get_by_role("button", name="Save 2 modes").click()
+        page.get_by_text("2 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
+        page.frame_locator("iframe.report").locator("#figure-mode_shapes .main-svg").first.wait_for()
+        shown(page, screens, "11_saved")
+        found = json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8"))
+        assert len(found["frequency_hz"]) == 2
+        assert found["frequency_hz"] == pytest.approx([1.267, 5.13], rel=0.02)
+
+
+def write_ambient(path: Path) -> None:
+    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
+    rng, rate, n = np.random.default_rng(5), 50.0, 15000
+    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
+    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
+    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
+    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
+    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
+    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
+    write_record(path, TimeRecord(rate, motion, ("1X+", "2X+", "3X+"), ("acceleration",) * 3))
+
+
+@pytest.mark.slow
+def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
+    shutil.copytree(ROOT / "examples" / "three_storey_frame", tmp_path / "frame")
+    with served(tmp_path) as bench:
+        page.goto(bench.address)
+        page.get_by_role("link", name="Three-storey frame").click()
+        page.get_by_text("data and priors determine every parameter").wait_for(timeout=120_000)
+        shown(page, screens, "12_frame")
+        step(page, "Run")
+        page.get_by_role("button", name="Identify").click()
+        page.locator("[data-run] p", has_text="sum of squares").wait_for(timeout=120_000)
+        page.get_by_role("button", name="Pause").click()
+        page.locator("[data-run] .state", has_text="paused").wait_for()
+        page.get_by_role("button", name="Go on").click()
+        page.wait_for_timeout(9_000)  # past the first checkpoint
+        told = json.loads(next((tmp_path / ".structid" / "runs").iterdir()).joinpath("run.json").read_text())
+        runner = psutil.Process(told["pid"])
+        for process in (*runner.children(recursive=True), runner):
+            process.kill()
+        page.locator("[data-run] .state", has_text="ended from outside").wait_for()
+        page.get_by_role("button", name="Resume where it was").click()
+        page.locator("[data-run] .state", has_text="running").wait_for()
+        shown(page, screens, "13_resumed")
+        page.locator("[data-run] a", has_text="Results").first.wait_for(timeout=400_000)
+        page.locator("[data-run] a", has_text="Results").first.click()
+        page.frame_locator("iframe.report").locator("#figure-parameters .main-svg").first.wait_for()
+        shown(page, screens, "14_frame_results")
+
+
+def test_the_first_page_is_there_in_a_second(page, tmp_path):
+    shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
+    with served(tmp_path) as bench:
+        page.goto(bench.address)
+        page.get_by_role("heading", name="New study").wait_for()
+        page.goto("about:blank")
+        page.goto(bench.address)
+        page.get_by_role("heading", name="New study").wait_for()
+        taken = page.evaluate("performance.now()")
+        memory = psutil.Process(bench.process.pid).memory_info().rss / 1e6
+    print(f"first page {taken:.0f} ms, server {memory:.0f} MB")  # noqa: T201
+    assert taken < 1000
+    assert memory < 150

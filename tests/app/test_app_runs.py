@@ -1,0 +1,177 @@
+"""Runs go on without page and server; stopped and killed ones are told and resumed to the same digits."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from app_cases import ENVIRONMENT, ROOT, require_workbench, served, write_beam_record
+
+require_workbench()
+
+from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
+
+_PATIENCE = 240.0
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    write_beam_record(tmp_path / "beam.toml", tmp_path / "frf.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    with (tmp_path / "beam.toml").open("a", encoding="utf-8") as stream:
+        stream.write('\n[record]\npath = "frf.npz"\n\n[method]\nintervals = "bootstrap"\n')
+    return tmp_path
+
+
+def wait_for(holds, words: str):
+    """What `holds()` gives once it is true."""
+    end = time.monotonic() + _PATIENCE
+    while time.monotonic() < end:
+        found = holds()
+        if found:
+            return found
+        time.sleep(0.1)
+    raise AssertionError(f"not within {_PATIENCE} s: {words}")
+
+
+def state(bench, run: str) -> str:
+    return bench.get(f"runs/{run}")[1]["state"]
+
+
+def processes(folder: Path, run: str) -> list[psutil.Process]:
+    told = json.loads((folder / ".structid" / "runs" / run / "run.json").read_text())
+    try:
+        runner = psutil.Process(told["pid"])
+        return [*runner.children(recursive=True), runner]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def test_a_run_outlives_the_server_and_a_killed_one_is_resumed(folder):
+    with served(folder) as bench:
+        run = bench.post("runs", {"study": "beam.toml", "results": "first"})[1]["id"]
+        wait_for(lambda: bench.get(f"runs/{run}")[1]["lines"], "progress")
+        status, found = bench.post("runs", {"study": "beam.toml", "results": "first"})
+        assert status == 422
+        assert "writes to first already" in found["error"]
+        bench.post(f"runs/{run}/pause", {})
+        wait_for(lambda: state(bench, run) == "paused", "paused")
+    assert processes(folder, run)  # the server has ended, the run has not
+    with served(folder) as bench:
+        assert state(bench, run) == "paused"
+        bench.post(f"runs/{run}/continue", {})
+        wait_for(
+            lambda: (
+                (folder / "first.checkpoint" / "run.json").exists() or (folder / "first" / "estimate.json").exists()
+            ),
+            "checkpoint",
+        )
+        for process in processes(folder, run):
+            process.kill()
+        wait_for(lambda: state(bench, run) in ("killed", "done"), "killed")
+        if state(bench, run) == "killed":
+            assert bench.get(f"runs/{run}")[1]["can_resume"]
+            run = bench.post("runs", {"study": "beam.toml", "results": "first", "resume": True})[1]["id"]
+        wait_for(lambda: state(bench, run) == "done", "done")
+        assert bench.get("results", results="first")[1]["results"]["verdict"] == "sound"
+    words = [sys.executable, "-m", "structid", "identify", str(folder / "beam.toml"), "--out", str(folder / "whole")]
+    subprocess.run(words, env=ENVIRONMENT, check=True, capture_output=True)
+    values = [json.loads((folder / name / "estimate.json").read_text())["parameters"] for name in ("first", "whole")]
+    assert values[0] == values[1]
+
+
+def test_a_run_is_stopped_as_by_ctrl_c(folder):
+    with served(folder) as bench:
+        run = bench.post("runs", {"study": "beam.toml", "results": "r"})[1]["id"]
+        wait_for(lambda: bench.get(f"runs/{run}")[1]["lines"], "progress")
+        bench.post(f"runs/{run}/stop", {})
+        wait_for(lambda: state(bench, run) in ("stopped", "done"), "stopped")
+        if state(bench, run) == "stopped":
+            assert "go on with" in bench.get(f"runs/{run}")[1]["log"]
+        status, found = bench.post(f"runs/{run}/stop", {})
+        assert (status, found["error"]) == (422, "this run has ended already")
+
+
+def test_a_study_that_cannot_run_is_told_with_its_line(folder):
+    text = (folder / "beam.toml").read_text().replace('property = "loss_factor"', 'property = "lost_factor"')
+    (folder / "beam.toml").write_text(text)
+    with served(folder) as bench:
+        run = bench.post("runs", {"study": "beam.toml", "results": "r"})[1]["id"]
+        wait_for(lambda: state(bench, run) == "unusable", "unusable")
+        assert "line " in bench.get(f"runs/{run}")[1]["log"]
+
+
+def test_a_changed_study_is_not_overwritten(folder):
+    with served(folder) as bench:
+        before = bench.get("study", study="beam.toml")[1]
+        (folder / "beam.toml").write_text(before["text"] + "# by hand\n")
+        edit = {"study": "beam.toml", "digest": before["digest"], "edits": [{"set": ["title"], "to": '"mine"'}]}
+        status, found = bench.post("edit", edit)
+        assert status == 409
+        assert "was changed by another" in found["error"]
+        assert (folder / "beam.toml").read_text().endswith("# by hand\n")
+        now = bench.get("study", study="beam.toml")[1]
+        status, found = bench.post("edit", {**edit, "digest": now["digest"]})
+        assert status == 200
+        assert (folder / "beam.toml").read_text() == found["text"]
+        assert found["text"].endswith("# by hand\n")
+
+
+def test_a_folder_that_cannot_be_written_is_told(folder):
+    folder.chmod(0o555)
+    try:
+        if os.access(folder, os.W_OK):
+            pytest.skip("this user may write everywhere")
+        with served(folder) as bench:
+            assert bench.get("folder")[1]["writable"] is False
+            assert bench.post("runs", {"study": "beam.toml", "results": "r"})[0] == 422
+    finally:
+        folder.chmod(0o755)
+
+
+def test_a_port_that_is_taken_is_told(folder):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        words = [
+            sys.executable,
+            "-m",
+            "structid",
+            "app",
+            str(folder),
+            "--no-browser",
+            "--port",
+            str(taken.getsockname()[1]),
+        ]
+        done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "give another one with --port" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_no_folder_is_told(tmp_path):
+    words = [sys.executable, "-m", "structid", "app", str(tmp_path / "nothing"), "--no-browser"]
+    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "is no folder" in done.stderr
+
+
+def test_a_worker_that_is_killed_is_begun_anew(tmp_path):
+    shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
+    shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)
+    with served(tmp_path) as bench:
+        assert bench.get("scene", study="study.toml")[0] == 200
+        for child in psutil.Process(bench.process.pid).children(recursive=True):
+            child.kill()
+        time.sleep(0.5)
+        found = [bench.get("channels", study="study.toml") for _ in range(2)]
+        assert found[-1][0] == 200
+        assert {one["name"] for one in found[-1][1]["channels"]} == {"2Y+", "3Y+", "4Y+"}

@@ -1,0 +1,95 @@
+"""Templates give studies that can be read and planned, from the command line as from the page."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+from typer.testing import CliRunner
+
+from structid.cli.app import app
+from structid.errors import FileError, InputError
+from structid.identification.model_modes import structure_modes
+from structid.study.schema.plan import load_plan
+from structid.study.templates import TEMPLATES, asked_of, template_with, write_study
+
+RUN = CliRunner()
+
+
+def write_matrices(folder):
+    size = 4
+    stiffness = sparse.csr_array(1e4 * (2 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)))
+    sparse.save_npz(folder / "M.npz", sparse.csr_array(2.0 * np.eye(size)))
+    sparse.save_npz(folder / "K.npz", stiffness)
+    (folder / "dofs.txt").write_text("1X 2X 3X 4X\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_every_template_can_be_planned(name, tmp_path):
+    write_matrices(tmp_path)
+    path = tmp_path / "study.toml"
+    done = RUN.invoke(app, ["init", name, str(path)])
+    assert done.exit_code == 0, done.output
+    plan = load_plan(path)
+    assert plan.parameters.n_params >= 1
+    assert structure_modes(plan.structure, plan.parameters.values(plan.parameters.start), 2).frequency[0] > 0
+
+
+@pytest.mark.parametrize("support, factor", [("clamped", 1.8751), ("simple", np.pi), ("free", 4.7300)])
+def test_the_first_frequency_of_a_beam_is_the_textbook_one(support, factor, tmp_path):
+    """Of a uniform beam: f = (beta L)^2 / (2 pi L^2) sqrt(EI / m); Blevins (1979), table 8-1."""
+    given = {"support": support, "elements": 16, "length": 2.0, "mass": 3.0, "bending_stiffness": 700.0}
+    plan = load_plan(write_study(template_with(TEMPLATES["beam"], given), tmp_path / "beam.toml"))
+    found = structure_modes(plan.structure, plan.parameters.values(plan.parameters.start), 4).frequency
+    flexible = found[found > 1e-3 * found.max()]
+    assert flexible[0] == pytest.approx(factor**2 / (2 * np.pi * 4.0) * np.sqrt(700.0 / 3.0), rel=1e-4)
+
+
+def test_the_shear_building_sways_as_the_textbook_says(tmp_path):
+    """f_1 = 2 sqrt(k / m) sin(pi / (2 (2 n + 1))) / (2 pi) of n equal storeys."""
+    plan = load_plan(write_study(template_with(TEMPLATES["shear-building"], {}), tmp_path / "s.toml"))
+    first = structure_modes(plan.structure, plan.parameters.values(plan.parameters.start), 1).frequency[0]
+    assert first == pytest.approx(2 * np.sqrt(1.6e6 / 5000.0) * np.sin(np.pi / 18) / (2 * np.pi), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--set", "length=none"],
+        ["--set", "length=-1"],
+        ["--set", "elements=2.5"],
+        ["--set", "wide=1"],
+        ["--set", "length"],
+        ["--set", "support=glued"],
+        ["--set", "elements=99999"],
+        ["--set", "length=inf"],
+    ],
+)
+def test_what_cannot_be_used_is_told_and_nothing_is_written(words, tmp_path):
+    done = RUN.invoke(app, ["init", "beam", str(tmp_path / "b.toml"), *words])
+    assert done.exit_code == 2
+    assert "error: " in done.stderr
+    assert not (tmp_path / "b.toml").exists()
+
+
+def test_no_file_is_replaced(tmp_path):
+    (tmp_path / "b.toml").write_text("mine", encoding="utf-8")
+    with pytest.raises(FileError, match="is there already"):
+        write_study(template_with(TEMPLATES["beam"], {}), tmp_path / "b.toml")
+    assert (tmp_path / "b.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_an_unknown_template_is_told():
+    done = RUN.invoke(app, ["init", "tower"])
+    assert done.exit_code == 2
+    assert "shear-building" in done.stderr
+
+
+def test_texts_cannot_leave_their_quotes():
+    with pytest.raises(InputError, match="without quotes"):
+        template_with(TEMPLATES["own-matrices"], {"mass": 'M.npz"\n[x'})
+
+
+def test_defaults_are_what_is_asked_for():
+    for kind in TEMPLATES.values():
+        assert template_with(kind, {one.name: one.default for one in asked_of(kind)}) == template_with(kind, {})
