@@ -123,7 +123,7 @@ def _check(opened: OpenFolder, study: str) -> Any:
 
 def _needs(opened: OpenFolder, study: str) -> Any:
     from structid.study.run.needs import available_bytes, measured_needs
-    from structid.study.run.run import study_problems
+    from structid.study.run.start import study_problems
     from structid.study.schema.study import load_study
 
     read = load_study(opened.inside(study))
