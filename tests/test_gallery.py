@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 GALLERY = Path(__file__).parents[1] / "examples" / "gallery"
 SCRIPTS = sorted(path.relative_to(GALLERY).with_suffix("").as_posix() for path in GALLERY.glob("*/*.py"))
 SHARED = Path(__file__).parents[2] / "shared" / "data"
-#: Minutes: the whole fourth chapter.
-SLOW = {"commands/reproduce"}
 
 
 def near(found, deviations=4.0, **truth):
@@ -76,7 +74,7 @@ HOLDS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(s, marks=[pytest.mark.slow] if s in SLOW else []) for s in SCRIPTS])
+@pytest.mark.parametrize("name", SCRIPTS)
 def test_script_runs_and_holds(name, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     if "STRUCTID_DATA" not in os.environ and SHARED.exists():

@@ -11,9 +11,9 @@ from tempfile import mkdtemp
 
 from structid.cli.app import app as structid
 
-out = Path(mkdtemp()) / "chapter_4"
+out = Path(mkdtemp()) / "chapter_5"
 
 # %%
 # The command
 # -----------
-code = structid(["reproduce", "--chapter", "4", "--out", str(out)], standalone_mode=False)
+code = structid(["reproduce", "--chapter", "5", "--out", str(out)], standalone_mode=False)
