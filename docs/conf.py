@@ -9,15 +9,12 @@ import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
-from sphinx_gallery.sorting import ExplicitOrder
 
 import structid
-
-sys.path.insert(0, str(Path(__file__).parent))
-from pictures import pictures
-
 from structid.cli.app import COMMANDS
 from structid.study.json_schema import study_schema
+
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, which saves those of the gallery
 
 #: Parts of the gallery, in their order.
 GALLERY = ("commands", "records", "elements", "trust", "benchmarks")
@@ -46,9 +43,9 @@ html_copy_source = False
 sphinx_gallery_conf = {
     "examples_dirs": ["../examples/gallery"],
     "gallery_dirs": ["gallery"],
-    "subsection_order": ExplicitOrder([f"../examples/gallery/{part}" for part in GALLERY]),
+    "subsection_order": [f"../examples/gallery/{part}" for part in GALLERY],
     "filename_pattern": r"\.py$",
-    "image_scrapers": [pictures],
+    "image_scrapers": ["pictures.pictures"],
     "reset_modules": (),
     "capture_repr": ("_repr_html_",),
     "matplotlib_animations": False,

@@ -31,4 +31,4 @@ def pictures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any
         else:
             shutil.copy(value, place)
         names.append(str(place))
-    return figure_rst(names, gallery_conf["src_dir"])
+    return "".join(figure_rst([name], gallery_conf["src_dir"]) for name in names)

@@ -8,6 +8,7 @@ read which modes a decay tells well, and which it hardly holds.
 """
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import structid as sid
 
@@ -34,3 +35,16 @@ errors = (np.concatenate([modes.frequency[:3], modes.damping_ratio[:3]]) - np.co
     np.concatenate([std[:3], std[len(modes.frequency) :][:3]])
 )
 print(np.round(errors, 2))
+
+# %%
+# The shapes at the three sensors:
+figure = Figure(figsize=(7, 3), layout="constrained")
+axes = figure.subplots()
+for k in range(3):
+    axes.errorbar(
+        [1, 2, 3], modes.mode_shapes[:, k].real, 2 * modes.shape_std[:, k], marker="o", capsize=3, label=f"mode {k + 1}"
+    )
+axes.set_xticks([1, 2, 3])
+axes.set_xlabel("sensor")
+axes.set_ylabel("shape, ± 2 std")
+axes.legend(frameon=False)

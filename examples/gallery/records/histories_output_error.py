@@ -8,6 +8,7 @@ at the first sample unknown. One learns that twelve seconds of a short record te
 """
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import structid as sid
 
@@ -37,3 +38,12 @@ record = sid.TimeRecord(20.0, clean + error * rng.standard_normal(clean.shape), 
 start = truth.started_at(truth.start * np.exp(0.2 * rng.standard_normal(truth.n_params)))
 found = sid.identify_time(structure, start, record, options)
 print(found)
+
+# %%
+# Found over true, with 95 %:
+figure = Figure(figsize=(7, 3), layout="constrained")
+axes = figure.subplots()
+axes.errorbar(found.names, found.values / truth.start, 1.96 * found.std / truth.start, fmt="o", capsize=3)
+axes.axhline(1.0, color="black", lw=0.8)
+axes.tick_params(axis="x", rotation=45)
+axes.set_ylabel("found over true, 95 %")
