@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -355,7 +355,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
 
 def estimate(
     problem: Problem,
-    method: Method | None = None,
+    method: Method[Any] | None = None,
     plans: Sequence[Way] = (),
     search: Search | None = None,
     misfit_probability: float = 1e-3,
