@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 
 def checked(path, cache):
     words = ["--strict", "--follow-imports=silent", f"--cache-dir={cache}", str(path)]
-    return subprocess.run([sys.executable, "-m", "mypy", *words], capture_output=True, text=True, cwd=ROOT)
+    return subprocess.run([sys.executable, "-m", "mypy", *words], capture_output=True, text=True, cwd=ROOT, check=False)
 
 
 def test_a_users_script_is_accepted_and_a_wrong_one_is_not(tmp_path):
@@ -17,7 +17,6 @@ def test_a_users_script_is_accepted_and_a_wrong_one_is_not(tmp_path):
     assert right.returncode == 0, right.stdout
     wrong = tmp_path / "wrong.py"
     wrong.write_text("import structid as sid\n\nsid.TimeRecord(20.0, [[0.0]], (1,), ('force',))\n")
-    assert (
-        "arg-type" in checked(wrong, tmp_path / "cache").stdout
-        or "list-item" in checked(wrong, tmp_path / "cache").stdout
-    )
+    told = checked(wrong, tmp_path / "cache").stdout
+    assert "Dof" in told
+    assert "Found 1 error" in told
