@@ -39,4 +39,20 @@ read = sid.read_record("frf.npz")
 sid.write_record("frf.h5", read)
 problem = sid.FrfProblem(structure, unknown, record)
 alone = sid.estimate(problem, sid.LevenbergMarquardt(max_iterations=5))
-SEEN = (value, ends, names, text, figure, picture, shape, worst, changed, similar, ready, transient, both, merged, alone)
+SEEN = (
+    value,
+    ends,
+    names,
+    text,
+    figure,
+    picture,
+    shape,
+    worst,
+    changed,
+    similar,
+    ready,
+    transient,
+    both,
+    merged,
+    alone,
+)

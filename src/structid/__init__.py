@@ -4,11 +4,11 @@ Verbs are functions (`plan`, `estimate`, `parameters`), nouns with a capital are
 `Parameters`). Public names by their noun:
 
 Structures: Structure, Dof, parse_dof, PointMass, RotaryInertia, Spring, Dashpot, Friction, Joint, Bar, Beam,
-    SpaceBeam, Plane, Membrane, Plate, Shell, Solid, MatrixGroup, from_matrices, Blocks, RigidLink,
+    SpaceBeam, Plane, Membrane, Plate, Shell, Solid, MatrixGroup, from_matrices, Blocks, RigidLink, Base,
     Constraint, Mesh, read_mesh, MeshPoint, mesh_points, AimedSensor, nearest_nodes
 Unknowns: Unknown, Parameters, parameters, Prior, joint_prior, Coupling, Field, Smoothness, Sparsity,
     ChannelUnknown, channel_errors
-Records: FrfRecord, TimeRecord, ModalRecord, read_record, write_record, ReadOptions, frf_from_time,
+Records: FrfRecord, TimeRecord, ModalRecord, read_record, write_record, CsvLayout, ReadOptions, frf_from_time,
     from_repeats, with_coherence_noise, with_declared_noise, prepare, Preparation, right_half_plane,
     signal_checks
 Identification: identify, identify_together, IdentifyOptions, Identification, Setup, TimeSetup, ModalSetup,
