@@ -72,4 +72,4 @@ $(STAMP): pyproject.toml
 	touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) docs/_build docs/reference .venv-lowest .venv-newest dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) docs/_build docs/reference docs/gallery .venv-lowest .venv-newest dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

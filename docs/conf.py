@@ -14,11 +14,23 @@ import structid
 from structid.cli.app import COMMANDS
 from structid.study.json_schema import study_schema
 
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, which saves those of the gallery
+
+#: Parts of the gallery, in their order.
+GALLERY = ("commands", "records", "elements", "trust", "benchmarks")
+
 project, author, version = "structid", "the structid authors", structid.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "numpydoc"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "sphinx_gallery.gen_gallery",
+]
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 4
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "gallery/**/*.py", "gallery/**/*.zip"]
 html_theme = "pydata_sphinx_theme"
 html_title = f"structid {version}"
 html_theme_options = {
@@ -28,6 +40,25 @@ html_theme_options = {
     "search_bar_text": "Search: coherence, support, CSV, MAC ...",
 }
 html_copy_source = False
+sphinx_gallery_conf = {
+    "examples_dirs": ["../examples/gallery"],
+    "gallery_dirs": ["gallery"],
+    "subsection_order": [f"../examples/gallery/{part}" for part in GALLERY],
+    "filename_pattern": r"\.py$",
+    "image_scrapers": ["pictures.pictures"],
+    "reset_modules": (),
+    "capture_repr": ("_repr_html_",),
+    "matplotlib_animations": False,
+    "notebook_extensions": (),
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 10,
+    "backreferences_dir": None,
+    "remove_config_comments": True,
+    "plot_gallery": "True",
+    "abort_on_example_error": True,
+}
 autosummary_generate = True
 autodoc_typehints = "none"
 numpydoc_show_class_members = False

@@ -21,6 +21,15 @@ def test_every_public_name_is_on_the_page_of_names_once():
     assert sorted(listed) == sorted(set(structid.__all__) - {"__version__"})
 
 
+def test_help_lists_the_names_under_the_nouns_of_the_page():
+    page = {
+        noun: re.findall(r"^   (\w+)$", names, re.MULTILINE)
+        for noun, names in re.findall(r"## (.+?)\n(.*?)(?=\n## |\Z)", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    }
+    told = re.sub(r"\n    ", " ", structid.__doc__.split("noun:\n\n")[1]).strip().splitlines()
+    assert dict(line.split(": ") for line in told) == {noun: ", ".join(names) for noun, names in page.items()}
+
+
 def test_first_structure_goes_as_the_page_says(tmp_path):
     for name in ("study.toml", "record.csv"):
         shutil.copy(ROOT / "examples" / "first_structure" / name, tmp_path)

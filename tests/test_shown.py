@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import structid as sid
+from structid.shown import first_warnings
 
 
 def structure():
@@ -82,3 +83,10 @@ def test_labelled_arrays_find_a_channel_by_name():
     labelled = given.to_xarray()
     assert labelled.sel(output="3X-", input="3X+", frequency=7.0).item() == given.values[6, 1, 0]
     assert history().to_xarray().sel(channel="3X+ acceleration", time=0.2).item() == 5.0
+
+
+def test_warnings_are_folded_to_the_first_five():
+    told = [f"number {i}" for i in range(25)]
+    assert first_warnings(told[:5]) == [f"warning: number {i}" for i in range(5)]
+    assert first_warnings(told) == [*(f"warning: number {i}" for i in range(5)), "20 more warnings: in the results"]
+    assert first_warnings(told[:6])[-1] == "1 more warning: in the results"

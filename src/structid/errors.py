@@ -15,6 +15,14 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
+class UnnamedChannelsError(InputError):
+    """A bare array of time histories does not say where its channels were measured; `count` is how many it has."""
+
+    def __init__(self, message: str, count: int) -> None:
+        super().__init__(message)
+        self.count = count
+
+
 class NoAnswerError(StructidError):
     """All that was given can be used, and the search ends without an answer: exit code 1 of the command line."""
 

@@ -84,6 +84,14 @@ def listed(items: Sequence[object], most: int = 6) -> str:
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
+def first_warnings(warnings: Iterable[str], most: int = 5) -> list[str]:
+    """What a terminal shows of warnings, which stand in the order of their weight: the first few, and how many more."""
+    told = list(warnings)
+    more = len(told) - most
+    left = [f"{counted(more, 'more warning')}: in the results"] if more > 0 else []
+    return [*(f"warning: {words}" for words in told[:most]), *left]
+
+
 def data_array(
     values: ArrayLike, axes: Mapping[str, Iterable[object]], name: str, about: Mapping[str, object]
 ) -> xr.DataArray:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import dataclass, fields
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from structid.cli.app import COMMANDS, app
+from structid.cli.app import COMMANDS, JOBS, app
 from structid.cli.base import EXIT_CODES
 from structid.cli.flags import command
 from structid.errors import InputError, NoModesError
@@ -111,3 +113,20 @@ def test_the_help_names_every_command_and_exit_code():
         own = " ".join(RUN.invoke(app, [name, "--help"]).output.split("\n\n")[1].split())
         assert f"{name} {own}" in text
     assert "Did you mean 'modes'?" in RUN.invoke(app, ["mods"]).output
+
+
+def test_every_command_has_a_job_and_the_help_lists_it_there():
+    assert sorted(COMMANDS) == sorted(name for names in JOBS.values() for name in names)
+    text = RUN.invoke(app, ["--help"]).output
+    places = [text.index(f"\n{job}:\n") for job in JOBS]
+    assert places == sorted(places)
+    assert places[1] < text.index("\n  identify ") < places[2]
+
+
+def test_a_shell_completes_commands_without_loading_them(monkeypatch):
+    for name, value in {"_STRUCTID_COMPLETE": "complete_bash", "COMP_WORDS": "structid co", "COMP_CWORD": "1"}.items():
+        monkeypatch.setenv(name, value)
+    code = "import sys; sys.argv = ['structid']; from structid.cli.app import main\n"
+    code += "try: main()\nfinally: assert 'numpy' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["correlate", "compare", "convert"]

@@ -89,6 +89,19 @@ def test_bare_arrays_take_the_options_of_convert(place):
     assert "--sampling-rate" in missing.stderr
 
 
+def test_columns_without_names_are_numbered_unless_set_ups_are_merged(place):
+    np.save("tower.npy", ambient().values)
+    bare = ("--sampling-rate", 25, "--quantity", "displacement", *FAST)
+    done = invoke("tower.npy", *bare)
+    assert done.exit_code == 0, done.output
+    assert "channels numbered by their columns, 1X+ to 3X+" in done.stdout
+    assert list(map(str, read_modes(place / "tower_modes" / "modes.json").channels)) == ["1X+", "2X+", "3X+"]
+    np.save("other.npy", ambient(seed=1).values)
+    both = invoke("tower.npy", "other.npy", *bare)
+    assert both.exit_code == 2
+    assert "--channels" in both.stderr
+
+
 def test_band_orders_and_frequencies_choose(place):
     low = 0.5 * (FREQUENCY[0] + FREQUENCY[1])
     done = invoke("tower.npz", "--band", low, 8, "--orders", "4:40:4", *FAST, "--out", "band")

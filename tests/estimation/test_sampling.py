@@ -10,8 +10,11 @@ from structid import estimate
 from structid.arrays import locked
 from structid.errors import InputError
 from structid.estimation import DenseCovariance
+from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
-from structid.estimation.intervals.sampling import Samples, _log_posterior, _whitening, sample, to_arviz
+from structid.estimation.intervals.export import to_arviz
+from structid.estimation.intervals.profile import profile
+from structid.estimation.intervals.sampling import Samples, _log_posterior, _whitening, sample
 
 
 def autoregressive(rho, n_chains=4, n_draws=2000, seed=0):
@@ -49,6 +52,22 @@ def test_diagnostics_and_export_are_those_of_arviz():
     exported = to_arviz(samples_of(draws[:, :, None]))
     assert exported.posterior["a"].shape == (4, 501)
     assert np.array_equal(exported.posterior["a"].values, draws)
+
+
+@pytest.mark.filterwarnings("ignore:\nArviZ is undergoing:FutureWarning")
+@pytest.mark.parametrize("kind", ["laplace", "profile", "bootstrap"])
+def test_exported_draws_of_every_kind_have_the_quantiles_of_its_interval(kind):
+    pytest.importorskip("arviz", reason="needs the extra `sampling`")
+    case = decay_case(1, transform=("log", "log"))
+    found = estimate(case)
+    if kind == "bootstrap":
+        source = bootstrap(case, found, "noise", 400)
+        ends = np.quantile(source.values[:, 0], [0.025, 0.975])
+    else:
+        source = found if kind == "laplace" else profile(case, found, 0)
+        ends = found.interval()[0] if kind == "laplace" else np.array([source.lower, source.upper])
+    exported = to_arviz(source, n_draws=40000).posterior[found.names[0]].values.ravel()
+    assert np.quantile(exported, [0.025, 0.975]) == pytest.approx(ends, abs=0.02 * (ends[1] - ends[0]))
 
 
 def samples_of(values):

@@ -8,29 +8,23 @@ from importlib.util import find_spec
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import CompletionItem, TyperGroup
 
 from structid._version import __version__
 from structid.cli.base import DONE, EXIT_CODES
 from structid.cli.flags import command
 
-#: Each is the function of that name in the module beside this one (`_module`); its docstring is the help.
-COMMANDS = (
-    "init",
-    "app",
-    "identify",
-    "explain",
-    "check",
-    "doctor",
-    "plan",
-    "correlate",
-    "compare",
-    "modes",
-    "motion",
-    "schema",
-    "convert",
-    "reproduce",
-)
+#: Commands by the job that they do, in the order of a project. Each is the function of that name in the module beside
+#: this one (`_module`); its docstring is the help.
+JOBS = {
+    "To begin": ("init", "app"),
+    "Before the test and before the fit": ("plan", "check", "doctor"),
+    "From a study to the answer": ("identify", "explain", "correlate", "compare", "motion"),
+    "From a record alone": ("modes", "convert"),
+    "Beside": ("schema", "reproduce"),
+}
+COMMANDS = tuple(name for names in JOBS.values() for name in names)
+_WIDEST = max(map(len, COMMANDS))
 
 _HELP = f"""Mass, damping and stiffness of a structure from vibration measurements, with honest uncertainty.
 
@@ -71,8 +65,15 @@ class _OnCall(TyperGroup):
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, _summary(name)) for name in COMMANDS])
+        for job, names in JOBS.items():
+            with formatter.section(job):
+                formatter.write_dl([(f"{name:<{_WIDEST}}", _summary(name)) for name in names])
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Names for a shell, with their summaries; no command is loaded for them."""
+        if incomplete.startswith("-"):
+            return super().shell_complete(ctx, incomplete)
+        return [CompletionItem(name, help=_summary(name)) for name in COMMANDS if name.startswith(incomplete)]
 
 
 def _module(name: str) -> str:
@@ -89,7 +90,7 @@ def _summary(name: str) -> str:
     return (ast.get_docstring(function) or "").splitlines()[0]
 
 
-app = typer.Typer(name="structid", cls=_OnCall, no_args_is_help=True, **_SETTINGS)
+app = typer.Typer(name="structid", cls=_OnCall, no_args_is_help=True, **_SETTINGS | {"add_completion": True})
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from structid.study.results.result import StudyResult
 from structid.study.results.solver import UPDATED
 
 _MOST_CHANGES = 10
-_MOST_WARNINGS, _MOST_CAUSES = 4, 5
+_MOST_CAUSES = 5
 
 
 def identification_summary(result: StudyResult) -> list[RenderableType]:
@@ -61,7 +61,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)
-    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_WARNINGS)]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings)]
     after = [mass] if found.total_mass > 0 else []
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
@@ -108,7 +108,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
-    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_WARNINGS)]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings)]
     return [*head, *map(Text, facts), table, Text(rest), Text(mass)]
 
 

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from structid.estimation import Identifiability
+from structid.shown import first_warnings
 
 _WIDTH_OF_FILES = 1000
 _MOST_GROUPS = 3
@@ -29,11 +30,9 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
 
 
-def heading(title: str, warnings: Iterable[str], most: int | None = None) -> list[RenderableType]:
-    """Title and warnings, `most` of them."""
-    told = list(warnings)
-    left = [] if most is None or len(told) <= most else [Text(f"{len(told) - most} more warnings stand in the results")]
-    return [Text(title, style="bold"), *(Text(f"warning: {one}", style="yellow") for one in told[:most]), *left]
+def heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
+    """Title and the first warnings."""
+    return [Text(title, style="bold"), *(Text(words, style="yellow") for words in first_warnings(warnings))]
 
 
 def new_table(*columns: str) -> Table:

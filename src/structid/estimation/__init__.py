@@ -4,9 +4,10 @@ from structid.estimation.diagnostics.identifiability import Direction, Identifia
 from structid.estimation.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.estimation.estimate import Estimate, Status, estimate
 from structid.estimation.intervals.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
+from structid.estimation.intervals.export import to_arviz
 from structid.estimation.intervals.intervals import Intervals, intervals
 from structid.estimation.intervals.profile import Profile, profile, profiles
-from structid.estimation.intervals.sampling import Samples, sample, to_arviz
+from structid.estimation.intervals.sampling import Samples, sample
 from structid.estimation.linearization import Linearization, OperatorLinearization
 from structid.estimation.problem import BaseProblem, Problem
 from structid.estimation.problems.joint import JointProblem

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -298,6 +298,20 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         with np.errstate(over="ignore"):
             return np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
 
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
+
+        Parameters too many for a covariance matrix have as many draws as they were found with. NaN where not determined.
+        """
+        if not self.uncertainty.has_matrix:
+            return (self.values + self.uncertainty.draws)[None]
+        slope = np.ones(len(self.values)) if self.slope is None else np.abs(self.slope)
+        known = np.isfinite(self.std_free)
+        free = self.covariance[np.ix_(known, known)] / np.outer(slope[known], slope[known])
+        theta = np.full((n_draws, len(self.values)), np.nan)
+        theta[:, known] = rng.multivariate_normal(self.theta[known], free, n_draws, method="eigh")
+        return np.stack([self.to_physical(one) for one in theta])[None]
+
     def __getitem__(self, name: str) -> Value:
         """Value and standard deviation of one parameter.
 
@@ -341,7 +355,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
 
 def estimate(
     problem: Problem,
-    method: Method | None = None,
+    method: Method[Any] | None = None,
     plans: Sequence[Way] = (),
     search: Search | None = None,
     misfit_probability: float = 1e-3,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
@@ -105,6 +105,22 @@ class ModalRecord(Shown):
     source: str = ""
     scaling: Scaling = "unit_largest"
     changes: ModalChanges | None = None
+
+    if TYPE_CHECKING:  # what is taken is more than what is kept
+
+        def __init__(
+            self,
+            frequency: ArrayLike,
+            damping_ratio: ArrayLike,
+            mode_shapes: ArrayLike,
+            channels: Iterable[str | Dof],
+            covariance: ArrayLike | None = None,
+            shape_std: ArrayLike | None = None,
+            warnings: Iterable[str] = (),
+            source: str = "",
+            scaling: Scaling = "unit_largest",
+            changes: ModalChanges | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))

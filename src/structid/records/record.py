@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
@@ -103,6 +104,23 @@ class FrfRecord(Shown):
     noise_source: str = "unknown"
     source: str = ""
     decay: FloatArray | None = None
+
+    if TYPE_CHECKING:  # what is taken is more than what is kept
+
+        def __init__(
+            self,
+            frequency: ArrayLike,
+            values: ArrayLike,
+            outputs: Iterable[str | Dof],
+            inputs: Iterable[str | Dof],
+            kind: FrfKind,
+            variance: ArrayLike | None = None,
+            coherence: ArrayLike | None = None,
+            averages: int | None = None,
+            noise_source: str = "unknown",
+            source: str = "",
+            decay: ArrayLike | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
@@ -341,6 +359,19 @@ class TimeRecord(Shown):
     variance: FloatArray | None = None
     start: float = 0.0
     source: str = field(default="")
+
+    if TYPE_CHECKING:  # what is taken is more than what is kept
+
+        def __init__(
+            self,
+            sampling_rate: float,
+            values: ArrayLike,
+            channels: Iterable[str | Dof],
+            quantities: Iterable[Quantity],
+            variance: ArrayLike | None = None,
+            start: float = 0.0,
+            source: str = "",
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", locked(self.values, np.float64))

@@ -56,6 +56,10 @@ class Bootstrap:
     failures: tuple[str, ...]
     degrees_of_freedom: FloatArray
 
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """The replicates as one chain, all of them."""
+        return self.values[None]
+
     @property
     def is_reliable(self) -> bool:
         """Whether at most 5 % of the replicates failed, and there are 40 at least."""

@@ -69,6 +69,33 @@ class Profile:
     better: float
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """That of the parameter alone."""
+        return (self.name,)
+
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draws, (1, n_draws, 1), whose signed root of the deviance is normal: each interval holds what its level says.
+
+        Beyond the last point of the profile the root goes on straight.
+
+        Raises
+        ------
+        InputError
+            If the data give no limit on a side.
+        """
+        if self.open_below or self.open_above:
+            raise InputError(f"{self.words}: there is no distribution to draw from")
+        least = int(self.deviance.argmin())
+        root = np.sign(np.arange(len(self.values)) - least) * np.sqrt(np.maximum(self.deviance, 0.0))
+        wanted = rng.standard_normal(n_draws)
+        inside = np.interp(wanted, root, self.values)
+        for end, inner in ((0, 1), (-1, -2)):
+            slope = (self.values[end] - self.values[inner]) / (root[end] - root[inner])
+            beyond = (wanted - root[end]) * root[end] > 0
+            inside = np.where(beyond, self.values[end] + slope * (wanted - root[end]), inside)
+        return inside[None, :, None]
+
+    @property
     def words(self) -> str:
         """What the profile says against the Laplace interval."""
         if self.better < -_LOWER_BY:

@@ -23,7 +23,7 @@ _LARGEST_R_HAT = 1.01
 _FEWEST_EFFECTIVE = 400.0
 _MOST_DIVERGENT = 0.01
 _AT_ONCE = 50  # draws between two states that are kept
-_WITH_EXTRA = "install it with `pip install structid[sampling]`"
+WITH_EXTRA = "install it with `pip install structid[sampling]`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +60,10 @@ class Samples:
     tail_size: FloatArray
     n_divergent: int
     n_evaluations: int
+
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """The draws themselves, all of them."""
+        return self.samples
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -184,22 +188,6 @@ def sample(
         problem.names, problem.units, locked(physical), sampler, flat_in, stretched, r_hat, bulk, tail,
         drawn.n_divergent, drawn.n_evaluations,
     )  # fmt: skip
-
-
-def to_arviz(samples: Samples) -> Any:
-    """The draws as ``arviz.InferenceData``, one variable a parameter.
-
-    Raises
-    ------
-    InputError
-        If ArviZ, of the extra ``sampling``, is missing.
-    """
-    try:
-        import arviz
-    except ImportError as error:
-        raise InputError(f"`arviz` must be installed to export samples, got {error}; {_WITH_EXTRA}") from error
-    posterior = {name: samples.samples[:, :, j] for j, name in enumerate(samples.names)}
-    return arviz.from_dict(posterior=posterior)
 
 
 _Density = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -328,7 +316,7 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
     try:
         import emcee
     except ImportError as error:
-        raise InputError(f"`emcee` must be installed for this sampler, got {error}; {_WITH_EXTRA}") from error
+        raise InputError(f"`emcee` must be installed for this sampler, got {error}; {WITH_EXTRA}") from error
     n_walkers = max(n_chains, 2 * n_params + 2)
     moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: density(x)[0])
     seed = np.random.RandomState(int(rng.integers(2**31))).get_state()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -115,10 +115,8 @@ class Method(Protocol[P]):
     @property
     def max_iterations(self) -> int: ...
 
-    @property
-    def is_matrix_free(self) -> bool:
-        """Whether no Jacobian is formed."""
-        ...
+    #: Whether no Jacobian is formed.
+    is_matrix_free: ClassVar[bool]
 
     @property
     def initial_damping(self) -> float:

@@ -164,7 +164,7 @@ def _read_json(path: Path) -> ModalRecord:
     shape = real + 1j * _array(path, shapes, "imaginary", 2, "mode_shapes.") if shapes.get("imaginary") else real
     optional = {key: _array(path, data, key, 2) for key in ("covariance", "shape_std") if data.get(key) is not None}
     return ModalRecord(
-        frequency, _array(path, data, "damping_ratio", 1), shape, _texts(path, data, "channels"),  # type: ignore[arg-type]
+        frequency, _array(path, data, "damping_ratio", 1), shape, _texts(path, data, "channels"),
         warnings=_texts(path, data, "warnings", ()), source=str(data.get("source", "")),
         scaling=data.get("scaling", "unit_largest"), changes=_read_changes(path, data, real.shape), **optional,
     )  # fmt: skip

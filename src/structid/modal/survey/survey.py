@@ -14,7 +14,7 @@ import scipy
 from structid._version import __version__
 from structid.arrays import FloatArray
 from structid.dof import Dof
-from structid.errors import InputError, NoModesError
+from structid.errors import InputError, NoModesError, UnnamedChannelsError
 from structid.files import digest
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
@@ -154,7 +154,7 @@ def modes_of_file(
     Parameters
     ----------
     path : str or Path
-        Time histories or FRFs.
+        Time histories or FRFs. Columns of a bare array of histories whose channels nothing names are numbered 1X+, 2X+ and so on.
     options : ModesOptions, optional
     read : ReadOptions, optional
         What the file does not say about itself.
@@ -168,9 +168,13 @@ def modes_of_file(
     InputError
         If a file or an option cannot be used.
     """
-    path = Path(path)
-    options = options or ModesOptions()
-    record = read_record(path, read)
+    return _modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=True)
+
+
+def _modes_of_file(
+    path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
+) -> ModesResult:
+    record, read, numbered = _read(path, read or ReadOptions(), alone)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
     understood = record.source.removeprefix(str(path)).partition("; ")[2] if record.source.startswith(str(path)) else ""
@@ -190,11 +194,23 @@ def modes_of_file(
         spectra=mode_spectra(looked_at),
         geometry=places,
         provenance=_provenance((path, geometry), options, read),
-        steps=(*steps, *more),
+        steps=(*numbered, *steps, *more),
         findings=findings,
         options=options,
         kurtosis=kurtosis,
     )
+
+
+def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptions, tuple[str, ...]]:
+    """The record; columns of a bare array without names are numbered, where no other set-up has the same numbers."""
+    try:
+        return read_record(path, read), read, ()
+    except UnnamedChannelsError as error:
+        if not alone:
+            raise
+        numbered = replace(read, channels=tuple(f"{i}X+" for i in range(1, error.count + 1)))
+    words = f"channels numbered by their columns, 1X+ to {len(numbered.channels)}X+, since nothing names them"
+    return read_record(path, numbered), numbered, (words,)
 
 
 def modes_of_setups(
@@ -212,7 +228,7 @@ def modes_of_setups(
     InputError
         As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
     """
-    each = [modes_of_file(path, options, read, geometry) for path in paths]
+    each = [_modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=False) for path in paths]
     first, merging = each[0], merged_setups([one.modes for one in each])
     found = ModalIdentification(merging.modes, first.identification.method, options=first.identification.options)
     return replace(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from structid.arrays import require_finite
 from structid.dof import Dof, parse_dofs
-from structid.errors import FileError, InputError
+from structid.errors import FileError, InputError, UnnamedChannelsError
 from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
@@ -144,8 +144,10 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
 
     Raises
     ------
+    UnnamedChannelsError
+        If the channels are missing.
     InputError
-        If sampling rate, channels, or quantities and units are missing, or do not fit the array.
+        If sampling rate, or quantities and units are missing, or do not fit the array.
     """
     frf_options = [name for name in options.given() if name in _FRF_OPTIONS]
     if frf_options or values.dtype.kind == "c":
@@ -153,7 +155,10 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
         _refuse_frf(path, reason)
     _require_numbers(path, values, "fiu", "samples")
     require_option(path, options, "sampling_rate", "how fast it was sampled")
-    require_option(path, options, "channels", "where its channels were measured")
+    try:
+        require_option(path, options, "channels", "where its channels were measured")
+    except InputError as error:
+        raise UnnamedChannelsError(str(error), 1 if values.ndim == 1 else values.shape[-1]) from None
     if not options.quantities and not options.units:
         require_option(path, options, "units", "what its channels hold (or quantities=...)")
     channels = parse_dofs(options.channels)

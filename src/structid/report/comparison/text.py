@@ -8,6 +8,7 @@ from rich.text import Text
 from structid.comparison.comparing import ComparisonResult
 from structid.report.tables import Table, printed
 from structid.report.text import number, percent, unit_text, with_std
+from structid.shown import first_warnings
 
 _HEADER = (
     "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",
@@ -65,7 +66,7 @@ def facts(result: ComparisonResult) -> list[str]:
 
 def comparison_text(result: ComparisonResult) -> list[RenderableType]:
     """What the terminal shows: warnings, the result in a sentence, how it was made, and the table."""
-    warnings = [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
+    warnings = [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     first, *rest = facts(result)
     return [
         Text(first, style="bold"),

@@ -12,7 +12,7 @@ from structid.correlation.responses import ResponsesCorrelation
 from structid.correlation.summary import expansion_sizes
 from structid.report.tables import Table, printed
 from structid.report.text import NOTHING, number, percent
-from structid.shown import counted
+from structid.shown import counted, first_warnings
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
@@ -140,7 +140,7 @@ def at_words(found: StudyCorrelation) -> str:
 def correlation_text(found: StudyCorrelation) -> list[RenderableType]:
     """What the terminal shows."""
     parts: list[RenderableType] = [Text(found.study.title, style="bold"), Text(at_words(found))]
-    parts += [Text(f"warning: {words}", style="yellow") for words in found.warnings]
+    parts += [Text(words, style="yellow") for words in first_warnings(found.warnings)]
     for part in found.modes:
         parts += [Text(_named(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
         parts += [Text(f"{label}: {words}") for label, words in orthogonality_facts(part)]

@@ -13,7 +13,7 @@ from structid.records import FrfRecord
 from structid.report.figures.survey import mpc
 from structid.report.tables import Table, printed
 from structid.report.text import exact, percent, value_words, with_std
-from structid.shown import counted
+from structid.shown import counted, first_warnings
 from structid.similarity import mac
 
 _HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
@@ -23,7 +23,7 @@ _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 def modes_text(result: ModesResult) -> list[RenderableType]:
     """Heading, warnings, what was done, and the table of modes."""
     parts: list[RenderableType] = [Text(f"{result.title}: {counted(result.modes.n_modes, 'mode')}", style="bold")]
-    parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings]
+    parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
     return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
 
