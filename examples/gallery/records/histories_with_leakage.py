@@ -2,9 +2,10 @@
 A short record leaks: spectra with their transient
 ==================================================
 
-Twenty seconds of a lightly damped chain that is neither at rest at first nor at last. Averaged responses of it leak,
-and their fit is wrong by far more than it says; the finite Fourier transforms, fitted with the transient as an
-unknown, do not leak. One learns when to take ``[record.time]`` in place of averages.
+Twenty seconds of a lightly damped chain that is neither at rest at first nor at last. Averaged responses of it leak:
+their fit shows 17 % more damping than there is, three of its standard deviations, and these are many times as large as
+those of the finite Fourier transforms, which are fitted with the transient as an unknown and do not leak. One learns
+when to take ``[record.time]`` in place of averages.
 """
 
 import numpy as np

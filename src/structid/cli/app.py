@@ -17,7 +17,7 @@ from structid.cli.flags import command
 #: Commands by the job that they do, in the order of a project. Each is the function of that name in the module beside
 #: this one (`_module`); its docstring is the help.
 JOBS = {
-    "To begin": ("init", "app"),
+    "Begin": ("init", "app"),
     "Before the test and before the fit": ("plan", "check", "doctor"),
     "From a study to the answer": ("identify", "explain", "correlate", "compare", "motion"),
     "From a record alone": ("modes", "convert"),

@@ -10,7 +10,7 @@ from structid.criticism.candidate import Candidate
 from structid.explanation.trial import Trial
 from structid.observation import FrfProblem
 from structid.observation.scatter import scatter_problems
-from structid.structure import Beam, Spring, Structure
+from structid.structure import Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
 from structid.unknowns import Parameters
@@ -20,8 +20,16 @@ _PIECES = 3.0
 _ELASTIC = ("mass", "stiffness", "rotary_inertia")
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.
 _SHEAR = 0.02
+#: Factors on it: short pieces of many beams in one set are stiffer by far.
+_STIFFER = np.array([1.0, 10.0, 100.0])
 #: Records of which a scatter is told from one that stands out: of fewer, the one is the likelier cause.
 _FEWEST_VARYING = 5
+#: Shear stiffnesses of beams, with the bending stiffness of the same plane.
+_SHEARS = {
+    "shear_stiffness": "bending_stiffness",
+    "shear_stiffness_z": "bending_stiffness_y",
+    "shear_stiffness_y": "bending_stiffness_z",
+}
 #: Sets that are tried one by one.
 _MOST_SLENDER = 6
 
@@ -33,12 +41,7 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
     if any(element.nodes.ndim == 2 and element.nodes.shape[1] == 2 for element in structure.elements):
         yield _candidate("mesh", ("all lines",), _PIECES)
-    slender = [one for one in structure.elements if isinstance(one, Beam) and one.shear_stiffness is None]
-    if len(slender) > 1:
-        names = tuple(one.name for one in slender)
-        yield _candidate("shear", names, float(np.median([_stiff(structure, one) for one in slender])))
-    for one in slender if len(slender) <= _MOST_SLENDER else ():
-        yield _candidate("shear", (one.name,), _stiff(structure, one))
+    yield from _shearing(structure)
     for element in structure.elements:
         yield from _damping(element, middle)
     for item in structure.properties:
@@ -72,10 +75,32 @@ def _candidate(kind: str, where: tuple[str, ...], strength: float) -> Candidate:
     return Candidate(kind, where, strengths=np.array([strength]))
 
 
-def _stiff(structure: Structure, element: Beam) -> float:
+def _shearing(structure: Structure) -> Iterator[Candidate]:
+    """Beams that are taken as slender, of each way in which they bend: all sets, and each of a few."""
+    acting = {(p.element, p.term.property) for p in structure.properties if p.term.values.any()}
+    for shear, bending in _SHEARS.items():
+        slender = [
+            one
+            for one in structure.elements
+            if shear in declarations(one) and vars(one)[shear] is None and (one.name, bending) in acting
+        ]
+        guesses = [_stiff(structure, one, bending) for one in slender]
+        if len(slender) > 1:
+            names = tuple(one.name for one in slender)
+            yield _sheared(names, shear, float(np.median(guesses)))
+        if len(slender) <= _MOST_SLENDER:
+            for one, guess in zip(slender, guesses, strict=True):
+                yield _sheared((one.name,), shear, guess)
+
+
+def _sheared(where: tuple[str, ...], shear: str, guess: float) -> Candidate:
+    return Candidate("shear", where, strengths=guess * _STIFFER, others=(shear,))
+
+
+def _stiff(structure: Structure, element: ElementSet, bending: str) -> float:
     ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
-    return float(np.mean(element.bending_stiffness) / (_SHEAR * length**2))
+    return float(np.mean(vars(element)[bending]) / (_SHEAR * length**2))
 
 
 def _damping(element: ElementSet, middle: float) -> Iterator[Candidate]:

@@ -276,11 +276,12 @@ def _entry(study: Tables, name: str) -> tuple[str, Tables]:
 
 
 def _shear(study: Tables, candidate: Candidate, strength: float) -> None:
+    (shear,) = candidate.others
     for name in candidate.where:
         _, entry = _entry(study, name)
-        entry["shear_stiffness"] = _round(strength)
+        entry[shear] = _round(strength)
     names = list(candidate.where)
-    _unknown(study, "shear_stiffness", names if len(names) > 1 else names[0])
+    _unknown(study, shear, names if len(names) > 1 else names[0])
 
 
 def _damping_law(study: Tables, candidate: Candidate, strength: float) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.criticism.candidate import Candidate
 from structid.criticism.data import changed_rows, data_candidates
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
@@ -26,19 +27,24 @@ _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 
 def of_study(base: Fitted) -> Iterator[Screened]:
-    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit or at the anchored fit."""
+    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit, each with its best strength."""
     for candidate in study_candidates(base.trial):
-        strength = float(candidate.strengths[0])
-        try:
-            trial = base.trial.changed(candidate, strength)
-            theta = trial.theta_of(base.values)
-            at = trial.target.linearize(theta)
-        except (StructidError, np.linalg.LinAlgError):
-            continue
-        basis = np.linalg.qr(at.jacobian)[0]
-        left = float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
-        if left < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window"):
+        looked = [(_left(base, candidate, float(strength)), float(strength)) for strength in candidate.strengths]
+        left, strength = min(looked)
+        is_kept = left < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window")
+        if is_kept and np.isfinite(left):
             yield Screened(candidate, strength, left)
+
+
+def _left(base: Fitted, candidate: Candidate, strength: float) -> float:
+    """What a linear step of the changed study leaves of the misfit; infinite where there is no such study."""
+    try:
+        trial = base.trial.changed(candidate, strength)
+        at = trial.target.linearize(trial.theta_of(base.values))
+    except (StructidError, np.linalg.LinAlgError):
+        return np.inf
+    basis = np.linalg.qr(at.jacobian)[0]
+    return float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
 
 
 def screening_points(base: Fitted) -> list[Point]:
