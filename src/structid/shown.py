@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Rows that are shown; the table says how many more there are.
 _MOST_ROWS = 30
+#: Warnings that a terminal shows at once.
+MOST_WARNINGS = 5
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def listed(items: Sequence[object], most: int = 6) -> str:
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
-def first_warnings(warnings: Iterable[str], most: int = 5) -> list[str]:
+def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:
     """What a terminal shows of warnings, which stand in the order of their weight: the first few, and how many more."""
     told = list(warnings)
     more = len(told) - most

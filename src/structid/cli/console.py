@@ -12,12 +12,15 @@ from structid.cli.tables import groups, heading, new_table, number
 from structid.estimation.intervals.intervals import span_digits
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
+from structid.shown import MOST_WARNINGS
 from structid.study.results.changes import PARAMETERS, largest_changes
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import UPDATED
 
 _MOST_CHANGES = 10
 _MOST_CAUSES = 5
+#: Beside the verdict, which is the first of what is told.
+_MOST_BESIDE = MOST_WARNINGS - 1
 
 
 def identification_summary(result: StudyResult) -> list[RenderableType]:
@@ -61,7 +64,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
     together = groups(identifiability)
-    head = [*_verdict(result), *heading(result.study.title, found.warnings)]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     after = [mass] if found.total_mass > 0 else []
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
@@ -108,7 +111,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
-    head = [*_verdict(result), *heading(result.study.title, found.warnings)]
+    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     return [*head, *map(Text, facts), table, Text(rest), Text(mass)]
 
 

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from structid.estimation import Identifiability
-from structid.shown import first_warnings
+from structid.shown import MOST_WARNINGS, first_warnings
 
 _WIDTH_OF_FILES = 1000
 _MOST_GROUPS = 3
@@ -30,9 +30,9 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
 
 
-def heading(title: str, warnings: Iterable[str]) -> list[RenderableType]:
+def heading(title: str, warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[RenderableType]:
     """Title and the first warnings."""
-    return [Text(title, style="bold"), *(Text(words, style="yellow") for words in first_warnings(warnings))]
+    return [Text(title, style="bold"), *(Text(words, style="yellow") for words in first_warnings(warnings, most))]
 
 
 def new_table(*columns: str) -> Table:
