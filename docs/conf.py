@@ -57,6 +57,7 @@ sphinx_gallery_conf = {
     "backreferences_dir": None,
     "remove_config_comments": True,
     "plot_gallery": "True",
+    "parallel": 2,
     "abort_on_example_error": True,
 }
 autosummary_generate = True

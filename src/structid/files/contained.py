@@ -116,7 +116,7 @@ _lock = threading.Lock()
 _running: list[_Child] = []
 
 
-def contained(path: Path, reader: str, seconds: float = _SECONDS, **options: Any) -> Any:
+def contained(path: Path, reader: str, seconds: float | None = None, **options: Any) -> Any:
     """What the reader of `structid.files.worker` called `reader` gives for the file at `path`, in so many s and more by its size.
 
     Raises
@@ -126,7 +126,7 @@ def contained(path: Path, reader: str, seconds: float = _SECONDS, **options: Any
     FileError
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
-    seconds += path.stat().st_size / _BYTES_A_SECOND
+    seconds = (_SECONDS if seconds is None else seconds) + path.stat().st_size / _BYTES_A_SECOND
     request = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
     with _lock:
         answer = _asked(path, request, seconds)
