@@ -16,6 +16,7 @@ from chain_solver import chain
 from solver_cases import TRUE, chain_study, parameter
 from typer.testing import CliRunner
 
+from structid.app.work.called import called
 from structid.cli import app as cli
 from structid.records import FrfRecord
 from structid.records.io import write_record
@@ -292,3 +293,18 @@ def test_responses_are_fitted_too(tmp_path, gives):
     assert done.exit_code == 0 or gives == "modes", done.output
     worst = 2e-3 if gives == "matrices" else 3e-2  # of six modes the solver gives four
     assert values(answer(tmp_path / "out")) == pytest.approx(TRUE | {"loss_factor": 0.04}, rel=worst)
+
+
+def test_looking_at_a_study_in_the_workbench_runs_no_program_but_reads_what_is_kept(tmp_path):
+    path = chain_study(tmp_path, "matrices", "--log {study}/log")
+
+    def looked(name: str) -> dict:
+        return json.loads(called(name, str(tmp_path), {"study": path.name}))
+
+    for name in ("check", "scene", "line"):
+        assert re.search(r"names a program that has yet to run .* looking at a study runs none", looked(name)["error"])
+    assert not (tmp_path / "log").exists()
+    identified(path)
+    ran = (tmp_path / "log").read_text()
+    assert looked("check")["determined"]
+    assert (tmp_path / "log").read_text() == ran

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.app.folder import OpenFolder
+from structid.app.work.looking import LOOKING
 from structid.errors import InputError, StructidError
 
 
@@ -83,7 +84,7 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
     from structid.study.schema.record import load_record
     from structid.study.schema.study import load_study
 
-    read = load_study(opened.inside(study))
+    read = load_study(opened.inside(study), work=LOOKING)
     if read.record.modes is not None:
         raise InputError("the record of this study holds modes and no responses")
     return {**responses(load_record(read.record), outputs), "band": read.options.band, "exclude": read.options.exclude}
@@ -95,7 +96,7 @@ def _check(opened: OpenFolder, study: str) -> Any:
     from structid.study.run.check import check_study
     from structid.study.schema.study import load_study
 
-    found = check_study(load_study(opened.inside(study)))
+    found = check_study(load_study(opened.inside(study), work=LOOKING))
     relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
     rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
     return {
@@ -126,7 +127,7 @@ def _needs(opened: OpenFolder, study: str) -> Any:
     from structid.study.run.start import study_problems
     from structid.study.schema.study import load_study
 
-    read = load_study(opened.inside(study))
+    read = load_study(opened.inside(study), work=LOOKING)
     found = measured_needs(read, study_problems(read))
     return {"bytes": found.bytes_needed, "free": available_bytes(), "seconds": found.seconds(1)}
 
@@ -135,7 +136,7 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
     from structid.study.run.plan import planned
     from structid.study.schema.plan import load_plan
 
-    found = planned(load_plan(opened.inside(study), n_sensors=sensors))
+    found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
     rows = zip(found.parameters.names, found.chosen.std, strict=True)
     return {
         "sensors": [str(dof) for dof in found.chosen.sensors],
@@ -179,11 +180,11 @@ def _line(opened: OpenFolder, study: str) -> Any:
     from structid.study.schema.study import load_study
 
     path = opened.inside(study)
-    root, _ = read_root(path)
+    root, _ = read_root(path, work=LOOKING)
     if "record" in root.table:
-        load_study(path)
+        load_study(path, work=LOOKING)
     else:
-        load_plan(path)
+        load_plan(path, work=LOOKING)
     return {}
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from structid.app.work.looking import LOOKING
 from structid.arrays import IntArray
 from structid.dof import Dof, parse_dof, parse_dofs
 from structid.errors import InputError
@@ -35,7 +36,7 @@ def scene(path: Path) -> dict[str, Any]:
     InputError
         If the file or its structure cannot be used.
     """
-    root, files = read_root(path)
+    root, files = read_root(path, work=LOOKING)
     record = _first_record(root)
     changes = record.section("structure") if record is not None else None
     structure = read_structure(root.inner("structure"), files, changes, record)
@@ -88,7 +89,7 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
 
 def first_record(path: Path) -> Section | None:
     """``[record]`` of the study at `path`, the first of several; None where there is none."""
-    return _first_record(read_root(path)[0])
+    return _first_record(read_root(path, work=LOOKING)[0])
 
 
 def _first_record(root: Section) -> Section | None:
@@ -187,7 +188,7 @@ def placed_channels(path: Path, channels: list[tuple[str, str]]) -> list[dict[st
 
     ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
     """
-    root, files = read_root(path)
+    root, files = read_root(path, work=LOOKING)
     record = _first_record(root)
     changes = record.section("structure") if record is not None else None
     structure = read_structure(root.inner("structure"), files, changes, record)

@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.declared import NotNegative
 from structid.dof import parse_dofs
+from structid.estimation.search.work import ALONE, Work
 from structid.identification.frf_setup import used_lines
 from structid.identification.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
@@ -88,7 +89,7 @@ class PlanStudy:
         return self.root.source.text
 
 
-def load_plan(path: str | Path, **changes: Any) -> PlanStudy:
+def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy:
     """The plan in the study file at `path`; `changes` are fields of `PlanOptions` that take the place of the file's.
 
     Neither ``[plan]`` nor ``[record]`` is needed. Where a record is there, its sensors, loads, lines, kind and noise
@@ -99,7 +100,7 @@ def load_plan(path: str | Path, **changes: Any) -> PlanStudy:
     InputError
         If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
     """
-    root, files = read_root(path)
+    root, files = read_root(path, work=work)
     structure = read_structure(root.inner("structure"), files)
     unknown = read_parameters(root, structure)
     section = root.inner("plan")
