@@ -11,6 +11,7 @@ from structid.explanation.trial import Trial
 from structid.observation import FrfProblem
 from structid.observation.scatter import scatter_problems
 from structid.structure import Spring, Structure
+from structid.structure.contribution import Property
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
 from structid.unknowns import Parameters
@@ -77,7 +78,8 @@ def _candidate(kind: str, where: tuple[str, ...], strength: float) -> Candidate:
 
 def _shearing(structure: Structure) -> Iterator[Candidate]:
     """Beams that are taken as slender, of each way in which they bend: all sets, and each of a few."""
-    acting = {(p.element, p.term.property) for p in structure.properties if p.term.values.any()}
+    bends = [one for one in structure.properties if one.term.property in _SHEARS.values() and _moves(structure, one)]
+    acting = {(one.element, one.term.property) for one in bends}
     for shear, bending in _SHEARS.items():
         slender = [
             one
@@ -91,6 +93,12 @@ def _shearing(structure: Structure) -> Iterator[Candidate]:
         if len(slender) <= _MOST_SLENDER:
             for one, guess in zip(slender, guesses, strict=True):
                 yield _sheared((one.name,), shear, guess)
+
+
+def _moves(structure: Structure, item: Property) -> bool:
+    """Whether a stiffness acts on free degrees of freedom."""
+    own = [part for part in structure.contributions if part.law == "elastic" and part.value == item.values]
+    return any(part.blocks.assemble(part.weights(structure.values)).count_nonzero() for part in own)
 
 
 def _sheared(where: tuple[str, ...], shear: str, guess: float) -> Candidate:
