@@ -1,5 +1,7 @@
 """Forces that are never apart: histories are fitted with them, and FRFs are shown to what is independent of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,11 +65,12 @@ def test_series_that_are_never_apart_are_made_of_fewer():
 
 
 def test_the_response_to_a_joint_force_is_that_to_its_parts():
-    structure = floors()
+    structure = replace(floors(), bases=(sid.Base("ground", "1X"),))
     parts = np.array([[0.8], [0.6]])
     [made] = [parse_dof("77X")]
     changed = with_joint_forces(structure, [made], LOADS, parts)
     assert changed.n_dofs == structure.n_dofs
+    assert changed.bases == structure.bases
     column = changed.selection([made]).toarray()
     assert column == pytest.approx(structure.selection(LOADS).toarray() @ parts, abs=1e-15)
 

@@ -2,45 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
-from structid.structure.elements.element import dof_code
 from structid.structure.structure import Structure
-from structid.structure.supports import Equations
+from structid.structure.supports import Constraint
 
 #: Part of a force that is rounding.
 _NOTHING = 1e-12
-
-
-@dataclass(frozen=True)
-class JointForce:
-    """A degree of freedom of its own whose force acts in parts on others, and which moves as those do by their work.
-
-    Attributes
-    ----------
-    name : str
-    dof : Dof
-        At a node of its own, which carries no element.
-    parts : tuple of (Dof, float)
-        Where it acts, and how much of it.
-    """
-
-    name: str
-    dof: Dof
-    parts: tuple[tuple[Dof, float], ...]
-
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Its own code with those of its parts; see `Tie.equations`."""
-        found: dict[int, float] = {}
-        for dof, part in self.parts:
-            code = dof_code(dof.node, dof.direction)
-            found[code] = found.get(code, 0.0) + dof.sign * part
-        return {dof_code(self.dof.node, self.dof.direction): found}
 
 
 def together(values: FloatArray, tolerance: float = 1e-8) -> FloatArray | None:
@@ -71,11 +44,11 @@ def together(values: FloatArray, tolerance: float = 1e-8) -> FloatArray | None:
 def with_joint_forces(structure: Structure, made: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray) -> Structure:
     """The structure with degrees of freedom `made`, one for each column of `parts` (n_loads, n_joint), at nodes that it lacks.
 
-    Each stands where most of its force acts.
+    Each moves as those do that its force acts on, by their work (a `Constraint`), and stands where most of it acts.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
     for dof, column in zip(made, parts.T, strict=True):
         nodes[dof.node] = structure.nodes[loads[int(np.abs(column).argmax())].node]
-        acting = tuple((load, float(part)) for load, part in zip(loads, column, strict=True) if abs(part) > _NOTHING)
-        ties.append(JointForce(f"joint force {dof.node}", dof, acting))
-    return Structure(nodes, structure.elements, structure.fixed, ties, structure.active, structure.subdivide)
+        acting = [(load, float(part)) for load, part in zip(loads, column, strict=True) if abs(part) > _NOTHING]
+        ties.append(Constraint(f"joint force {dof.node}", dof, acting))
+    return replace(structure, nodes=nodes, ties=tuple(ties))
