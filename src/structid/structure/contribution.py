@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
@@ -52,40 +53,6 @@ class Factor(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ThicknessFactor:
-    """(thickness / nominal thickness) to a power, a number an element; the element matrices hold the nominal one.
-
-    Attributes
-    ----------
-    value : slice
-        Where the thicknesses stand among the values of the structure.
-    nominal : (n_elements,) float array
-        m.
-    power : int
-        1 for membrane stiffness and mass, 3 for bending.
-    """
-
-    value: slice
-    nominal: FloatArray
-    power: int
-
-    @property
-    def places(self) -> tuple[slice, ...]:
-        """See `Factor.places`."""
-        return (self.value,)
-
-    def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`."""
-        powers: FloatArray = (values[self.value] / self.nominal) ** self.power
-        return powers
-
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`, 1/m."""
-        ratio = values[self.value] / self.nominal
-        return (self.power * ratio ** (self.power - 1) / self.nominal,)
-
-
-@dataclass(frozen=True, eq=False)
 class ShearFactor:
     """The share G / (G + ratio E) of `ShearShare` over the nominal one, to a power; the element matrices hold the nominal.
 
@@ -128,36 +95,41 @@ class ShearFactor:
 
 @dataclass(frozen=True, eq=False)
 class Monomial:
-    """A product of powers of values over their references, of a set that is one element.
+    """A product of powers of values over their references, a number an element; element matrices hold the references.
 
     Attributes
     ----------
     places : tuple of slice
         Where the values stand among the values of the structure.
-    references : (n_places,) float array
-    exponents : (n_places,) int array
+    references : tuple of (n_elements,) float array or float
+        Nominal thicknesses, for one.
+    exponents : tuple of int
+        Of a thickness 1 for membrane stiffness and mass, 3 for bending.
     """
 
     places: tuple[slice, ...]
-    references: FloatArray
-    exponents: IntArray
+    references: tuple[FloatArray | float, ...]
+    exponents: tuple[int, ...]
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
-        product: FloatArray = np.prod(self._ratios(values) ** self.exponents, keepdims=True)
-        return product
+        first, *others = self._powers(values)
+        return math.prod(others, start=first)
 
     def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """See `Factor.slopes`."""
-        ratios, found = self._ratios(values), []
-        for own in range(len(ratios)):
-            others = np.delete(ratios**self.exponents, own).prod(keepdims=True)
-            power = self.exponents[own]
-            found.append(others * power * ratios[own] ** (power - 1) / self.references[own])
+        powers, found = self._powers(values), []
+        for own, (place, reference, exponent) in enumerate(self._parts):
+            slope = exponent * (values[place] / reference) ** (exponent - 1) / reference
+            found.append(math.prod((*powers[:own], *powers[own + 1 :]), start=slope))
         return tuple(found)
 
-    def _ratios(self, values: FloatArray) -> FloatArray:
-        return np.array([values[place][0] for place in self.places]) / self.references
+    @property
+    def _parts(self) -> list[tuple[slice, FloatArray | float, int]]:
+        return list(zip(self.places, self.references, self.exponents, strict=True))
+
+    def _powers(self, values: FloatArray) -> list[FloatArray]:
+        return [(values[place] / reference) ** exponent for place, reference, exponent in self._parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +236,7 @@ def weighed(
         if item.term.kind == "loss_factor":
             found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
         for layer in item.term.layers:
-            law = f"friction:{item.element}" if item.term.kind == "friction" else _law(item, layer)
+            law = layer.law or (f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind])
             if id(layer) not in blocks:
                 blocks[id(layer)] = blocks_of(layer)
             scale = _scale(properties, item.element, layer, lengthenings)
@@ -272,10 +244,6 @@ def weighed(
             if law == "elastic":
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
-
-
-def _law(item: Property, layer: Layer) -> str:
-    return layer.law or _LAWS[item.term.kind]
 
 
 def rigid_mass(
@@ -319,15 +287,12 @@ def _scale(
         return ShearFactor(bending.values, shear.values, layer.shear.ratio, share, layer.shear.power)
     if layer.powers:
         own = {p.term.property: p for p in properties if p.element == element}
-        return Monomial(
-            tuple(own[power.property].values for power in layer.powers),
-            np.array([power.reference for power in layer.powers]),
-            np.array([power.exponent for power in layer.powers]),
-        )
+        parts = [(own[power.property].values, power.reference, power.exponent) for power in layer.powers]
+        return Monomial(*zip(*parts, strict=True))
     if layer.power == 0:
         return None
     found = next(p for p in properties if p.element == element and p.term.kind == "thickness")
-    return ThicknessFactor(found.values, found.term.values, layer.power)
+    return Monomial((found.values,), (found.term.values,), (layer.power,))
 
 
 def _rigid(layer: Layer, axis: int) -> FloatArray:
