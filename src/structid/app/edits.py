@@ -36,8 +36,9 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     InputError
         If the text is no TOML, a value is none, or a path leads nowhere; nothing is changed then.
     """
-    for edit in edits:
+    if edits:
         _require_toml(text, "the study is no TOML as it stands")
+    for edit in edits:
         if "add" in edit:
             text = _added(text, tuple(edit["add"]), edit["table"])
         elif "remove" in edit:

@@ -56,8 +56,12 @@ class Workbench:
 
     async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
-        answer = await self.workers(name, given, version)
-        return Response(answer, 422 if answer.startswith('{"error"') else 200, media_type="application/json")
+        return _answered(await self.workers(name, given, version))
+
+
+def _answered(answer: str) -> Response:
+    """What a worker gave."""
+    return Response(answer, 422 if answer.startswith('{"error"') else 200, media_type="application/json")
 
 
 Handler = Callable[[Workbench, Request], Awaitable[Response]]
@@ -166,7 +170,7 @@ async def _histories(bench: Workbench, request: Request) -> Response:
     if '"sampled":true' in answer and bench.opened.is_writable:
         part = {"record": body["record"], "options": body["options"]}
         _later(bench.workers("overview", part))
-    return Response(answer, 422 if answer.startswith('{"error"') else 200, media_type="application/json")
+    return _answered(answer)
 
 
 _tasks: set[asyncio.Task[Any]] = set()

@@ -11,16 +11,18 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import psutil
 
-from structid.app.folder import OpenFolder, read_json
+from structid.app.folder import OWN, OpenFolder, read_json
 from structid.errors import InputError
 from structid.files import atomic_write
 
 _ENDS = {0: "done", 1: "undetermined", 2: "unusable", 3: "wrong_model", 130: "stopped"}
+_LIVE = ("running", "paused", "stopping")
 _LOG_BYTES = 20_000
 _SAME_SECONDS = 2.0
 
@@ -36,7 +38,7 @@ class Run:
     def id(self) -> str:
         return self.folder.name
 
-    @property
+    @cached_property
     def _told(self) -> dict[str, Any]:
         found = read_json(self.folder / "run.json")
         return found if isinstance(found, dict) else {}
@@ -50,9 +52,8 @@ class Run:
                 return process
         return None
 
-    def _worker(self) -> psutil.Process | None:
-        """The process that computes."""
-        process = self._process()
+    def _worker(self, process: psutil.Process | None) -> psutil.Process | None:
+        """The process that computes, which `process` has begun."""
         with suppress(psutil.Error):
             children = process.children() if process is not None else []
             return children[0] if children else None
@@ -67,7 +68,7 @@ class Run:
         process = self._process()
         if process is None:
             return "killed"
-        worker = self._worker()
+        worker = self._worker(process)
         with suppress(psutil.Error):
             if worker is not None and worker.status() == psutil.STATUS_STOPPED:
                 return "paused"
@@ -78,14 +79,13 @@ class Run:
         told, state = self._told, self.state
         results = str(told.get("results", ""))
         checkpoint = self.opened.root / f"{results}.checkpoint" / "run.json"
-        live = state in ("running", "paused", "stopping")
         return {
             "id": self.id,
             "study": told.get("study", ""),
             "results": results,
             "started": told.get("started", 0),
             "state": state,
-            "can_resume": not live and bool(results) and checkpoint.exists(),
+            "can_resume": state not in _LIVE and bool(results) and checkpoint.exists(),
             "has_results": bool(results) and (self.opened.root / results / "estimate.json").exists(),
             "last": self._last(),
         }
@@ -115,7 +115,7 @@ class Run:
 
     def stop(self) -> None:
         """Ask it to end as Ctrl-C does; it writes what it has, and can be resumed."""
-        worker = self._worker()
+        worker = self._worker(self._process())
         if worker is None:
             raise InputError("this run has ended already")
         (self.folder / "stop").write_text("", encoding="utf-8")
@@ -125,7 +125,7 @@ class Run:
 
     def pause(self, still: bool) -> None:
         """Hold it where it is, or let it go on."""
-        worker = self._worker()
+        worker = self._worker(self._process())
         if worker is None:
             raise InputError("this run has ended already")
         with suppress(psutil.Error):
@@ -140,7 +140,7 @@ class Runs:
         self.opened = opened
 
     def __iter__(self) -> Iterator[Run]:
-        folder = self.opened.root / ".structid" / "runs"
+        folder = self.opened.root / OWN / "runs"
         paths = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
         return (Run(self.opened, path) for path in paths if (path / "run.json").exists())
 
@@ -173,7 +173,7 @@ class Runs:
         path, out = self.opened.inside(study), self.opened.inside(results)
         for run in self:
             told = run.summary()
-            if told["results"] == results and told["state"] in ("running", "paused", "stopping"):
+            if told["results"] == results and told["state"] in _LIVE:
                 raise InputError(f"a run writes to {results} already; wait for it, or give other results")
         folder = self.opened.own("runs", f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}")
         words = ["identify", str(path), "--out", str(out), "--progress", str(folder / "progress.jsonl")]

@@ -13,6 +13,7 @@ from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
 from structid.similarity import mac
+from structid.similarity.shapes import most_real
 from structid.study.results.folder import staged_folder
 from structid.study.results.modes import write_modes_results
 
@@ -78,12 +79,7 @@ def _modes(found: ModesResult) -> dict[str, Any]:
         "damping_std": std[n : 2 * n] if std is not None else [None] * n,
         "likeness": mac(modes.mode_shapes, modes.mode_shapes),
         "channels": [str(dof) for dof in modes.channels],
-        "shapes": [np.real(column * np.exp(-1j * _turn(column))) for column in modes.mode_shapes.T],
+        "shapes": most_real(modes.mode_shapes).T,
         "warnings": list(found.warnings),
         "steps": list(found.steps),
     }
-
-
-def _turn(shape: np.ndarray) -> float:
-    """The phase that makes a shape as real as can be."""
-    return float(0.5 * np.angle(np.sum(shape**2)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -66,9 +65,9 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
             "name": str(dof),
             "role": "load" if quantity == "force" else "sensor",
             "quantity": quantity,
-            "unit": QUANTITY_UNITS[quantity][dof.is_rotation],
+            "unit": unit,
         }
-        for dof, quantity in zip(record.channels, record.quantities, strict=True)
+        for dof, quantity, unit in zip(record.channels, record.quantities, _units(record), strict=True)
     ]
     return {
         "kind": "time histories",
@@ -88,6 +87,11 @@ def channels(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
 
 def _channels(dofs: tuple[Dof, ...], role: str = "sensor") -> list[dict[str, Any]]:
     return [{"name": str(dof), "role": role} for dof in dofs]
+
+
+def _units(record: ChunkedRecord) -> list[str]:
+    """SI unit of each channel."""
+    return [QUANTITY_UNITS[kind][dof.is_rotation] for dof, kind in zip(record.channels, record.quantities, strict=True)]
 
 
 def _segment(n_times: int) -> int:
@@ -141,10 +145,9 @@ def histories(
     else:
         low, high, at, sampled = *_sampled_stretches(record, begin, end), True
     names = [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
-    units = [QUANTITY_UNITS[q][d.is_rotation] for d, q in zip(record.channels, record.quantities, strict=True)]
     return {
         "names": names,
-        "units": units,
+        "units": _units(record),
         "seconds": n / rate,
         "time": packed(at / rate, np.float64),
         "low": [packed(row, np.float32) for row in low],
@@ -215,14 +218,7 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Any]:
     """Responses at `outputs`, all where the list is empty: magnitude, phase, coherence and relative random error."""
     wanted = [k for k, dof in enumerate(record.outputs) if not outputs or str(dof) in outputs]
     step = max(1, -(-len(record.frequency) * len(wanted) * len(record.inputs) // _MOST_VALUES))
-    few = replace(
-        record,
-        frequency=record.frequency[::step],
-        values=record.values[::step],
-        variance=None if record.variance is None else record.variance[::step],
-        coherence=None if record.coherence is None else record.coherence[::step],
-        decay=None if record.decay is None else record.decay[::step],
-    )
+    few = record.lines(np.arange(0, len(record.frequency), step))
     pairs = []
     for o in wanted:
         for i, load in enumerate(record.inputs):
