@@ -177,10 +177,11 @@ def read_deck(paths: Sequence[Path], parameters: Sequence[DeckParameter]) -> Dec
     for path in paths:
         if path.name in texts:
             raise FileError(f"{path}: two files of the deck are called {path.name}; give each a name of its own")
+        content = path.read_bytes()
         try:
-            texts[path.name] = path.read_bytes().decode("utf-8")
+            texts[path.name] = content.decode("utf-8")
         except UnicodeDecodeError:
-            texts[path.name] = path.read_bytes().decode("latin-1")
+            texts[path.name] = content.decode("latin-1")
         if "\0" in texts[path.name]:
             raise FileError(f"{path}: must be a deck in text, is binary; write it as text")
     return Deck(texts, parameters)

@@ -106,10 +106,6 @@ class Solver:
         """Folder of a run."""
         return self.folder / self.key(values)
 
-    def is_done(self, values: Mapping[str, float]) -> bool:
-        """Whether the run is there."""
-        return (self.place(values) / _DONE).is_file()
-
 
 @dataclass(frozen=True)
 class RunCounts:
@@ -152,7 +148,8 @@ def runs(
     InputError
         If the solver is not there, or the folder cannot be written.
     """
-    missing = {solver.key(one): one for one in points if not solver.is_done(one)}
+    keys = [solver.key(one) for one in points]
+    missing = {key: one for key, one in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
     failed: dict[str, RunFailedError] = {}
     if missing:
         _require_there(solver)
@@ -165,17 +162,17 @@ def runs(
             ) from error
         told = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
         failed = {key: RunFailedError(words) for key, words in zip(missing, told, strict=True) if words}
-    found: list[Path | RunFailedError] = [failed.get(solver.key(one)) or solver.place(one) for one in points]
-    return found, RunCounts(len({solver.key(one) for one in points}) - len(missing), len(missing) - len(failed))
+    found: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
+    return found, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
 
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     """Run the solver, again where it fails; "" where there is a result then, else why there is none."""
-    words = ""
+    words, place = "", solver.place(values)
     for _ in range(solver.retries + 1):
-        if solver.is_done(values):  # made by another process meanwhile
+        if _is_done(place):  # made by another process meanwhile
             return ""
-        words = _tried(solver, values)
+        words = _tried(solver, values, place)
         if not words:
             return ""
     shown = ", ".join(f"{name} = {value:g}" for name, value in solver.deck.shown(values).items())
@@ -183,9 +180,13 @@ def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     return f"the solver failed{times} at {shown}: {words}"
 
 
-def _tried(solver: Solver, values: Mapping[str, float]) -> str:
-    """One run; "" where it is good and kept, else what is wrong."""
-    place = solver.place(values)
+def _is_done(place: Path) -> bool:
+    """Whether the run whose folder this is has ended whole."""
+    return (place / _DONE).is_file()
+
+
+def _tried(solver: Solver, values: Mapping[str, float], place: Path) -> str:
+    """One run; "" where it is good and kept in `place`, else what is wrong."""
     begun, trial = time.perf_counter(), solver.folder / f".{place.name[:12]}.{secrets.token_hex(4)}"
     try:
         trial.mkdir()
@@ -211,7 +212,7 @@ def _tried(solver: Solver, values: Mapping[str, float]) -> str:
         try:
             trial.rename(place)
         except OSError:
-            if not solver.is_done(values):
+            if not _is_done(place):
                 raise
         return ""
     except OSError as error:

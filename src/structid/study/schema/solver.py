@@ -80,7 +80,7 @@ def read_solver(section: Section, files: InputFiles) -> Solved | None:
 
 
 def _solved(own: Section, files: InputFiles) -> Solved:
-    given = own.values(SOLVER)
+    given = SOLVER.defaults | own.values(SOLVER)
     entries = own.sections("parameter")
     if not entries:
         raise own.error(
@@ -93,24 +93,22 @@ def _solved(own: Section, files: InputFiles) -> Solved:
     out = _outputs(own, given, stem)
     linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
     folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
-    solver = Solver(
-        deck, given["command"], folder, files.folder, linked, out, given.get("timeout", 3600.0), given.get("retries", 2)
-    )
+    solver = Solver(deck, given["command"], folder, files.folder, linked, out, given["timeout"], given["retries"])
     with own.located("command"):
         _ = solver.arguments
-    name, units = given.get("name", "model"), Units(given.get("length_unit", "m"), given.get("force_unit", "N"))
+    name, units = given["name"], Units(given["length_unit"], given["force_unit"])
     with own.located():
         if isinstance(out, ModesOut):
             return solved_modes(name, solver, out, units, files.work)
-        return solved_matrices(name, solver, out, units, files.work, given.get("indefinite", False))
+        return solved_matrices(name, solver, out, units, files.work, given["indefinite"])
 
 
 def _outputs(own: Section, given: Mapping[str, Any], stem: Mapping[str, str]) -> MatricesOut | ModesOut:
     """What the study says that comes out; what belongs to the other kind is refused."""
-    gives = given.get("gives", "matrices")
+    gives = given["gives"]
     of_other = ("modes",) if gives == "matrices" else (*_MATRICES, "dofs", "indefinite")
     for key in of_other:
-        if key in given:
+        if key in own.table:
             raise own.error(
                 f'belongs to `gives = "{"modes" if gives == "matrices" else "matrices"}"`; take it out', key
             )

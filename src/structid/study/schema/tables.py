@@ -71,6 +71,11 @@ class Table:
         return Table({name: self.keys[name] for name in names}, self.labels, self.short)
 
     @property
+    def defaults(self) -> dict[str, Any]:
+        """What its keys hold where nothing is given, of those that say so."""
+        return {name: key.default for name, key in self.keys.items() if key.default is not None}
+
+    @property
     def schema(self) -> Schema:
         """As JSON Schema."""
         own: dict[str, Any] = {"type": "object", "additionalProperties": False}
