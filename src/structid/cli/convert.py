@@ -10,6 +10,7 @@ import typer
 from structid.errors import FileError
 from structid.files import claimed
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
+from structid.records.io import how_read
 
 
 def convert(
@@ -37,7 +38,7 @@ def convert(
     record = read_record(source, read)
     with claimed(target):
         write_record(target, record)
-    if "; " in record.source:
+    if how_read(record.source, source):
         typer.echo(f"read: {record.source}")
     typer.echo(_summary(record, target))
 

@@ -33,9 +33,7 @@ from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import run_started
-from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
-from structid.study.run.start import started
+from structid.study.run.run import run_from_start
 from structid.study.run.workers import WorkersLostError, workers_for
 from structid.study.schema.study import load_study
 
@@ -90,8 +88,7 @@ def identify(
                 run.progress = progress.tasks
                 if progress_file is not None:
                     progress.file = ProgressFile(progress_file, run.reached.summary)
-                ready = about_answer(started(read), progress.search, run)
-                result = with_solver(from_nominal(run_started(ready, progress.search, run)), run)
+                ready, result = run_from_start(read, progress.search, run)
                 result, fits = criticized(ready, result, explain, run)
             with staged_folder(folder) as staged:
                 name = _write(result, staged, report, png)

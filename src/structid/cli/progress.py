@@ -73,17 +73,18 @@ class RunProgress:
         left = f", {clock(each)} each, at most {clock(most)} left" if each >= 0.1 and math.isfinite(most) else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
         words = f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}"
-        self.show(stage, iteration, total, words)
-        if self.file is not None:
-            self.file.write(stage, iteration, total, words, cost)
+        self._tell(stage, iteration, total, words, cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """After some tasks."""
         each = self._each(name, done)
         left = f", {clock((total - done) * each)} left" if each > 0 and done < total else ""
-        self.show(name, done, total, f"{name}: {done} of {total}{left}")
+        self._tell(name, done, total, f"{name}: {done} of {total}{left}")
+
+    def _tell(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
+        self.show(name, done, total, words)
         if self.file is not None:
-            self.file.write(name, done, total, f"{name}: {done} of {total}{left}")
+            self.file.write(name, done, total, words, cost)
 
     def _each(self, name: str, done: int) -> float:
         """Mean time of one since the first call, s; 0 while it is not known."""

@@ -16,6 +16,7 @@ from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, unit_largest
 from structid.modal.poles import modal_phase_collinearity
+from structid.records.io.csv.recognition import is_number
 
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
 _PARTS = ("real", "imaginary", "std")
@@ -92,7 +93,7 @@ def _table(path: Path) -> _Table:
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(rows[0]):
             raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
-    turned = any(_own_word(row[0])[0] == "frequency_hz" and _is_number(row[1]) for row in rows if len(row) > 1)
+    turned = any(_own_word(row[0])[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
     if turned:
         rows = [list(column) for column in zip(*rows, strict=True)]
     words = [_own_word(cell) for cell in rows[0]]
@@ -104,14 +105,6 @@ def _table(path: Path) -> _Table:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
     lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
     return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _own_word(cell: str) -> tuple[str, float]:

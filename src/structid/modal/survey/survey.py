@@ -41,6 +41,7 @@ from structid.records import (
     read_geometry,
     read_record,
 )
+from structid.records.io import how_read
 from structid.records.io.uff.blocks import dataset_lines
 from structid.records.io.uff.uff import SUFFIXES
 
@@ -177,7 +178,7 @@ def _modes_of_file(
     record, read, numbered = _read(path, read or ReadOptions(), alone)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
-    understood = record.source.removeprefix(str(path)).partition("; ")[2] if record.source.startswith(str(path)) else ""
+    understood = how_read(record.source, path)
     steps = (f"read: {understood}", *steps) if understood else steps
     looked_at, motions = _shared(ready)
     identification, more = _identified(looked_at, options)

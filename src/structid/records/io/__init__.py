@@ -47,6 +47,11 @@ def _format(path: Path) -> ModuleType | LoggerFormat:
     raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
 
 
+def how_read(source: str, path: str | Path) -> str:
+    """What a reader says in `source`, of a record of the file `path`, of how it took the file; "" for nothing."""
+    return source.removeprefix(str(path)).partition("; ")[2] if source.startswith(str(path)) else ""
+
+
 def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
     """The record in the file at `path`, its format by the suffix, in SI units.
 

@@ -74,6 +74,11 @@ class NamedChannels:
             return f"channel {self.number(j)} ({self.names[j]!r})"
         return f"line {self.header_line}, column {self.number(j)} ({self.names[j]!r})"
 
+    @property
+    def told_units(self) -> list[str]:
+        """What the file says of the unit of each channel, beside its name or in it; "" where nothing."""
+        return [unit or name_and_unit(name)[1] for name, unit in zip(self.names, self.units, strict=True)]
+
     def number(self, j: int) -> int:
         return self.numbers[j] if self.numbers else j + 1
 
@@ -189,18 +194,16 @@ def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...
 
 def _units(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
     """Quantity and SI factor of each channel: by the file, or by `units` and `quantities` where it does not say."""
-    told = [unit or name_and_unit(name)[1] for name, unit in zip(part.names, part.units, strict=True)]
+    told = part.told_units
     own: list[Unit | None] = []
     for j, text in enumerate(told):
         try:
-            own.append(parse_unit(text) if text else None)
-            if own[-1] is not None:
-                require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, own[-1].rotation)
+            unit = _unit(text, bool(options.units))
+            if unit is not None:
+                require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
         except InputError as error:
-            if options.units and parse_error_only(text):
-                own.append(None)
-                continue
             raise FileError(f"{part.path}: {part.place(j)}: {error}") from error
+        own.append(unit)
     if not options.units and not (options.quantities and not any(told)):
         for j, unit in enumerate(own):
             if unit is None:
@@ -218,18 +221,19 @@ def _units(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions)
     return quantities, factors
 
 
-def parse_error_only(text: str) -> bool:
-    """Whether a unit cannot be read at all, so that the user's may stand in its place."""
+def _unit(text: str, is_given: bool) -> Unit | None:
+    """The unit that the file says; None where it says none, or one that cannot be read where the user gives another."""
     try:
-        parse_unit(text)
+        return parse_unit(text) if text else None
     except InputError:
-        return True
-    return False
+        if is_given:
+            return None
+        raise
 
 
 def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
     """What was read, in words."""
-    units = [unit or name_and_unit(name)[1] for name, unit in zip(part.names, part.units, strict=True)]
+    units = part.told_units
     if options.units:
         units = list(options.units) * (len(units) if len(options.units) == 1 else 1)
     kinds = [unit or "SI" for unit in dict.fromkeys(units)]

@@ -46,8 +46,15 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     SearchFailedError
         If the search came to where there is no model response.
     """
+    return run_from_start(study, progress, work)[1]
+
+
+def run_from_start(
+    study: Study, progress: StageProgress | None = None, work: Work = ALONE
+) -> tuple[Start, StudyResult]:
+    """The same, with what it began from; see `run_study`."""
     ready = about_answer(started(study), progress, work)
-    return with_solver(from_nominal(run_started(ready, progress, work)), work)
+    return ready, with_solver(from_nominal(run_started(ready, progress, work)), work)
 
 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:

@@ -13,7 +13,7 @@ from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs, renamed
 from structid.identification.time_setup import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
-from structid.records.io import CsvLayout, ReadOptions, read_record
+from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.record import LOADS, Quantity
 from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
@@ -254,8 +254,7 @@ def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 
 def _named_shortly(source: str, path: Path) -> str:
     """The name of the file, and what was said of how it was read."""
-    _, mark, words = source.removeprefix(str(path)).partition("; ") if source.startswith(str(path)) else ("", "", "")
-    return path.name + mark + words
+    return "; ".join(filter(None, (path.name, how_read(source, path))))
 
 
 def _driven(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
