@@ -19,6 +19,19 @@ def _pairs(first: int, count: int) -> str:
     return ", ".join(f"[{k}, {k + 1}]" for k in range(first, first + count))
 
 
+def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, is_stiff: bool = False) -> str:
+    """A ``[[structure.beam]]`` table; one `is_stiff` against stretch has an axial stiffness too."""
+    axial = f"axial_stiffness = {number(100 * bending)}  # N, hardly gives way\n" if is_stiff else ""
+    return f"""
+[[structure.beam]]
+name = "{name}"
+nodes = [{nodes}]
+mass = {number(mass)}  # kg/m
+bending_stiffness = {number(bending)}  # N m^2
+{axial}loss_factor = {loss_factor}
+"""
+
+
 @dataclass(frozen=True)
 class BeamTemplate(Template):
     """A straight beam along X that bends in Y."""
@@ -38,20 +51,15 @@ class BeamTemplate(Template):
         held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held
         fixed = f"fixed = [{', '.join(held)}]  # {words}\n" if held else ""
         places = {k + 1: [self.length * k / self.elements] for k in range(last)}
+        beam = _beams("beam", _pairs(1, self.elements), self.mass, self.bending_stiffness, 0.01)
+        unknowns = unknown("bending_stiffness", "beam") + unknown("loss_factor", "beam")
         return f"""title = "Beam {words}"
 
 [structure]
 {fixed}
 [structure.nodes]  # m
 {node_lines(places)}
-
-[[structure.beam]]
-name = "beam"
-nodes = [{_pairs(1, self.elements)}]
-mass = {number(self.mass)}  # kg/m
-bending_stiffness = {number(self.bending_stiffness)}  # N m^2
-loss_factor = 0.01
-{unknown("bending_stiffness", "beam")}{unknown("loss_factor", "beam")}{NO_RECORD}"""
+{beam}{unknowns}{NO_RECORD}"""
 
 
 @dataclass(frozen=True)
@@ -70,14 +78,9 @@ class BridgeTemplate(Template):
         places = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
         piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
         sets = "".join(
-            f"""
-[[structure.beam]]
-name = "span {k + 1}"
-nodes = [{_pairs(1 + k * self.elements, self.elements)}]
-mass = {number(self.mass)}  # kg/m
-bending_stiffness = {number(self.bending_stiffness)}  # N m^2
-loss_factor = 0.02
-"""
+            _beams(
+                f"span {k + 1}", _pairs(1 + k * self.elements, self.elements), self.mass, self.bending_stiffness, 0.02
+            )
             for k in range(self.spans)
         )
         unknowns = "".join(unknown("bending_stiffness", f"span {k + 1}") for k in range(self.spans))
@@ -111,20 +114,21 @@ class FrameTemplate(Template):
         places |= {10 * f + 3: [0.5 * self.width, f * self.height] for f in floors if f}
         places = dict(sorted(places.items()))
         columns = "".join(
-            f"""
-[[structure.beam]]
-name = "columns {f}"
-nodes = [[{10 * f - 9}, {10 * f + 1}], [{10 * f - 8}, {10 * f + 2}]]
-mass = {number(self.column_mass)}  # kg/m
-bending_stiffness = {number(self.column_bending_stiffness)}  # N m^2
-axial_stiffness = {number(100 * self.column_bending_stiffness)}  # N, hardly gives way
-loss_factor = 0.02
-"""
+            _beams(
+                f"columns {f}",
+                f"[{10 * f - 9}, {10 * f + 1}], [{10 * f - 8}, {10 * f + 2}]",
+                self.column_mass,
+                self.column_bending_stiffness,
+                0.02,
+                is_stiff=True,
+            )
             for f in floors
             if f
         )
         girders = ", ".join(f"[{10 * f + 1}, {10 * f + 3}], [{10 * f + 3}, {10 * f + 2}]" for f in floors if f)
         unknowns = "".join(unknown("bending_stiffness", f"columns {f}") for f in floors if f)
+        floor = _beams("girders", girders, self.girder_mass, self.girder_bending_stiffness, 0.02, is_stiff=True)
+        unknowns += unknown("bending_stiffness", "girders")
         return f"""title = "Frame of {self.storeys} storeys"
 
 [structure]
@@ -134,15 +138,7 @@ subdivide = 2
 
 [structure.nodes]  # m; floor f has the nodes f1 (left), f2 (right) and f3 (middle)
 {node_lines(places)}
-{columns}
-[[structure.beam]]
-name = "girders"
-nodes = [{girders}]
-mass = {number(self.girder_mass)}  # kg/m
-bending_stiffness = {number(self.girder_bending_stiffness)}  # N m^2
-axial_stiffness = {number(100 * self.girder_bending_stiffness)}  # N, hardly gives way
-loss_factor = 0.02
-{unknowns}{unknown("bending_stiffness", "girders")}{NO_RECORD}"""
+{columns}{floor}{unknowns}{NO_RECORD}"""
 
 
 @dataclass(frozen=True)

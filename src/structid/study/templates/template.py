@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -18,14 +19,14 @@ NO_RECORD = """
 """
 
 
-class Template:
+class Template(ABC):
     """Of one kind of structure; a subclass is a frozen dataclass whose fields are what is asked for."""
 
     words: ClassVar[str] = ""
 
+    @abstractmethod
     def text(self) -> str:
         """The study file."""
-        raise NotImplementedError
 
 
 def asked(words: str, unit: str, default: Any) -> Any:
@@ -111,11 +112,6 @@ def number(value: float) -> str:
     return text if any(letter in text for letter in ".e") else f"{text}.0"
 
 
-def unknown(property: str, elements: str, each: bool = False, comment: str = "") -> str:
+def unknown(property: str, elements: str, each: bool = False) -> str:
     """An ``[[unknown]]`` table."""
-    return (
-        f'\n[[unknown]]\nproperty = "{property}"\nelements = "{elements}"'
-        + ("\neach = true" if each else "")
-        + (f"  # {comment}" if comment else "")
-        + "\n"
-    )
+    return f'\n[[unknown]]\nproperty = "{property}"\nelements = "{elements}"\n' + ("each = true\n" if each else "")
