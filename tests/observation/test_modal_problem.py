@@ -1,12 +1,14 @@
 """Parameters from modes: derivatives against differences, close and crossing modes, uncertainty, ratios, joint fits."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from structid import (
     Beam,
+    ChannelUnknown,
     Constraint,
     Dashpot,
     FrfRecord,
@@ -18,6 +20,7 @@ from structid import (
     Status,
     Structure,
     Unknown,
+    channel_errors,
     estimate,
     parameters,
     simulated_record,
@@ -124,6 +127,54 @@ def gradient_errors(problem, theta):
     step = 1e-6
     sums = [[np.sum(problem.residual(theta + s * step * u) ** 2) for s in (1, -1)] for u in np.eye(len(theta))]
     return 2 * at.jacobian.T @ at.residual, np.diff(sums, axis=1)[:, 0] / (-2 * step)
+
+
+def gains(record, *unknowns):
+    """Errors of the sensors of modes."""
+    sensors = SimpleNamespace(outputs=record.channels, inputs=(), frequency=record.frequency)
+    return channel_errors(sensors, unknowns)
+
+
+@pytest.mark.parametrize(("structure", "channels", "count"), [
+    (chain(), ["1X", "3X-", "5X"], 3), (tower(1.001), ["1X", "2X", "1Y", "2Y"], 4),
+])  # fmt: skip
+@pytest.mark.parametrize("damping", [False, True])
+def test_modal_jacobian_with_gains_of_sensors_agrees_with_differences(structure, channels, count, damping):
+    unknown = parameters(structure, [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)])
+    record = measured(structure, unknown.values(unknown.start), channels, count, np.random.default_rng(0))
+    errors = gains(record, ChannelUnknown("gain", channels[1:], each=True))
+    damping = damping and count == 3
+    problem = ModalProblem(structure, unknown, record, use_damping=damping, channels=errors)
+    theta = problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(len(problem.theta_start))
+    assert len(theta) == unknown.n_params + len(channels) - 1
+    assert np.abs(problem.linearize(theta).jacobian[:, unknown.n_params :]).max(axis=0).min() > 0.1
+    require_exact_slope(problem, theta)
+
+
+def test_a_sensor_that_reads_too_much_in_modes_is_found_with_its_deviation():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    channels, off = [f"{i}X" for i in range(1, 6)], []
+    for seed in range(60):
+        record = measured(structure, unknown.values(unknown.start), channels, 4, np.random.default_rng(seed))
+        reading = np.array([1.0, 1.0, 1.3, 1.0, 1.0])[:, None]
+        record = replace(record, mode_shapes=reading * record.mode_shapes, shape_std=reading * record.shape_std)
+        errors = gains(record, ChannelUnknown("gain", "3X"))
+        found = estimate(ModalProblem(structure, unknown, record, channels=errors))
+        assert found.names[-1] == "gain[3X+]"
+        off.append((found.values[-1] - 1.3) / found.std[-1])
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.2)
+
+
+def test_modal_problem_refuses_errors_of_channels_that_shapes_do_not_show():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X"], 3)
+    for wrong in ("delay", "polarity"):
+        with pytest.raises(InputError, match="modes show gains of sensors only"):
+            ModalProblem(structure, unknown, record, channels=gains(record, ChannelUnknown(wrong, "1X")))
+    with pytest.raises(InputError, match="form 'dynamic' takes no errors of channels"):
+        ModalProblem(structure, unknown, record, form="dynamic", channels=gains(record, ChannelUnknown("gain", "1X")))
 
 
 def test_modal_dynamic_slope_gives_the_gradient():

@@ -48,8 +48,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
     Lines lie off the axis, where damping hardly counts. The loads are the channels that move most.
     """
     state, pairs = problem.model_state(problem.physical(theta)), paired_modes(problem, theta)
-    sensors = problem.structure.selection(problem.record.channels).toarray()
-    seen = sensors.T @ state.modes.mode_shapes
+    seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.readings(problem.physical(theta))[0][:, None]
     shapes, frequency = seen.copy(), state.modes.frequency.copy()
     given = problem.data.shapes[:, problem.data.measured]
     size = np.einsum("cm,cm->m", given, seen[:, pairs.number]) / np.einsum("cm,cm->m", given, given)
@@ -63,7 +62,9 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
     drive = np.sort(np.argsort(-np.abs(given * size).max(axis=1))[:_LOADS])
     decay = _DECAY * 2 * np.pi * lines
     s = decay + 2j * np.pi * lines
-    values = _synthesized(shapes[:, kept], shapes[drive][:, kept], 2 * np.pi * frequency[kept], damping[kept], s)
+    values = _synthesized(
+        shapes[:, kept], (shapes / gains)[drive][:, kept], 2 * np.pi * frequency[kept], damping[kept], s
+    )
     channels = problem.record.channels
     size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
     record = FrfRecord(
@@ -71,7 +72,8 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
         variance=_ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2),
         decay=decay, noise_source="declared",
     )  # fmt: skip
-    return FrfProblem(problem.structure, problem.parameters, record)
+    errors = None if problem.channels is None else problem.channels.seen_by(record)
+    return FrfProblem(problem.structure, problem.parameters, record, channels=errors)
 
 
 def _synthesized(

@@ -217,8 +217,8 @@ def _record(study: Tables, candidate: Candidate) -> Tables:
 def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float], None]:
     def make(study: Tables, candidate: Candidate, strength: float) -> None:
         record = _record(study, candidate)
-        if "modes" in record:
-            raise NoEditError("modes have no errors of channels")
+        if "modes" in record and (side, prop) != ("outputs", "gain"):
+            raise NoEditError("of errors of channels, modes show the gains of sensors only")
         if record.get("time", {}).get("fit", "spectra") != "spectra":
             raise NoEditError("errors of channels are parameters of histories only where they are fitted as spectra")
         start = np.exp(strength) if prop == "gain" else strength

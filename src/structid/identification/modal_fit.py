@@ -47,7 +47,7 @@ class PairedModes:
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     """The pairs of `problem` at the free variables `theta`."""
     state = problem.model_state(problem.physical(theta))
-    number = problem.pairing(state.modes)
+    number = problem.pairing(state)
     shapes = problem.data.shapes[:, problem.data.measured]
     seen = state.sensors.T @ state.modes.mode_shapes
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}

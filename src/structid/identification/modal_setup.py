@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from structid.arrays import FloatArray
 from structid.declared import NotNegative, Positive
 from structid.dof import Dof
 from structid.errors import InputError
@@ -16,7 +18,8 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own
 from structid.identification.setups import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
-from structid.observation import ChannelUnknown, ModalForm, ModalProblem, ShapeForm
+from structid.observation import ChannelUnknown, ModalForm, ModalProblem, ShapeForm, channel_errors
+from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -40,6 +43,14 @@ class ModalSettings:
     shape_form: ShapeForm = "entries"
 
 
+class _Sensors(NamedTuple):
+    """What errors of channels are declared on; modes have no loads."""
+
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    frequency: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class ModalSetup(RecordSetup[ModalProblem]):
     """Measured modes and what they were measured on.
@@ -52,6 +63,8 @@ class ModalSetup(RecordSetup[ModalProblem]):
         With its covariance, which the parameters inherit.
     settings : ModalSettings
     name : str
+    channel_unknowns : sequence of ChannelUnknown
+        Gains of sensors; one at least keeps its own, as shapes have no scale.
     """
 
     structure: Structure
@@ -59,9 +72,11 @@ class ModalSetup(RecordSetup[ModalProblem]):
     record: ModalRecord
     settings: ModalSettings = ModalSettings()
     name: str = ""
+    channel_unknowns: Sequence[ChannelUnknown] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
-        problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings))
+        errors = self.channel_errors(self.channel_unknowns)
+        problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings), channels=errors)
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
         return Prepared(problem, (*self.record.warnings, *weighed))
 
@@ -72,7 +87,11 @@ class ModalSetup(RecordSetup[ModalProblem]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> ModalSetup:
-        return replace(self, structure=structure, parameters=parameters)
+        return replace(self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns)
+
+    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+        sensors = lines or _Sensors(self.record.channels, (), self.record.frequency)
+        return channel_errors(sensors, unknowns) if unknowns else None
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:

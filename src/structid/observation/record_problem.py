@@ -225,8 +225,8 @@ class RecordProblem(ParameterProblem, ABC):
         return self
 
 
-class ResponseProblem(RecordProblem):
-    """The problem of a record of responses, whose sensors and load cells may have unknown errors.
+class MeasuredProblem(RecordProblem):
+    """The problem of a record whose sensors, and load cells where there are some, may have unknown errors.
 
     The parameters of its `channels`, where it has some, follow those of the structure.
     """
@@ -248,6 +248,10 @@ class ResponseProblem(RecordProblem):
     @abstractmethod
     def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> Self:
         """The same data with other errors of channels, and other parameters of the structure where they are given."""
+
+
+class ResponseProblem(MeasuredProblem):
+    """The problem of a record of responses, whose sensors and load cells may also be turned round."""
 
     @property
     def polarities(self) -> FloatArray:

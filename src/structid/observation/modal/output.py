@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -77,6 +78,9 @@ class ModelState:
         In standard deviations of each channel.
     slopes : MatrixSlopes
     physical : (n_params,) float array
+        Of the structure.
+    readings : (n_channels, n_errors) float array
+        Derivative of the logarithm of what each sensor reads with respect to errors of channels, which follow the parameters.
     """
 
     mass: sparse.csc_array
@@ -87,6 +91,7 @@ class ModelState:
     sensors: FloatArray
     slopes: MatrixSlopes
     physical: FloatArray
+    readings: FloatArray
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit:
@@ -120,14 +125,23 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit
     change = np.moveaxis(outside, 0, 1) - 0.5 * np.einsum("yl,klp->ykp", weights, inside)
     mean = 0.5 * (eigenvalues[:, None] + eigenvalues[None, :])
     d_lambda = d_stiffness[:, n_y:] - mean[:, :, None] * inside
-    n_channels = state.sensors.shape[1]
-    shape, d_shape, a, d_a = _projected(weights[:n_channels], change[:n_channels], group.shapes)
-    frequency, d_frequency, mixing, d_mixing = _turned(eigenvalues, d_lambda, a, d_a, group)
-    ratio, d_ratio = np.full(m, np.nan), np.full((m, d_lambda.shape[2]), np.nan)
+    n_channels, n_params = state.readings.shape[0], change.shape[2]
+    seen, values = _widened(state, change), _widened(state, d_lambda)
+    seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
+    shape, d_shape, a, d_a = _projected(weights[:n_channels], seen[:n_channels], group.shapes)
+    frequency, d_frequency, mixing, d_mixing = _turned(eigenvalues, values, a, d_a, group)
+    ratio, d_ratio = np.full(m, np.nan), np.full((m, values.shape[2]), np.nan)
     if m == 1:
-        viscous, structural = forms["viscous"][0, -1, 0], forms["structural"][0, -1, 0]
-        ratio, d_ratio = _damping(state, phi[:, 0], omega[0], d_lambda[0, 0], change[-1, 0], viscous, structural)
+        viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
+        ratio, d_ratio = _damping(state, phi[:, 0], omega[0], values[0, 0], seen[-1, 0], viscous, structural)
     return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
+
+
+def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
+    """With zeros for the errors of channels."""
+    none = np.zeros((*slope.shape[:-1], state.readings.shape[1]))
+    wider: FloatArray = np.concatenate([slope, none], axis=-1)
+    return wider
 
 
 def group_changes(

@@ -5,27 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
 from structid.modal import ModalRecord
+from structid.observation.channel_errors import ChannelErrors
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.measured import MeasuredModes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
-from structid.observation.record_problem import DataRows, RecordProblem
+from structid.observation.record_problem import DataRows, MeasuredProblem
 from structid.similarity import mac
 from structid.similarity.pairing import assigned, pairing_worth
 from structid.structure import Structure
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns
 
 ModalForm = Literal["output", "dynamic"]
 ShapeForm = Literal["entries", "mac"]
@@ -37,7 +36,7 @@ _DENSE_UP_TO = 600
 
 
 @dataclass(frozen=True, eq=False)
-class ModalProblem(RecordProblem):
+class ModalProblem(MeasuredProblem):
     """Parameters of a structure from measured modes.
 
     Forms of the residual:
@@ -72,12 +71,15 @@ class ModalProblem(RecordProblem):
     shape_form : ShapeForm
         How shapes count: ``entries``, by the standard deviation of each; ``mac``, as (1 - MAC) / ``shape_error**2`` of each
         mode, for comparison with work that minimizes such sums. MACs have no noise model: intervals are those of the weight.
+    channels : ChannelErrors, optional
+        Gains of sensors, by which shapes are read wrongly; for the form ``output``. One sensor at least keeps
+        its gain, as shapes have no scale.
 
     Raises
     ------
     InputError
-        If the record has no mode above 0 Hz, no shapes, or no uncertainty and none is given; or if sensors are not
-        part of the structure.
+        If the record has no mode above 0 Hz, no shapes, or no uncertainty and none is given; if sensors are not
+        part of the structure; or if channels have an error that shapes do not show.
 
     Notes
     -----
@@ -101,17 +103,28 @@ class ModalProblem(RecordProblem):
     form: ModalForm = "output"
     frequency_guard: float = 0.3
     shape_form: ShapeForm = "entries"
+    channels: ChannelErrors | None = None
 
     def __post_init__(self) -> None:
         _ = self.data, self._sensors
+        if self.channels is not None:
+            self._require_sound_channels(self.channels)
+
+    def _require_sound_channels(self, channels: ChannelErrors) -> None:
+        if self.form == "dynamic":
+            raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
+        if set(channels.kinds) != {"gain"} or channels.polarity_names:
+            raise InputError(
+                "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
+            )
 
     @cached_property
     def data(self) -> MeasuredModes:
         errors = self.frequency_error, self.damping_error, self.shape_error
         return MeasuredModes(self.record, *errors, self.use_damping, self.closeness, self.shape_form)
 
-    def with_parts(self, parts: Sequence[NamedUnknowns]) -> ModalProblem:
-        return replace(self, parameters=cast(Parameters, parts[0]))
+    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> ModalProblem:
+        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -161,29 +174,39 @@ class ModalProblem(RecordProblem):
 
         Where the straight way misses the noise, the other is tried too: under noise on the shapes the dynamic residual alone is
         smallest where all stiffnesses vanish, so that it may end farther off than it began. Its matrices are dense: a large
-        model goes straight only.
+        model goes straight only, and so does one whose sensors may read wrongly.
         """
-        if self.structure.n_dofs > _DENSE_UP_TO:
+        if self.structure.n_dofs > _DENSE_UP_TO or self.channels is not None:
             return ((),)
         near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
         return (), (("modal dynamic residual", near),)
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
-        values = self.parameters.values(physical)
+        own = physical[: self.parameters.n_params]
+        values = self.parameters.values(own)
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
         count = None if self.structure.n_dofs <= _DENSE_UP_TO else 3 * self.record.n_modes + 10
         found = modes(mass, stiffness, n_modes=count)
-        return ModelState(mass, damping, stiffness, structural, found, self._sensors, self.slopes, physical)
+        gains, change = self.readings(physical)
+        sensors = self._sensors * gains
+        return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
 
-    def pairing(self, found: Modes) -> IntArray:
+    def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What sensors read over the truth, (n_channels,), and its logarithm's slope, (n_channels, n_errors)."""
+        if self.channels is None:
+            return np.ones(self._sensors.shape[1]), np.zeros((self._sensors.shape[1], 0))
+        errors, still = physical[self.parameters.n_params :], np.zeros(1, dtype=np.complex128)
+        return self.channels.readings(errors, still)[0][0].real, self.channels.output_slopes(errors, still)[0].real
+
+    def pairing(self, state: ModelState) -> IntArray:
         """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once.
 
         The sum of `pairing_worth` is made as large as it can be.
         """
-        frequency = self.data.frequency
-        seen = self._sensors.T @ found.mode_shapes
+        frequency, found = self.data.frequency, state.modes
+        seen = state.sensors.T @ found.mode_shapes
         use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & (np.abs(seen).max(axis=0) > 0))
         if len(use) < len(self.data.measured):
             raise InputError(
@@ -268,10 +291,10 @@ class ModalProblem(RecordProblem):
     def _groups_at(self, physical: FloatArray) -> list[tuple[ModelState, GroupData, IntArray]]:
         """Each group with the model, its sensors in the group's standard deviations, and the model's modes for it."""
         state = self.model_state(physical)
-        pairs = dict(zip(self.data.measured.tolist(), self.pairing(state.modes).tolist(), strict=True))
+        pairs = dict(zip(self.data.measured.tolist(), self.pairing(state).tolist(), strict=True))
         found = []
         for group in self.data.groups:
-            sensors = self._sensors / self.data.group_std(group.members)
+            sensors = state.sensors / self.data.group_std(group.members)
             chosen = np.array([pairs[r] for r in group.members.tolist()])
             found.append((replace(state, sensors=sensors), group, chosen))
         return found
@@ -281,7 +304,7 @@ class ModalProblem(RecordProblem):
         rows: list[FloatArray] = []
         slopes: list[FloatArray] = []
         eliminated = 0
-        n_params = self.parameters.n_params
+        n_params = self.unknowns.n_params
         for state, group, chosen in self._groups_at(physical):
             fit = group_fit(state, group, chosen)
             rows += [fit.shape_residual.ravel(), fit.mixing.ravel()]

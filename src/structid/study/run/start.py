@@ -108,7 +108,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         setup = measured.modelled_by(structure, parameters, source.channel_unknowns)
     elif source.record.modes is not None:
         modes = source.record.modes
-        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name)
+        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
     elif source.record.time is not None:
         time = source.record.time
         shown = None if source.record.frf is None else load_record(source.record)
