@@ -6,6 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.dof import parse_dofs
+from structid.dynamics.modes import modes
+from structid.modal import ModalRecord
+from structid.modal.files.files import write_modes
+from structid.modal.modal_record import independent_errors
 from structid.records import FrfRecord, TimeRecord
 from structid.records.io import write_record
 from structid.study.run.start import study_problems
@@ -120,8 +125,11 @@ def written_histories(
     truth: str = STUDY,
     seed: int | None = 1,
     gains: dict[int, float] | None = None,
+    hum: float = 0.0,
 ) -> Path:
-    """The same with one period of accelerations and a random force at 4Y; `gains` are those of its columns, the force first."""
+    """The same with one period of accelerations and a random force at 4Y; `gains` are those of its columns, the force first,
+    and `hum` is the level of mains at 50 Hz and 25 Hz in all motions.
+    """
     rate, n_times = 150.0, 1500
     frequency = np.fft.rfftfreq(n_times, 1 / rate)[1:-1]
     outputs, inputs = ["2X", "3X", "4Y", "5Y"], ["4Y"]
@@ -141,7 +149,37 @@ def written_histories(
         values = values + 0.01 * np.sqrt((values**2).mean(axis=0)) * noise
     for column, gain in (gains or {}).items():
         values[:, column] *= gain
+    seconds = np.arange(n_times)[:, None] / rate
+    tones = np.sin(2 * np.pi * 50.013 * seconds + np.arange(4)) + 0.3 * np.cos(2 * np.pi * 25.0065 * seconds)
+    values[:, 1:] += hum * values[:, 1:].std(axis=0) * tones
     kinds = ("force", *["acceleration"] * 4)
     write_record(folder / "time.npz", TimeRecord(rate, values, (*inputs, *outputs), kinds))
     path.write_text(of_histories() if text is None else text, encoding="utf-8")
+    return path
+
+
+def of_modes(text: str = STUDY) -> str:
+    """The study with modes in place of FRFs; masses are known then."""
+    begin, end = text.index("[record.noise]"), text.index("[method]")
+    mass = text[text.rindex("[[unknown]]") : text.index("# how the test")]
+    return (text[:begin] + "[record.modes]\n\n" + text[end:]).replace("frf.npz", "modes.json").replace(mass, "")
+
+
+def written_modes(folder: Path, gains: dict[str, float] | None = None, error: float = 1.0, seed: int = 1) -> Path:
+    """The study with its first five modes, errors 0.1 % of frequencies and 1 % of shapes, `error` times as large as stated."""
+    path, channels = written(folder), ["2X", "3X", "4X", "4Y", "5X", "5Y"]
+    structure = load_study(path).setups[0].structure
+    found = modes(structure.matrix("inertia"), structure.matrix("elastic"))
+    frequency, n = found.frequency[:5], 5
+    shapes = structure.selection(parse_dofs(channels)).T @ found.mode_shapes[:, :n]
+    shapes = shapes / np.abs(shapes).max(axis=0)
+    for name, gain in (gains or {}).items():
+        shapes[channels.index(name)] *= gain
+    rng, std = np.random.default_rng(seed), 1e-3 * frequency
+    frequency = frequency + error * std * rng.standard_normal(n)
+    shapes = shapes + error * 0.01 * rng.standard_normal(shapes.shape)
+    covariance = independent_errors(np.concatenate([std, np.full(n, 1e-3)]))
+    record = ModalRecord(frequency, np.full(n, 0.01), shapes, channels, covariance, np.full(shapes.shape, 0.01))
+    write_modes(folder / "modes.json", record)
+    path.write_text(of_modes(off()), encoding="utf-8")
     return path

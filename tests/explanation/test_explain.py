@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from frame_cases import STUDY, of_histories, off, written, written_histories
+from frame_cases import STUDY, of_histories, off, written, written_histories, written_modes
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
@@ -91,6 +91,40 @@ def test_a_gain_or_unit_in_histories_is_named_first_and_its_study_is_right(tmp_p
     assert better.criticism.judgement.verdict == "sound"
     value, std = better.identification.estimate[f"gain[{where}+]"]
     assert value == pytest.approx(gain, abs=4 * std)
+
+
+def test_mains_in_histories_are_named_first_and_their_study_is_right(tmp_path):
+    result, fits = answered(written_histories(tmp_path, of_histories(off()), hum=0.3))
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first, *others = result.criticism.causes
+    assert first.kind == "outlying_lines"
+    assert [float(one.removesuffix(" Hz")) for one in first.where] == pytest.approx([25.0065, 50.013], abs=1e-3)
+    assert not [cause for cause in others if cause.is_alike]
+    text, _ = suggestion_text(result.study, fits[0].trial.changes)
+    again = tmp_path / "again.toml"
+    again.write_text(text, encoding="utf-8")
+    assert "tones = [" in text
+    assert answered(again)[0].criticism.judgement.verdict == "sound"
+
+
+def test_a_gain_in_modes_is_named_first_and_its_study_is_right(tmp_path):
+    result, fits = answered(written_modes(tmp_path, gains={"4Y": 0.8}))
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("sensor_gain", ("4Y",))
+    text, _ = suggestion_text(result.study, fits[0].trial.changes)
+    again = tmp_path / "again.toml"
+    again.write_text(text, encoding="utf-8")
+    better, _ = answered(again)
+    assert better.criticism.judgement.verdict == "sound"
+    value, std = better.identification.estimate["gain[4Y+]"]
+    assert value == pytest.approx(0.8, abs=4 * std)
+
+
+def test_errors_of_modes_that_are_stated_too_small_are_no_mode_of_another_structure(tmp_path):
+    result, _ = answered(written_modes(tmp_path, error=6.0))
+    assert result.criticism.judgement.verdict == "approximate"
+    assert [cause.kind for cause in result.criticism.causes] == ["noise_level"]
 
 
 def test_a_right_model_of_histories_is_sound_and_has_no_cause(tmp_path):

@@ -161,6 +161,48 @@ def test_a_kept_evaluation_and_a_part_of_the_lines_are_those_of_the_whole():
     np.testing.assert_array_equal(part.spectra.motion_variance, problem.spectra.motion_variance[lines])
 
 
+@pytest.mark.parametrize("decay", [0.0, 0.5])
+def test_tones_that_no_force_made_are_taken_out_of_the_motions(decay):
+    # On a line and between two, each half a promille of a line beside what is stated.
+    structure = chain()
+    unknown = unknowns(structure)
+    rng = np.random.default_rng(6)
+    clean = record(structure, unknown.values(unknown.start), rng, noise=0.0, force_noise=0.0)
+    clean = replace(clean, variance=np.concatenate([[0.0], 1e-4 * (clean.values[:, 1:] ** 2).mean(axis=0)]))
+    n = len(clean.values)
+    time, line = np.arange(n) / RATE, RATE / n
+    stated = (np.round(3.0 / line) * line, np.round(7.0 / line) * line + 0.4 * line)
+    loud = clean.values[:, 1:].std(axis=0) * sum(
+        np.sin(2 * np.pi * (f + 5e-4 * line) * time[:, None] + rng.uniform(0, 6, 2)) for f in stated
+    )
+    humming = replace(clean, values=clean.values + np.column_stack([np.zeros(n), loud]))
+
+    def miss(made, tones):
+        spectra = finite_spectra(made, band=(0.1, 12.0), decay=decay)
+        problem = SpectraProblem(structure, unknown, spectra, tones=tones)
+        at = problem.linearize(problem.theta_start)
+        assert at.n_eliminated >= 4 * len(tones) * 2
+        return np.sum(at.residual**2)
+
+    quiet = miss(clean, stated)
+    assert miss(humming, ()) > 1e4 + 10 * quiet
+    assert miss(humming, stated) < quiet + 1.0
+
+
+def test_tones_keep_the_gradient_of_the_likelihood():
+    structure = chain()
+    unknown = unknowns(structure)
+    rng = np.random.default_rng(7)
+    noisy = record(structure, unknown.values(unknown.start), rng, force_noise=0.05)
+    problem = replace(spectra_problem(structure, unknown, noisy, band=(0.1, 12.0)), tones=(4.0,))
+    theta = problem.theta_start + 0.05 * rng.standard_normal(len(problem.theta_start))
+    at = problem.linearize(theta)
+    step, unit = 1e-5, np.eye(len(theta))
+    costs = np.array([[np.sum(problem.residual(theta + sign * step * e) ** 2) for sign in (1, -1)] for e in unit])
+    gradient = 2 * at.jacobian.T @ at.residual
+    np.testing.assert_allclose(gradient, (costs[:, 0] - costs[:, 1]) / (2 * step), atol=1e-6 * np.abs(gradient).max())
+
+
 def test_spectra_problem_refuses_friction_and_silence_on_noise():
     structure = chain(friction=True)
     unknown = unknowns(structure)

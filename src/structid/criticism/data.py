@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
-from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.observation import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 
 #: A line is outlying where its misfit is so many times that of the lines about it.
 _OUTLYING = 8.0
@@ -18,6 +18,8 @@ _ABOUT = 21
 #: Lines side by side; more of them are a resonance that the model misses.
 _LONGEST = 3
 _FEWEST_MODES = 2
+#: Tones in one look, and lines beside one at which so many times less of its misfit is left.
+_LOUDEST, _SKIRT = 6, 4
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
@@ -65,6 +67,9 @@ def outlying_lines(problems: Sequence[RecordProblem], residual: FloatArray) -> I
         spans = outlying(problem, own) if isinstance(problem, FrfProblem) else ()
         if spans:
             yield Candidate("outlying_lines", spans, record=number)
+        heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()
+        if heard:
+            yield Candidate("tone", heard, record=number)
 
 
 def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
@@ -88,6 +93,24 @@ def outlying(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
     edges = np.concatenate([[2 * frequency[0] - frequency[1]], frequency, [2 * frequency[-1] - frequency[-2]]])
     middles = np.array([(a + b) / 2 for a, b in pairwise(edges)])
     return tuple(f"{middles[run[0]]:.5g} to {middles[run[-1] + 1]:.5g} Hz" for run in runs)
+
+
+def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
+    """Steady tones in the misfit of a record, as ``50.003 Hz``: its lines fall off from a peak as 1 / (f - f0)^2.
+
+    The two lines about a tone have amplitudes in inverse proportion to their distances from it.
+    """
+    frequency, size = problem.frequency, misfit_of_lines(problem, residual)
+    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
+    peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * _SKIRT + 1)) & (size > _OUTLYING * level))
+    found = []
+    for k in peaks[np.argsort(-size[peaks])][:_LOUDEST].tolist():
+        if max(size[max(k - _SKIRT, 0)], size[min(k + _SKIRT, len(size) - 1)]) > size[k] / _SKIRT:
+            continue
+        near = k + 1 if k == 0 or (k + 1 < len(size) and size[k + 1] > size[k - 1]) else k - 1
+        weights = np.sqrt(size[[k, near]])
+        found.append(float(weights @ frequency[[k, near]] / weights.sum()))
+    return tuple(f"{value:.7g} Hz" for value in sorted(found))
 
 
 def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.ndarray:

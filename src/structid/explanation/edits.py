@@ -257,6 +257,11 @@ def _excluded(study: Tables, candidate: Candidate, strength: float) -> None:
     method["exclude"] = [*[list(span) for span in method.get("exclude", [])], *spans]
 
 
+def _tones(study: Tables, candidate: Candidate, strength: float) -> None:
+    time = _record(study, candidate)["time"]
+    time["tones"] = [*as_list(time.get("tones", [])), *(float(where.removesuffix(" Hz")) for where in candidate.where)]
+
+
 def _without_record(study: Tables, candidate: Candidate, strength: float) -> None:
     if not isinstance(study["record"], list) or len(study["record"]) < 2:
         raise NoEditError("the only record cannot be left out")
@@ -371,6 +376,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "window": _window,
     "channel": _left_out,
     "outlying_lines": _excluded,
+    "tone": _tones,
     "record": _without_record,
     "extra_mode": _other_modes,
     **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap"), _relabel),

@@ -18,8 +18,8 @@ from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
 _FINALISTS = 8
-#: Kinds that are always refitted to the end: smoothed data do not show them; and how many of each.
-_ALWAYS, _OF_ALWAYS = ("friction",), 2
+#: Kinds that are always refitted to the end: smoothed data do not show them; and how many of them.
+_ALWAYS, _OF_ALWAYS = ("friction", "tone"), 2
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
 #: Of the sum of squares, what another start must reach.
@@ -27,6 +27,8 @@ _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
 _LEAST_SHARE, _RISK = 0.10, 0.01
+#: By how much the misfit of what is left out exceeds that of the rest, value by value.
+_TELLING = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +132,21 @@ def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
     more = max(n_parameters(one.trial) - len(base.trial.target.names), 1)
     drop = base.cost - one.cost
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
-    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost
+    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost and _stands_out(base, one, tried)
+
+
+def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
+    """Whether data that a change leaves out miss more than the others, by an F test: any that are left out take a part along."""
+    left = one.trial.target.n_data
+    out = base.trial.target.n_data - left
+    if out <= 0:
+        return True
+    ratio = (base.cost - one.cost) * left / (out * (one.cost - one.aside))
+    return ratio >= _TELLING and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < _RISK
 
 
 def n_parameters(trial: Trial) -> int:
-    """Parameters of a study and of what was left out of it."""
-    own = [len(c.where) if c.kind == "outlying_lines" else 1 for c, _ in trial.changes if c.kind in DATA_KINDS]
+    """Parameters of a study, and of what was left out of it or is a tone."""
+    several = ("outlying_lines", "tone")
+    own = [len(c.where) if c.kind in several else 1 for c, _ in trial.changes if c.kind in (*DATA_KINDS, "tone")]
     return len(trial.target.names) + sum(own)

@@ -11,13 +11,13 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
-from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit
+from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
 from structid.errors import StructidError
 from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.work import Tools
 from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import Trial
-from structid.observation import FrfProblem
+from structid.observation import FrfProblem, SpectraProblem
 
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3
@@ -134,13 +134,17 @@ def _values(trial: Trial, theta: FloatArray, base: Fitted) -> dict[str, float]:
 
 
 def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
-    """The trial with all lines that stand out from its fit left out; None where these are the ones."""
+    """The trial with all lines that stand out from its fit left out, or all tones; None where these are the ones."""
     candidate, strength = trial.changes[-1]
-    if candidate.kind != "outlying_lines" or len(base.trial.problems) > 1:
+    if candidate.kind not in ("outlying_lines", "tone") or len(base.trial.problems) > 1:
         return None
-    residual = _seen_from(base, trial, theta)
-    [problem] = base.trial.problems
-    spans = outlying(problem, residual[: problem.n_data]) if isinstance(problem, FrfProblem) else ()
+    [problem], [changed] = base.trial.problems, trial.problems
+    spans: tuple[str, ...] = ()
+    if isinstance(problem, FrfProblem):
+        spans = outlying(problem, _seen_from(base, trial, theta)[: problem.n_data])
+    elif isinstance(changed, SpectraProblem):
+        more = tones(changed, changed.residual(theta)[: changed.n_data])
+        spans = (*candidate.where, *more) if more else ()
     if not spans or spans == candidate.where:
         return None
     return base.trial.changed(replace(candidate, where=spans), strength)

@@ -7,14 +7,22 @@ from structid.criticism.pool import UNITS
 
 #: Relative difference of a gain from that of another unit within which it is taken for it.
 _UNIT = 0.05
+#: Kinds that results call otherwise.
+_KINDS = {
+    "untied stiffness": "untied",
+    "untied mass": "untied",
+    "held": "untied",
+    "load_delay": "delay",
+    "load_polarity": "polarity",
+    "tone": "outlying_lines",
+}
 
 
 def cause_kind(candidate: Candidate, value: float | None) -> str:
     """The kind as results have it: what it turned out to be."""
     if candidate.kind in ("sensor_gain", "load_gain") and value is not None and unit_of(value):
         return "unit"
-    return {"untied stiffness": "untied", "untied mass": "untied", "load_delay": "delay", "load_polarity": "polarity",
-            "held": "untied"}.get(candidate.kind, candidate.kind)  # fmt: skip
+    return _KINDS.get(candidate.kind, candidate.kind)
 
 
 def unit_of(gain: float) -> str:
@@ -55,6 +63,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "direction": f"sensor {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
+        "tone": f"a tone at {', '.join(where)} that no force made, such as mains, is in the record",
         "extra_mode": f"the mode at {first} is none of this structure",
         "record": f"record {first} is of another state than the others",
         "noise_level": "the noise is not what is stated; it is"

@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.declared import Positive
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.estimation import Estimate
@@ -68,12 +69,15 @@ class TimeFit:
         Of ``output_error`` and ``instrumental``: the state at the first sample.
     hold : {"first", "zero"}
         Of the same: between samples forces run straight, or stay.
+    tones : tuple of float
+        Hz, of ``spectra``: steady tones such as mains that no measured force made; size and phase at each sensor follow.
     """
 
     fit: TimeWay = "spectra"
     transient: bool = True
     initial: Initial = "rest"
     hold: Hold = "first"
+    tones: tuple[Positive, ...] = ()
 
     def __post_init__(self) -> None:
         if self.fit not in get_args(TimeWay):
@@ -150,6 +154,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
             record=record,
             channels=channels,
             models=self.models,
+            tones=self.settings.tones,
         )
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:

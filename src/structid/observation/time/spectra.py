@@ -29,6 +29,8 @@ from structid.unknowns import Parameters
 _ORDER, _LATE_ORDER = 4, 8
 #: Modes up to this multiple of the highest line take part in the transient.
 _REACH = 2.0
+#: By which part of a line a tone is kept off it.
+_OFF_LINE = 1e-4
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
 #: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
@@ -70,6 +72,10 @@ class SpectraProblem(ResponseProblem):
         Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
         the modes above the band, the alias of the jump between the end and the start of the record, and what a late
         channel holds of the time before it instead of its end; see `transient_order`.
+    tones : tuple of float
+        Hz: steady tones in the motions that no force made, such as mains, with a size and phase of each sensor's own. In the
+        transform of a finite record each is (a + b s) / (s^2 + omega^2), and a tone a part of a line beside it shows in the
+        square of that: both are linear unknowns beside those of the transient.
     record : TimeRecord, optional
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
     channels : ChannelErrors, optional
@@ -97,6 +103,7 @@ class SpectraProblem(ResponseProblem):
     record: TimeRecord | None = None
     channels: ChannelErrors | None = None
     models: Models = field(default_factory=Models, repr=False)
+    tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
@@ -284,17 +291,25 @@ class SpectraProblem(ResponseProblem):
         return np.swapaxes(y, 1, 2) @ self._transient_forces * read[:, :, None]
 
     def _whitened_columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Every linear unknown of the transient in the whitened motions: jumps of each mode, then each output's polynomial.
+        """Every linear unknown in the whitened motions: jumps of each mode, then each output's polynomial and tones.
 
         Shape (n_frequencies * n_outputs, n_unknowns).
         """
         n_lines, n_out = self.spectra.motion.shape
-        if not self.transient:
-            return np.zeros((n_lines * n_out, 0), dtype=np.complex128)
         s = self._relative_laplace[:, None, None]
-        powers = s[..., None] ** np.arange(self.order + 1)
-        poly = (whitening[..., None] * powers).reshape(n_lines, n_out, -1)
-        return np.concatenate([reach, s * reach, poly], axis=2).reshape(n_lines * n_out, -1)
+        own = (whitening[..., None] * self._own_shapes[:, None, None]).reshape(n_lines, n_out, -1)
+        return np.concatenate([reach, s * reach, own], axis=2).reshape(n_lines * n_out, -1)
+
+    @cached_property
+    def _own_shapes(self) -> ComplexArray:
+        """What each output may hold of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
+        s = self._relative_laplace
+        powers = [s**k for k in range(self.order + 1 if self.transient else 0)]
+        for tone in self.tones:
+            off = _OFF_LINE / self.spectra.duration  # a tone on a line has no finite transform
+            pole = s**2 + ((tone + off) / self.spectra.frequency[-1]) ** 2
+            powers += [1 / pole, s / pole, 1 / pole**2, s / pole**2]
+        return np.stack(powers, axis=1) if powers else np.zeros((len(s), 0), dtype=np.complex128)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).

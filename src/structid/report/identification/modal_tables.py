@@ -80,7 +80,7 @@ def _pull(fit: ModalFit) -> str:
     found = fit.problem.pull(fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"
-    n_params = fit.problem.parameters.n_params
+    n_params = fit.problem.unknowns.n_params
     parts = [
         f"{kind} ({counted(rows, 'value')}) determine {number(own, 2)} of {counted(n_params, 'parameter')} and make"
         f" {percent(misfit, 2, signed=False)} of the misfit"

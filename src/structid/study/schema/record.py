@@ -130,7 +130,9 @@ def read_source(
     called = aimed or {}
     table = record_table(Table())
     if "modes" in section.table:
-        table = table.only(*_ALWAYS, "structure", "modes", "channel_error") | {"path": replace(_ALWAYS["path"], required=True)}
+        table = table.only(*_ALWAYS, "structure", "modes", "channel_error") | {
+            "path": replace(_ALWAYS["path"], required=True)
+        }
         modes = read_modes_source(section, table, files, called)
         return RecordSource(
             section, (modes.path,), ReadOptions(), modes.channels_used, modes.relabel, NoiseSource(), None, modes=modes,
