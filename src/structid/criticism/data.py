@@ -18,7 +18,7 @@ _ABOUT = 21
 #: Lines side by side; more of them are a resonance that the model misses.
 _LONGEST = 3
 _FEWEST_MODES = 2
-#: Tones in one look, and lines beside one at which so many times less of its misfit is left.
+#: Tones in one look, and lines beside one at which the square of it times less of its misfit is left, at most.
 _LOUDEST, _SKIRT = 6, 4
 
 
@@ -105,7 +105,7 @@ def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
     peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * _SKIRT + 1)) & (size > _OUTLYING * level))
     found = []
     for k in peaks[np.argsort(-size[peaks])][:_LOUDEST].tolist():
-        if max(size[max(k - _SKIRT, 0)], size[min(k + _SKIRT, len(size) - 1)]) > size[k] / _SKIRT:
+        if max(size[max(k - _SKIRT, 0)], size[min(k + _SKIRT, len(size) - 1)]) > size[k] / _SKIRT**2:
             continue
         near = k + 1 if k == 0 or (k + 1 < len(size) and size[k + 1] > size[k - 1]) else k - 1
         weights = np.sqrt(size[[k, near]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,11 +13,12 @@ from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
 from structid.errors import StructidError
+from structid.estimation import Problem
 from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.work import Tools
 from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import Trial
-from structid.observation import FrfProblem, SpectraProblem
+from structid.observation import FrfProblem, RecordProblem, SpectraProblem
 
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3
@@ -67,7 +68,8 @@ def approached(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
     try:
         trial = base.trial.changed(*change)
         theta, cost = trial.approached()
-        return {"theta": theta, "cost": cost + base.aside + _left_out(base, trial, theta)}
+        aside = _left_out(base, trial, theta, base.trial.anchored(), base.trial.anchored_problems())
+        return {"theta": theta, "cost": cost + base.aside + aside}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 
@@ -104,7 +106,7 @@ def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
             break
         trial = again
         found = trial.fitted([trial.theta_of(base.values)])
-    aside = base.aside + _left_out(base, trial, found.theta)
+    aside = base.aside + _left_out(base, trial, found.theta, base.trial.target, base.trial.problems)
     return Fitted(trial, found.theta, float(found.costs[-1]) + aside, aside)
 
 
@@ -141,7 +143,7 @@ def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
     [problem], [changed] = base.trial.problems, trial.problems
     spans: tuple[str, ...] = ()
     if isinstance(problem, FrfProblem):
-        spans = outlying(problem, _seen_from(base, trial, theta)[: problem.n_data])
+        spans = outlying(problem, _seen_from(base, trial, theta, base.trial.target)[: problem.n_data])
     elif isinstance(changed, SpectraProblem):
         more = tones(changed, changed.residual(theta)[: changed.n_data])
         spans = (*candidate.where, *more) if more else ()
@@ -150,16 +152,16 @@ def _other_lines(base: Fitted, trial: Trial, theta: FloatArray) -> Trial | None:
     return base.trial.changed(replace(candidate, where=spans), strength)
 
 
-def _seen_from(base: Fitted, trial: Trial, theta: FloatArray) -> FloatArray:
-    """The residual of all data of `base` at what a trial found."""
-    return base.trial.target.residual(base.trial.theta_of({**base.values, **trial.values(theta)}))
+def _seen_from(base: Fitted, trial: Trial, theta: FloatArray, of: Problem) -> FloatArray:
+    """The residual of `of`, which has all data of `base`, at what a trial found."""
+    return of.residual(base.trial.theta_of({**base.values, **trial.values(theta)}))
 
 
-def _left_out(base: Fitted, trial: Trial, theta: FloatArray) -> float:
-    """What data that the last change leaves out add to the misfit, their errors larger by the likeliest factor."""
+def _left_out(base: Fitted, trial: Trial, theta: FloatArray, of: Problem, problems: Sequence[RecordProblem]) -> float:
+    """What data that the last change leaves out add to the misfit `of` problems, their errors larger by the likeliest factor."""
     candidate = trial.changes[-1][0]
     if candidate.kind not in DATA_KINDS:
         return 0.0
-    rows = changed_rows(candidate, base.trial.problems)
-    residual = _seen_from(base, trial, theta)[: len(rows)]
+    rows = changed_rows(candidate, problems)
+    residual = _seen_from(base, trial, theta, of)[: len(rows)]
     return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))

@@ -125,6 +125,10 @@ class Trial:
         ]  # fmt: skip
 
     def anchored(self) -> JointProblem:
+        """All of `anchored_problems` as one."""
+        return JointProblem(self.anchored_problems(), first_prior_counts=True)
+
+    def anchored_problems(self) -> tuple[RecordProblem, ...]:
         """The logarithm of the FRFs with 10 % of model error, modes as they are, every parameter held near its start."""
         held: list[RecordProblem] = []
         for problem, view in zip(self.problems, self.views, strict=True):
@@ -132,7 +136,7 @@ class Trial:
             near = [part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(of.parts)]
             one = of.with_parts(near)
             held.append(replace(one, form="log", model_error=_MODEL_ERROR) if isinstance(one, FrfProblem) else one)
-        return JointProblem(tuple(held), first_prior_counts=True)
+        return tuple(held)
 
     def anchored_views(self) -> tuple[FrfProblem, ...]:
         """The views in the form of the anchored fit."""
