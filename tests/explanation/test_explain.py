@@ -1,6 +1,7 @@
 """What a study with a wrong model or record says: the verdict, the cause first, and a study that is right."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from structid.cli import app as cli
 from structid.criticism.data import scaled_misfit
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
+from structid.records.io import read_record, write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -218,3 +220,19 @@ def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_pa
     assert fits == ()
     assert result.criticism.judgement.verdict in ("wrong_model", "approximate")
     assert "causes could not be looked for: Singular matrix" in result.criticism.judgement.reasons
+
+
+def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, monkeypatch):
+    for module in ("explanation.trial", "criticism.pool"):
+        monkeypatch.setattr(f"structid.{module}.MOST_DOFS", 10)
+    path = written(tmp_path, off())
+    record = read_record(tmp_path / "frf.npz")
+    crossed = np.array(record.values)
+    crossed[:, [0, 3]] = crossed[:, [3, 0]]
+    write_record(tmp_path / "frf.npz", replace(record, values=crossed))
+    result, fits = answered(path)
+    first, *others = result.criticism.causes
+    assert (first.kind, first.where) == ("swap", ("2X", "5Y"))
+    assert len(fits) <= 4
+    assert not {one.kind for one in others} & {"support", "mass", "joint", "untied", "spring", "dashpot"}
+    assert any("causes are looked for in the records alone" in words for words in result.criticism.judgement.reasons)

@@ -33,6 +33,8 @@ _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
 _MOST_NODES, _MOST_ELEMENTS = 60, 150
+#: Of larger ones changes of the records alone, which need no Z^-1: it is formed at some forty lines.
+MOST_DOFS = 1200
 #: Strengths of what cannot be negative.
 _POSITIVE = (0.0, np.inf)
 _TRANSLATIONS = ("X", "Y", "Z")
@@ -48,8 +50,9 @@ def pool(records: Sequence[Fields]) -> list[Candidate]:
     records : sequence of Fields
         The first gives the structure; a change of it is one of all.
     """
-    first = records[0]
-    found = [*_supports(first), *_joints(first), *_additions(first), *_untied(first)]
+    first, found = records[0], list[Candidate]()
+    if first.structure.n_dofs <= MOST_DOFS:
+        found += [*_supports(first), *_joints(first), *_additions(first), *_untied(first)]
     for number, fields in enumerate(records):
         found += _channels(fields, number)
     return found
@@ -263,6 +266,8 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
             pair = (dofs[i].place, dofs[k].place)
             kind = "swap" if axis == 1 else "load_swap"
             yield Candidate(kind, pair, swapped, record=number)
+    if fields.structure.n_dofs > MOST_DOFS:
+        return
     for i, dof in enumerate(record.outputs):
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.criticism.candidate import Candidate
+from structid.criticism.pool import MOST_DOFS
 from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
 from structid.errors import StructidError
 from structid.estimation.search.work import ALONE, Work
@@ -23,8 +24,7 @@ from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4
-#: Of models whose changes are screened: Z^-1 is formed at some forty lines.
-MOST_DOFS = 1200
+_OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
@@ -55,13 +55,6 @@ def criticized(
         return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return replace(result, criticism=Criticism(judged(found))), ()
-    largest = max(setup.structure.n_dofs for setup in ready.setups)
-    if largest > MOST_DOFS:
-        notes = (
-            f"causes were not looked for: that takes models of at most {MOST_DOFS} degrees of freedom, got {largest}",
-        )
-        judgement = judged(found)
-        return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, *notes)))), ()
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
@@ -87,6 +80,8 @@ def criticized(
     is_cause = bool(made) and explains(made[0], found.estimate.chi_square_per_dof)
     accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering)
+    if explanation.base.trial.is_large:
+        judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
     return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
 _FINALISTS = 8
+#: Changes of a large model's records that are refitted, each from two starts.
+_OF_LARGE = 4
 #: Kinds that are always refitted to the end: smoothed data do not show them; and how many of them.
 _ALWAYS, _OF_ALWAYS = ("friction", "tone"), 2
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
@@ -69,6 +72,8 @@ class Explanation:
 
 def explained(base: Fitted, work: Work = ALONE) -> Explanation:
     """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it."""
+    if base.trial.is_large:
+        return _of_records(base, work)
     other = _from_elsewhere(base)
     if other is not None and not _is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
@@ -109,6 +114,26 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     ends = work.map(f"likeliest {which}causes", refitted, base, items)
     fits = [restored(base, changes[k][0], one) for k, one in zip(finalists, ends, strict=True) if one]
+    return _weighed(base, fits, tried)
+
+
+def _of_records(base: Fitted, work: Work) -> Explanation:
+    """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
+    shortlist, tried = shortlisted(base, work, "causes on a linear look")
+    residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
+    data = outlying_lines(base.trial.problems, residual)
+    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist][:_OF_LARGE]
+    items = []
+    for one in few:
+        with suppress(StructidError):  # the study has no place for it
+            start = base.trial.changed(one.candidate, one.strength).target.theta_start
+            items.append((bare(one.candidate), one.strength, start))
+    ends = work.map("likeliest causes", refitted, base, items)
+    return _weighed(base, [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one], tried)
+
+
+def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
+    """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)
     priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1])
     causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]

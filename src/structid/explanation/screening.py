@@ -50,6 +50,9 @@ def _left(base: Fitted, candidate: Candidate, strength: float) -> float:
 def screening_points(base: Fitted) -> list[Point]:
     """Where candidates are screened: on smoothed data, at the anchored fit, and at the fit."""
     trial, points = base.trial, []
+    if trial.is_large:  # every fit costs
+        start = np.asarray(trial.target.theta_start)
+        return [point_at(trial.anchored_views(), start), point_at(trial.views, base.theta)]
     theta = np.asarray(trial.target.theta_start)
     for level, stage in trial.smoothed():
         theta = minimize(stage, QUICK, theta).theta

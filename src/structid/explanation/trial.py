@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
+from structid.criticism.pool import MOST_DOFS
 from structid.criticism.views import views
 from structid.errors import InputError, StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
@@ -99,6 +100,11 @@ class Trial:
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
         """Free variables with physical values by name, the study's starts for those not known."""
         return together([_started(problem, known) for problem in self.problems]).theta_start
+
+    @property
+    def is_large(self) -> bool:
+        """Whether only changes of its records are looked at."""
+        return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
     def has_modes(self) -> bool:
