@@ -284,7 +284,7 @@ def test_thickness_enters_stretching_bending_mass_and_rotary_inertia_with_its_ow
         assert np.abs(one.matrix(law, values).toarray() - wanted).max() <= 1e-13 * np.abs(wanted).max()
     assert one.mass_of(values) == pytest.approx(other.mass_of(), rel=1e-13)
     for law in ("inertia", "elastic", "structural", "viscous"):
-        assert {p.scale.power for p in one.contributions if p.law == law} == {1, 3}
+        assert {p.scale.exponents[0] for p in one.contributions if p.law == law} == {1, 3}
 
 
 def test_derivatives_of_weights_mass_and_responses_are_differences():
