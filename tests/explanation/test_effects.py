@@ -18,6 +18,7 @@ from structid.study.schema.study import load_study
 BY_STUDY = {
     "channel",
     "outlying_lines",
+    "tone",
     "record",
     "extra_mode",
     "mesh",
