@@ -114,7 +114,11 @@ def ambient(rng: np.random.Generator) -> None:
     rows = [i for i in range(len(bridge()[0])) if i % 6 == 1]
     clean = 1e3 * motion(0.6 * band_limited(rng, (samples, len(rows)), rate, 1, 36), rate, rows)
     noisy = clean + 0.02 * clean.std(axis=0) * rng.standard_normal(clean.shape)
-    heads = ["Messung Steg;18.9.", "Zeit;" + ";".join(f"Aufnehmer {k}" for k in range(1, 7)), "s;" + "mm/s²;" * 5 + "mm/s²"]
+    heads = [
+        "Messung Steg;18.9.",
+        "Zeit;" + ";".join(f"Aufnehmer {k}" for k in range(1, 7)),
+        "s;" + "mm/s²;" * 5 + "mm/s²",
+    ]
     told = [[f"{i / rate:.4f}", *(f"{x:.1f}" for x in one)] for i, one in enumerate(noisy)]
     write("ambient.csv", heads, [[x.replace(".", ",") for x in one] for one in told], ";")
 

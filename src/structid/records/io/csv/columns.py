@@ -294,7 +294,9 @@ def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, st
             require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
         named = _is_dof(match["output"]) and _is_dof(match["input"])
-        hint = "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
+        hint = (
+            "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
+        )
         raise _column(table, j, text=f"{error}{hint}") from error
     return _Column(output, load, unit, part)
 
