@@ -34,10 +34,11 @@ imports: $(STAMP)
 
 check: test lint types imports
 
-# a site that opens from disk, with search; warnings and links to nowhere are errors
+# a site that opens from disk, with search; warnings, links to nowhere and what axe-core calls serious are errors
 docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --editable ".[docs]"
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -b html docs docs/_build/html
+	$(BIN)/python docs/accessible.py docs/_build/html
 	@echo docs/_build/html/index.html
 
 fuzz: $(STAMP)

@@ -40,6 +40,9 @@ html_theme_options = {
     "search_bar_text": "Search: coherence, support, CSV, MAC ...",
 }
 html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 sphinx_gallery_conf = {
     "examples_dirs": ["../examples/gallery"],
     "gallery_dirs": ["gallery"],

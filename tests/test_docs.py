@@ -2,6 +2,8 @@
 
 import json
 import re
+import runpy
+import shlex
 import shutil
 from pathlib import Path
 
@@ -41,3 +43,47 @@ def test_first_structure_goes_as_the_page_says(tmp_path):
     assert second.exit_code == 0, second.output
     values = json.loads((tmp_path / "second" / "estimate.json").read_text())["parameters"]
     assert [one["value"] for one in values] == pytest.approx([28.0, 0.12, 0.012], rel=3e-3)
+
+
+def test_every_step_of_the_first_bridge_goes_as_the_page_says(tmp_path, monkeypatch):
+    """Causes are left out here: they take a minute and find none."""
+    folder, page = (
+        ROOT / "examples" / "two_span_bridge",
+        (ROOT / "docs" / "first-bridge.md").read_text(encoding="utf-8"),
+    )
+    for one in (*folder.glob("*.csv"), folder / "study.toml"):
+        shutil.copy(one, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    steps = [shlex.split(line) for line in re.findall(r"```sh\nstructid (.*)\n```", page)]
+    assert [words[0] for words in steps] == ["modes", "modes", "check", "identify"]
+    shorter = {"modes": ["--no-report"], "check": [], "identify": ["--no-explain", "--no-report"]}
+    told = {}
+    for words in steps:
+        done = RUN.invoke(app, [*words, *shorter[words[0]]])
+        assert done.exit_code == 0, done.output
+        told[words[1]] = done.output
+    assert "decimal commas, names in line 2, units in line 3; Aufnehmer 1 is 2Y+" in told["ambient.csv"]
+    assert "gives 7.291, 11.018, 25.050, 31.227 and 50.229 Hz" in page
+    modes = json.loads((tmp_path / "hammer_modes" / "modes.json").read_text())
+    assert modes["frequency_hz"] == pytest.approx([7.291, 11.018, 25.050, 31.227, 50.229], abs=1e-3)
+    found = json.loads((tmp_path / "found" / "estimate.json").read_text())
+    assert found["verdict_text"] in " ".join(page.split())
+    truth = runpy.run_path(str(folder / "make_records.py"))["TRUTH"]
+    assert {one["name"] for one in found["parameters"]} == set(truth)
+    for one in found["parameters"]:
+        low, high = one["interval_95"]
+        assert low < truth[one["name"]] < high
+        assert one["std"] < 0.004 * one["value"]
+    values = dict(re.findall(r"^(\S+)  +\S.*?  +\S+ +(\S+)  +\S+ +\S+ to \S+$", page, re.MULTILINE))
+    assert set(values) == set(truth)
+    for one in found["parameters"]:
+        assert float(values[one["name"]]) == pytest.approx(one["value"], rel=2e-4)
+
+
+def test_the_mesh_of_the_first_bridge_is_said_to_be_coarse(tmp_path):
+    folder = ROOT / "examples" / "two_span_bridge"
+    shutil.copy(folder / "hammer.csv", tmp_path)
+    text = (folder / "study.toml").read_text(encoding="utf-8").replace("subdivide = 3", "")
+    (tmp_path / "study.toml").write_text(text.partition('[[record]]\nname = "ambient"')[0], encoding="utf-8")
+    done = RUN.invoke(app, ["check", str(tmp_path / "study.toml")])
+    assert "`subdivide = 3` in [structure] brings every mode" in done.output.splitlines()[1]

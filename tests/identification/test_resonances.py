@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from structid import FrfRecord
+from structid import FrfRecord, TimeRecord
 from structid.identification.resonances import prominent, resonances
+from structid.identification.time_setup import averaged_frfs
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 
@@ -35,3 +36,22 @@ def test_prominent_maxima_are_those_of_scipy():
     for _ in range(200):
         level = np.cumsum(rng.standard_normal(120))
         np.testing.assert_array_equal(prominent(level, 2.5), find_peaks(level, prominence=2.5)[0])
+
+
+@pytest.mark.parametrize("noise", [0.01, None])
+def test_averaged_responses_end_where_the_force_sinks_into_its_noise(noise):
+    """Force from 5 to 20 Hz; its noise, where it is known, tells what is driven."""
+    rng, rate, n = np.random.default_rng(4), 100.0, 4000
+    spectrum = np.fft.rfft(rng.standard_normal(n))
+    frequency = np.fft.rfftfreq(n, 1 / rate)
+    spectrum[(frequency < 5) | (frequency > 20)] = 0
+    force = np.fft.irfft(spectrum, n)
+    clean = np.column_stack([force / force.std(), np.roll(force, 3)])
+    values = clean + 0.01 * rng.standard_normal(clean.shape)
+    variance = None if noise is None else np.full(2, noise**2)
+    record = TimeRecord(rate, values, ("1X+", "2X+"), ("force", "acceleration"), variance=variance)
+    shown = averaged_frfs(record).frequency
+    if noise is None:
+        assert shown[-1] == 50
+    else:
+        assert shown[[0, -1]] == pytest.approx([5, 20], abs=0.3)

@@ -167,3 +167,22 @@ def test_columns_of_a_file_without_names_are_refused(tmp_path):
         read_record(tmp_path / "a.npy", ReadOptions(columns="1", sampling_rate=5, **THREE))
     with pytest.raises(InputError, match="no table"):
         read_record(tmp_path / "a.npy", ReadOptions(csv=CsvLayout(), sampling_rate=5, **THREE))
+
+
+FRF = "Frequency [Hz];A/H [g/N] re;A/H [g/N] im;B/H [g/N] re;B/H [g/N] im\n1,0;1,0;2,0;3,0;4,0\n2,0;5,0;6,0;7,0;8,0\n"
+
+
+def test_frfs_whose_sensors_have_names_of_their_own(tmp_path):
+    record = read(tmp_path, FRF, outputs="7Z-,8Z", inputs="3Z")
+    assert [str(dof) for dof in (*record.outputs, *record.inputs)] == ["7Z-", "8Z+", "3Z+"]
+    np.testing.assert_allclose(record.values[:, :, 0], 9.80665 * np.array([[1 + 2j, 3 + 4j], [5 + 6j, 7 + 8j]]))
+    assert record.source.endswith("; A is 7Z-, B is 8Z, H is 3Z")
+
+
+def test_frfs_with_names_of_their_own_name_what_is_missing(tmp_path):
+    with pytest.raises(FileError, match=r"column 2 .*cannot read 'A'.*say by `outputs` and `inputs` what"):
+        read(tmp_path, FRF)
+    with pytest.raises(InputError, match=r"`outputs` must have 2 entries, one for each of A, B, .* got 1"):
+        read(tmp_path, FRF, outputs="7Z", inputs="3Z")
+    own = FRF.replace("A/H", "7Z/3Z").replace("B/H", "8Z/3Z")
+    assert [str(dof) for dof in read(tmp_path, own, outputs="8Z").outputs] == ["8Z+"]

@@ -10,6 +10,7 @@ learns how to bring a problem of one's own, and that the search ends where it sh
 from dataclasses import dataclass, field
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import structid as sid
 from structid.estimation import BaseProblem, Linearization
@@ -52,3 +53,12 @@ certified = np.array([238.94212918, 5.5015643181e-4])
 print(found.message)
 for name, value, right in zip(found.names, found.values, certified, strict=True):
     print(f"{name}: {value:.10g}, certified {right:.11g}, relative difference {abs(value / right - 1):.1e}")
+
+figure = Figure(figsize=(7, 3), layout="constrained")
+axes = figure.subplots()
+axes.plot(X, Y, "ko", ms=4, label="data of NIST")
+fine = np.linspace(0, 800, 200)
+axes.plot(fine, found.values[0] * (1 - np.exp(-found.values[1] * fine)), label="b1 (1 - exp(-b2 x))")
+axes.set_xlabel("x")
+axes.set_ylabel("y")
+axes.legend(frameon=False)

@@ -8,6 +8,7 @@ it: seconds and gigabytes. One learns before a long run whether it fits, and whi
 
 from pathlib import Path
 
+import structid as sid
 from structid.cli.app import app as structid
 
 study = Path("../../plate_from_mesh/study.toml")
@@ -16,3 +17,7 @@ study = Path("../../plate_from_mesh/study.toml")
 # The command
 # -----------
 code = structid(["doctor", str(study)], standalone_mode=False)
+
+# %%
+# What it was asked about:
+structure = sid.load_study(study).structure.plot_structure()

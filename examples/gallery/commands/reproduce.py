@@ -16,4 +16,8 @@ out = Path(mkdtemp()) / "chapter_5"
 # %%
 # The command
 # -----------
-code = structid(["reproduce", "--chapter", "5", "--out", str(out)], standalone_mode=False)
+code = structid(["reproduce", "--chapter", "5", "--out", str(out), "--png"], standalone_mode=False)
+
+# %%
+# One of its figures, drawn again:
+picture = out / "figures" / "figure_5_1.png"

@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import structid as sid
 
@@ -31,6 +32,12 @@ print("\n".join(lines[:5]))
 read = sid.ReadOptions(columns=("A 1", "Tip"), channels=("2Y", "4Y"), csv=sid.CsvLayout(skip_rows=1))
 record = sid.read_record(path, read)
 print(record.source)
+figure = Figure(figsize=(7, 2.6), layout="constrained")
+axes = figure.subplots()
+axes.plot(record.time, record.values, lw=0.7, label=[str(channel) for channel in record.channels])
+axes.set_xlabel("time (s)")
+axes.set_ylabel("acceleration (m/s²)")
+axes.legend(frameon=False)
 record
 
 # %%

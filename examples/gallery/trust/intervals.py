@@ -8,6 +8,7 @@ says.
 """
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import structid as sid
 from structid.estimation import profile
@@ -39,3 +40,17 @@ laplace = found.interval(0.95)[found.names.index(name)]
 curve = profile(problem, found, name)
 print(f"Laplace: {laplace[0]:.3g} to {laplace[1]:.3g} N m/rad")
 print(f"profile: {curve.lower:.3g} to {curve.upper:.3g} N m/rad; {curve.words}")
+
+# %%
+# The likelihood falls off on one side only: however stiff the clamp is, the record would look the same.
+figure = Figure(figsize=(7, 3), layout="constrained")
+axes = figure.subplots()
+axes.plot(curve.values, curve.deviance, "o-", ms=3, label="profile")
+axes.axhline(3.84, color="0.6", lw=0.8, label="95 %")
+axes.axvspan(*laplace, alpha=0.15, label="Laplace interval")
+axes.set_xscale("log")
+axes.set_xlim(1e3, 1e9)
+axes.set_ylim(0, 8)
+axes.set_xlabel("stiffness of the clamp (N m/rad)")
+axes.set_ylabel("deviance")
+axes.legend(frameon=False)

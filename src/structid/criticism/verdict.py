@@ -277,7 +277,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         apart = tuple(sorted(apart, key=lambda one: -one.share))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
-    words = f"Approximate: {misfit}, but resonances agree, and most values from parts of the data; the intervals carry the misfit."
+    words = f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
     words += also

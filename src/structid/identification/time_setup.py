@@ -45,6 +45,9 @@ TimeWay = Literal["spectra", TimeMethod]
 
 #: A record is cut into so many segments for the FRFs that show its fit.
 _SEGMENTS = 4
+#: Power of a force over that of its noise from which it drives a line; noise alone in four segments never has it.
+_ABOVE_NOISE = 8.0
+_FEWEST = 16
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
 _FORCE: Quantity = "force"
@@ -284,7 +287,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:
-    """FRFs of estimator Hv from four segments, of all forces and of the kind of motion that most channels hold."""
+    """FRFs of estimator Hv from four segments, of all forces and of the kind of motion that most channels hold.
+
+    They begin and end where a force rises above its noise: beyond, no peak is a resonance.
+    """
     of_kind: dict[Quantity, list[Dof]] = {}
     for dof, kind in zip(record.channels, record.quantities, strict=True):
         of_kind.setdefault(kind, []).append(dof)
@@ -292,4 +298,19 @@ def averaged_frfs(record: TimeRecord) -> FrfRecord:
     most: Quantity = max(of_kind, key=lambda kind: len(of_kind[kind]), default="acceleration")
     sensors = of_kind.get(most, ())
     length = max(len(record.values) // _SEGMENTS, 1)
-    return frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
+    made = frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
+    driven = _driven(record, length)
+    return made.lines((made.frequency >= driven[0]) & (made.frequency <= driven[-1])) if driven.size else made
+
+
+def _driven(record: TimeRecord, length: int) -> FloatArray:
+    """Lines of segments of `length` samples at which some force has much more power than its noise, Hz."""
+    frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
+    is_force = [quantity in LOADS for quantity in record.quantities]
+    if record.variance is None or length < _FEWEST:
+        return frequency
+    window = np.hanning(length + 1)[:-1, None]
+    count = len(record.values) // length
+    parts = record.values[: count * length, is_force].reshape(count, length, -1)
+    power = (np.abs(np.fft.rfft(parts * window, axis=1)) ** 2).mean(axis=0)
+    return frequency[(power > _ABOVE_NOISE * record.variance[is_force] * (window**2).sum()).any(axis=1)]

@@ -41,9 +41,9 @@ class ReadOptions:
         Name of the array of frequencies in Hz that belongs to a bare FRF array.
     outputs : tuple of str
         Sensors of a bare FRF array, as in ``1X-,2X+``, shape (n_frequencies, n_outputs, n_inputs), or
-        (n_frequencies, n_outputs) with one input; else those to use.
+        (n_frequencies, n_outputs) with one input, or of a table with names of its own, in its order; else those to use.
     inputs : tuple of str
-        Loads of a bare FRF array, as in ``3X+``; else those to use.
+        Loads of a bare FRF array, as in ``3X+``, or of a table with names of its own; else those to use.
     kind : str
         ``receptance``, ``mobility`` or ``accelerance`` of a bare FRF array.
     unit : str

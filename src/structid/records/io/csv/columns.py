@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +17,10 @@ from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
 from structid.records.io.csv.recognition import AXES, as_date
 from structid.records.io.csv.table import Table
+from structid.records.io.gaps import sourced
 from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
 from structid.records.io.options import ReadOptions
+from structid.records.io.selection import selected
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, parse_frf_unit
 
@@ -246,32 +249,75 @@ class _Column(NamedTuple):
     part: str
 
 
-def _pair(table: Table, j: int) -> _Column:
-    match = _PAIR.match(table.names[j])
-    if match is None:
-        hint = "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, std, coherence)"
-        raise _column(table, j, text=hint)
+def _pairs(table: Table) -> list[re.Match[str]]:
+    """The headers of all columns but the axis, in their parts."""
+    found = []
+    for j, name in enumerate(table.names[1:], start=1):
+        match = _PAIR.match(name)
+        if match is None:
+            hint = "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, std, coherence)"
+            raise _column(table, j, text=hint)
+        found.append(match)
+    return found
+
+
+def _called(table: Table, option: str, names: list[str], given: tuple[str, ...]) -> dict[str, str]:
+    """What each of the sensors or loads called `names` is by `given`, in their order; {} where all say it themselves."""
+    distinct = list(dict.fromkeys(names))
+    if not given or all(map(_is_dof, distinct)):
+        return {}
+    if len(given) != len(distinct):
+        shown = ", ".join(distinct[:8]) + (", ..." if len(distinct) > 8 else "")
+        raise InputError(
+            f"{table.path}: `{option}` must have {len(distinct)} entries, one for each of {shown}, in the order of the table,"
+            f" got {len(given)}"
+        )
+    return dict(zip(distinct, given, strict=True))
+
+
+def _is_dof(text: str) -> bool:
+    try:
+        parse_dof(text)
+    except InputError:
+        return False
+    return True
+
+
+def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, str], inputs: dict[str, str]) -> _Column:
     part = match["part"]
     try:
-        output, load = parse_dof(match["output"]), parse_dof(match["input"])
+        output = parse_dof(outputs.get(match["output"], match["output"]))
+        load = parse_dof(inputs.get(match["input"], match["input"]))
         unit = None if part == "coherence" else parse_frf_unit(match["unit"] or "")
         if unit is not None:
             require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
             require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
-        raise _column(table, j, error) from error
+        named = _is_dof(match["output"]) and _is_dof(match["input"])
+        hint = (
+            "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
+        )
+        raise _column(table, j, text=f"{error}{hint}") from error
     return _Column(output, load, unit, part)
 
 
-def frf_record(table: Table) -> FrfRecord:
+def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The FRF record in `table`; every output needs a pair with every input.
+
+    Sensors and loads of a table with names of its own are what `options.outputs` and `options.inputs` say, in the order of
+    the table; where its names are degrees of freedom, these choose.
 
     Raises
     ------
     FileError
         If a header cannot be read, a pair is missing or doubled, or kinds are mixed.
+    InputError
+        If `options` do not fit the table.
     """
-    columns = [_pair(table, j) for j in range(1, len(table.names))]
+    matches = _pairs(table)
+    of_outputs = _called(table, "outputs", [match["output"] for match in matches], options.outputs)
+    of_inputs = _called(table, "inputs", [match["input"] for match in matches], options.inputs)
+    columns = [_column_of(table, j, match, of_outputs, of_inputs) for j, match in enumerate(matches, start=1)]
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
     parts: dict[str, FloatArray] = {}
@@ -283,7 +329,7 @@ def frf_record(table: Table) -> FrfRecord:
             raise _column(table, j, text="this pair and part is there twice; remove one")
         part[place] = table.values[:, j] * (column.unit.factor if column.unit else 1.0)
     _require_complete(table, parts, outputs, inputs)
-    return FrfRecord(
+    made = FrfRecord(
         frequency=table.values[:, 0],
         values=parts["re"] + 1j * parts["im"],
         outputs=outputs,
@@ -292,8 +338,10 @@ def frf_record(table: Table) -> FrfRecord:
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
-        source=str(table.path),
+        source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
     )
+    rest = replace(options, outputs=() if of_outputs else options.outputs, inputs=() if of_inputs else options.inputs)
+    return selected(table.path, made, rest)
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:

@@ -20,7 +20,6 @@ from structid.files import atomic_write
 from structid.records.io.csv.columns import frf_header, frf_record, time_header, time_record
 from structid.records.io.csv.table import read_table
 from structid.records.io.options import ReadOptions
-from structid.records.io.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".csv", ".txt", ".tsv")
@@ -40,7 +39,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """
     table = read_table(path, options.csv)
     if table.is_frequency:
-        return selected(table.path, frf_record(table), options)
+        return frf_record(table, options)
     return time_record(table, options)
 
 
