@@ -10,6 +10,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.errors import InputError, SingularModelError
+from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
@@ -117,6 +118,9 @@ class Setup(RecordSetup[FrfProblem]):
                 "the initial model's response is not finite; check its masses, stiffnesses and supports"
             )
         return look(problem, predicted)
+
+    def truncation(self, problem: FrfProblem, theta: FloatArray) -> Truncation | None:
+        return frf_truncation(problem, theta)
 
     def begun(self, problem: FrfProblem) -> FrfProblem:
         """From the one-step linear solve where everything is measured, as far as it gives values inside their ranges."""

@@ -139,6 +139,8 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
         Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
     ratios : Ratios or None
         What remains where the data leave a common scale of masses and stiffnesses free.
+    truncations : tuple of str
+        What reduction of components changes at the answer, as each record sees it.
     """
 
     estimate: Estimate
@@ -150,6 +152,7 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
     intervals: Intervals
     ratios: Ratios | None = None
     ran_away: tuple[int, ...] = ()
+    truncations: tuple[str, ...] = ()
 
     def overview(self) -> Overview:
         """What its estimate shows."""

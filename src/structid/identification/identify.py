@@ -130,6 +130,9 @@ def identify_together(
     warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
+    lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
+    told = [(prefix, one) for prefix, one in zip(prefixes(setups), lost, strict=True) if one is not None]
+    warnings += [prefix + one.warning for prefix, one in told if one.warning]
     mass, std = total_mass(problems[0], found, chosen.direction)
     return Identification(
         estimate=found,
@@ -148,6 +151,7 @@ def identify_together(
         intervals=ends,
         ratios=scale_free,
         ran_away=away,
+        truncations=tuple(prefix + one.words for prefix, one in told),
     )
 
 
