@@ -115,7 +115,11 @@ def identify_together(
     seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
-    warnings = [
+    lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
+    pairs = zip(prefixes(setups), lost, strict=True)
+    truncations = tuple(replace(one, words=prefix + one.words) for prefix, one in pairs if one is not None)
+    warnings = [one.warning for one in truncations if one.warning]
+    warnings += [
         prefix + words
         for told in ([ready.warnings for ready in prepared], [fit.warnings if fit else () for fit in fits],
                      [fit.warnings if fit else () for fit in modal_fits])
@@ -130,9 +134,6 @@ def identify_together(
     warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
-    lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
-    told = [(prefix, one) for prefix, one in zip(prefixes(setups), lost, strict=True) if one is not None]
-    warnings += [prefix + one.warning for prefix, one in told if one.warning]
     mass, std = total_mass(problems[0], found, chosen.direction)
     return Identification(
         estimate=found,
@@ -151,7 +152,7 @@ def identify_together(
         intervals=ends,
         ratios=scale_free,
         ran_away=away,
-        truncations=tuple(prefix + one.words for prefix, one in told),
+        truncations=truncations,
     )
 
 

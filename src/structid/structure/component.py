@@ -220,11 +220,12 @@ def _reduction(
 def _named(component: Component, codes: IntArray) -> IntArray:
     """Codes of the `interface` that a component names."""
     wanted = np.array([dof_code(dof.node, dof.direction) for dof in component.interface], dtype=np.int64)
-    for dof, there in zip(component.interface, np.isin(wanted, codes), strict=True):
-        if not there:
-            near = str(dof_of_code(int(codes[np.abs(codes - dof_code(dof.node, dof.direction)).argmin()])).place)
+    for dof, code in zip(component.interface, wanted.tolist(), strict=True):
+        if code not in codes:
+            order = np.lexsort((np.abs(codes - code), codes // 6 != dof.node))
             raise InputError(
-                f"component {component.name!r}: {dof.place} of `interface` is no degree of freedom of it; the nearest is {near}"
+                f"component {component.name!r}: {dof.place} of `interface` is no degree of freedom of it; the nearest is"
+                f" {dof_of_code(int(codes[order[0]])).place}"
             )
     return wanted
 

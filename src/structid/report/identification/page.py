@@ -106,7 +106,7 @@ def report_page(
         "ratios": ratio_table(identification),
         "structure": (
             *tables.structure_facts(structure),
-            *(("Error of reduction", words) for words in identification.truncations),
+            *(("Error of reduction", one.words) for one in identification.truncations),
         ),
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),

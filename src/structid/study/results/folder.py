@@ -178,7 +178,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
 def reduction_summary(found: Identification) -> dict[str, Any]:
     """What components were reduced to and what that changes, where there are some."""
     parts = [one.words for one in found.structure.reductions]
-    return {"reduction": {"components": parts, "changes": found.truncations}} if parts else {}
+    return {"reduction": {"components": parts, "changes": [one.words for one in found.truncations]}} if parts else {}
 
 
 def varied_summary(found: Identification) -> dict[str, Any]:
