@@ -17,6 +17,7 @@ from structid import (
     InputError,
     Joint,
     MatrixGroup,
+    PlanOptions,
     Plate,
     PointMass,
     RigidLink,
@@ -30,6 +31,7 @@ from structid.dynamics.modes import modes
 from structid.identification.before.reduction import frf_truncation, modes_truncation
 from structid.observation import FrfProblem
 from structid.observation.frf.response import response
+from structid.planning.options import resolved
 from structid.structure.aimed_sensor import AimedSensor
 from structid.unknowns import penalty
 
@@ -269,6 +271,18 @@ def test_ties_and_supports_and_sensors_keep_their_places():
     assert apart(*pair) < 1e-7
 
 
+def test_nodes_that_others_follow_are_its_interface():
+    """A block on an arm at node 12: the mass follows a node of the component."""
+    nodes = {**plate(None).nodes, 40: np.array([1.2, 0.5, 0.0])}
+    block = PointMass("block", [40], 2.0)
+    whole = Structure(nodes, [*plate(None).elements, block], ties=[RigidLink("arm", 12, 40)], active=WAYS)
+    found = replace(whole, components=(Component("panel", ["left", "right"], 300.0),))
+    assert found.reductions[0].n_interface == 3 + 3
+    assert {"12Z+", "12RX+", "12RY+"} <= {str(dof) for dof in found.dofs}
+    pair = [receptance(s, ["40Z", "16Z"], ["40Z"], [4.0, 20.0]) for s in (found, whole)]
+    assert apart(*pair) < 1e-7
+
+
 def frame(**options) -> Structure:
     """A portal whose girder is a component of three beams in pieces, with a joint at each end."""
     nodes = {1: (0.0, 0.0), 2: (0.0, 3.0), 3: (1.0, 3.0), 4: (3.0, 3.0), 5: (4.0, 3.0), 6: (4.0, 0.0)}
@@ -290,9 +304,10 @@ def test_lines_in_pieces_and_joints_in_and_beside_it():
     assert found.mass_of() == pytest.approx(whole.mass_of(), rel=1e-12)
 
 
-def test_a_support_of_it_drives_the_structure():
+@pytest.mark.parametrize("supports", [[["1X", "6X"]], [["1X"], ["6X"]]])
+def test_a_support_of_it_drives_the_structure(supports):
     """The table shakes columns that are components: the base is at their feet."""
-    bases = [Base("table", ["1X", "6X"])]
+    bases = [Base(f"table {k}", own) for k, own in enumerate(supports)]
     found = frame(bases=bases, components=(Component("legs", "columns", 300.0),))
     assert found.n_dofs < frame().n_dofs
     record = FrfRecord(np.array([3.0, 9.0, 15.0]), np.ones((3, 2, 1)), ["2X", "4Y"], ["1X"], "transmissibility")
@@ -363,6 +378,13 @@ def test_two_components_of_one_set_friction_sliding_and_mechanisms_are_refused()
         replace(loose, components=(Component("a", ["row", "oil"], 9.0),))
 
 
+def test_a_plan_takes_places_amid_it():
+    found = plate(120.0)
+    options = PlanOptions(frequency=(5.0, 10.0), relative_noise=0.01)
+    places = resolved(found, parameters(found, [Unknown("stiffness", "legs")]), options).sensors
+    assert [str(dof) for dof in places] == [f"{node}Z+" for node in sorted(found.nodes)]
+
+
 def test_an_unknown_inside_is_refused_with_the_remedy():
     found = plate(120.0)
     with pytest.raises(
@@ -399,5 +421,6 @@ def test_what_truncation_changes_is_told_with_a_remedy_where_it_is_much():
     pair = [modes(s.matrix("inertia"), s.matrix("elastic"), n_modes=20).frequency for s in (few, whole)]
     inside = np.flatnonzero(pair[0] <= 60.0)
     assert told.error == pytest.approx((pair[0][inside] / pair[1][inside] - 1).max(), rel=1e-3)
+    assert modes_truncation(few, few.values, 500.0).words == modes_truncation(few, few.values, 70.0).words
     assert modes_truncation(whole, whole.values, 60.0) is None
     assert "no mode in the band" in modes_truncation(few, few.values, 0.01).words

@@ -117,6 +117,11 @@ class Reduction:
     n_modes: int
 
     @property
+    def inside(self) -> tuple[Dof, ...]:
+        """Degrees of freedom that follow others."""
+        return () if self.following is None else tuple(dof_of_code(code) for code in self.following.dependents.tolist())
+
+    @property
     def words(self) -> str:
         """What was reduced to what."""
         whole = f"component {self.component.name}: {len(self.group.dofs)} degrees of freedom"

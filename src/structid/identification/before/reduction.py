@@ -71,9 +71,10 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
 
 
 def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
-    """Of natural frequencies up to `top`, Hz, with the property values `values`; None of a structure without components."""
+    """Of natural frequencies up to `top`, Hz, as far as components have modes; None of a structure without components."""
     if not structure.components:
         return None
+    top = min(top, *(one.up_to for one in structure.components))
     found = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs)).frequency
     looked = np.flatnonzero((found <= top) & (found > _RIGID * top))
     if not looked.size:
@@ -83,6 +84,6 @@ def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Tr
     worst = int(np.argmax(errors))
     return Truncation(
         float(errors[worst]),
-        f"reduction changes natural frequencies by up to {errors[worst]:.1g} ({len(looked)} modes solved for with nothing"
-        f" reduced, the worst at {found[looked[worst]]:.5g} Hz)",
+        f"reduction changes natural frequencies by up to {errors[worst]:.1g} ({len(looked)} modes up to {top:.5g} Hz solved"
+        f" for with nothing reduced, the worst at {found[looked[worst]]:.5g} Hz)",
     )
