@@ -1,4 +1,4 @@
-"""How far a model with components is off the same model with nothing reduced."""
+"""How far a model with components, or whose lines a sweep finds, is off the same model with nothing reduced."""
 
 from __future__ import annotations
 
@@ -19,30 +19,33 @@ _LARGEST = 1e-3
 #: Part of the end of the band below which modes are a rigid body's.
 _RIGID = 1e-3
 _REMEDY = "raise `up_to` of the component, or name where it is loaded in its `interface`"
+_OF_SWEEPS = "take a smaller `reduced`"
 
 
 @dataclass(frozen=True)
 class Truncation:
-    """What is lost with the modes that components leave out.
+    """What is lost with the modes that components leave out, or the motions that a sweep does.
 
     Attributes
     ----------
     error : float
         Largest relative error.
     words : str
+    remedy : str
     """
 
     error: float
     words: str
+    remedy: str = _REMEDY
 
     @property
     def warning(self) -> str:
         """The words with a remedy where the error is large; else ""."""
-        return f"{self.words}; {_REMEDY}" if self.error > _LARGEST else ""
+        return f"{self.words}; {self.remedy}" if self.error > _LARGEST else ""
 
 
 def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
-    """Of FRFs, at a few lines of the record; None of a structure without components.
+    """Of FRFs, at a few lines of the record; None where neither components nor a sweep leave anything out.
 
     Parameters
     ----------
@@ -50,7 +53,8 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     theta : (n_params,) float array
         Free variables.
     """
-    if not problem.structure.components:
+    is_swept = problem.reduced is not None and problem.is_large
+    if not (problem.structure.components or is_swept):
         return None
     found = problem.predicted(theta)
     size = np.abs(found).reshape(len(found), -1).max(axis=1)
@@ -59,7 +63,8 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     highest = peaks[np.argsort(-size[peaks])][:_PEAKS]
     spread = np.linspace(0, len(found) - 1, _SPREAD + 2)[1:-1].round().astype(int)
     lines = np.unique(np.concatenate([highest, spread]))
-    whole = replace(problem, structure=problem.structure.unreduced, record=problem.record.lines(lines), models=Models())
+    structure = problem.structure.unreduced if problem.structure.components else problem.structure
+    whole = replace(problem, structure=structure, record=problem.record.lines(lines), reduced=None, models=Models())
     exact = whole.predicted(theta)
     errors = [reading_error(*pair) for pair in zip(exact, found[lines], strict=True)]
     worst = int(np.argmax(errors))
@@ -67,6 +72,7 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
         errors[worst],
         f"reduction changes the model's FRFs by up to {errors[worst]:.1g} of the largest at a line ({len(lines)} lines solved with"
         f" nothing reduced, the worst at {problem.frequency[lines[worst]]:.5g} Hz)",
+        _REMEDY if problem.structure.components else _OF_SWEEPS,
     )
 
 

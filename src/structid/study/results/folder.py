@@ -176,9 +176,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
 
 
 def reduction_summary(found: Identification) -> dict[str, Any]:
-    """What components were reduced to and what that changes, where there are some."""
-    parts = [one.words for one in found.structure.reductions]
-    return {"reduction": {"components": parts, "changes": [one.words for one in found.truncations]}} if parts else {}
+    """What components were reduced to, and what that and reduced sweeps change; {} where nothing is reduced."""
+    parts, changes = ([one.words for one in told] for told in (found.structure.reductions, found.truncations))
+    return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
 def varied_summary(found: Identification) -> dict[str, Any]:
