@@ -262,6 +262,8 @@ def test_ties_and_supports_and_sensors_keep_their_places():
         active=WAYS,
     )
     found = replace(whole, components=(Component("panel", ["left", "right"], 300.0),))
+    at_sensor = replace(whole, components=(Component("panel", ["left", "right"], 300.0, "50Z"),))
+    assert at_sensor.reductions[0].n_interface == 1 + found.reductions[0].n_interface
     kept = {dof.node for dof in found.dofs}
     assert {40, 1, 6, 25} <= kept
     assert found.n_dofs < whole.n_dofs / 2

@@ -172,10 +172,13 @@ def reductions(
             owners[name] = component
     codes = {name: joined_codes([layer.codes for term in own for layer in term.layers]) for name, own in terms.items()}
     tied = _tied(equations, joined_codes([*codes.values()]))
-    return tuple(
-        _reduction(one, terms, joined_codes([tied, *(codes[name] for name in terms if name not in one.elements)]), held)
-        for one in components
-    )
+    found = []
+    for one in components:
+        own = joined_codes([codes[name] for name in one.elements])
+        others = [codes[name] for name in terms if name not in one.elements]
+        joined = joined_codes([tied, _named(one, own, equations), *others])
+        found.append(_reduction(one, {name: terms[name] for name in one.elements}, own, joined, held))
+    return tuple(found)
 
 
 def _tied(equations: Equations, moved: IntArray) -> IntArray:
@@ -190,16 +193,17 @@ def _tied(equations: Equations, moved: IntArray) -> IntArray:
 
 
 def _reduction(
-    component: Component, terms: Mapping[str, tuple[Term, ...]], joined: IntArray, held: frozenset[int]
+    component: Component,
+    terms: Mapping[str, tuple[Term, ...]],
+    codes: IntArray,
+    joined: IntArray,
+    held: frozenset[int],
 ) -> Reduction:
-    """A component whose other parts of the structure have the codes `joined`."""
-    own = {name: terms[name] for name in component.elements}
-    codes = joined_codes([layer.codes for several in own.values() for term in several for layer in term.layers])
-    matrices = _matrices(component, own, codes)
-    kept = np.isin(codes, joined) | np.isin(codes, _named(component, codes))
-    free = ~np.isin(codes, list(held))
+    """A component of sets with these terms and codes, of which it is to keep those that are `joined`."""
+    matrices = _matrices(component, terms, codes)
+    kept, free = np.isin(codes, joined), ~np.isin(codes, list(held))
     border, inside = np.flatnonzero(kept & free), np.flatnonzero(~kept & free)
-    if not (kept.any() or component.interface):
+    if not kept.any():
         raise InputError(
             f"component {component.name!r} has no interface: nothing else of the structure is at its nodes; join it by springs,"
             " other elements or ties, or name degrees of freedom that are kept in `interface`"
@@ -222,17 +226,19 @@ def _reduction(
     return Reduction(component, group, made, following, len(border), n_modes)
 
 
-def _named(component: Component, codes: IntArray) -> IntArray:
-    """Codes of the `interface` that a component names."""
-    wanted = np.array([dof_code(dof.node, dof.direction) for dof in component.interface], dtype=np.int64)
-    for dof, code in zip(component.interface, wanted.tolist(), strict=True):
-        if code not in codes:
+def _named(component: Component, codes: IntArray, equations: Equations) -> IntArray:
+    """Those of the `codes` of a component that its `interface` names, or points of it that follow them."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for dof in component.interface:
+        code = dof_code(dof.node, dof.direction)
+        found.append(np.intersect1d(codes, [code, *_tied(equations, np.array([code]))]))
+        if not len(found[-1]):
             order = np.lexsort((np.abs(codes - code), codes // 6 != dof.node))
             raise InputError(
                 f"component {component.name!r}: {dof.place} of `interface` is no degree of freedom of it; the nearest is"
                 f" {dof_of_code(int(codes[order[0]])).place}"
             )
-    return wanted
+    return np.concatenate(found)
 
 
 def _matrices(
