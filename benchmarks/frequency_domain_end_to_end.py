@@ -1,7 +1,7 @@
 """Large identifications from FRFs, start to end, with wall time and peak memory: a solid and a plate.
 
 ``python benchmarks/frequency_domain_end_to_end.py solid``: a block of 100,000 degrees of freedom, 50 lines, 20 sensors,
-30 groups whose moduli are unknown, 10 iterations of ``structid identify`` with reduced sweeps (``--reduced 0``: without).
+30 groups whose moduli are unknown, 10 iterations of ``structid identify`` by reduced sweeps (``--reduced 0``: without).
 ``python benchmarks/frequency_domain_end_to_end.py plate``: a plate of 20,000 elements, every element's stiffness
 unknown, held by smoothness alone; a soft spot is looked for. ``--stored 0`` applies the Jacobian from fields.
 """
@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=0.01, help="part of each channel's rms")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, help="solid: where its files are kept")
-    parser.add_argument("--reduced", type=float, default=1e-6, help="solid: error of reduced sweeps; 0: every line")
+    parser.add_argument("--reduced", type=float, help="solid: error of reduced sweeps; 0: every line")
     parser.add_argument("--simulate", action="store_true", help="solid: write mesh and record, and stop")
     parser.add_argument("--stored", type=float, default=1e9, help="plate: largest Jacobian that is stored, bytes")
     parser.add_argument("--strength", type=float, default=100.0, help="plate: of the smoothness")

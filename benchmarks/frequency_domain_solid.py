@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 import structid as sid
-from structid.dynamics.receptance import single_blas
+from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
+from structid.observation.frf.large_lines import Pattern
 from structid.observation.frf.response import response
 
 YOUNG, DENSITY, POISSON, LOSS = 70e9, 2700.0, 0.3, 0.02
@@ -63,12 +64,13 @@ def simulate(folder: Path, shape: tuple[int, ...], n_lines: int, noise: float, s
     )
     known = sid.parameters(structure, [sid.Unknown("youngs_modulus", n) for n in names])
     model = response(structure, known, empty)
+    pattern = Pattern(model.slopes, model.channels)
+    data = model.slopes.assembled.data(known.values(known.start))
+    stiffness = DynamicStiffness(pattern.analysis, data, model.fixed_coefficients, empty.frequency)
+    loads = model.channels.columns[:, np.unique(model.channels.inputs[0])].toarray()
     with single_blas():
-        pattern = model.assembled.indices, model.assembled.indptr
-        loads = model.columns[:, np.unique(model.inputs[0])].toarray()
-        stiffness = model.stiffness(known.start, model.fixed_coefficients)
-        found = reduced_sweep(stiffness, pattern, loads, model.sensors, EXACT)
-    exact = found.values * model.inputs[1]
+        found = reduced_sweep(stiffness, pattern.indices, loads, model.channels.sensors, EXACT)
+    exact = found.values * model.channels.inputs[1]
     size = noise * np.sqrt((np.abs(exact) ** 2).mean(axis=0, keepdims=True)) * np.ones(exact.shape)
     shift = generator.standard_normal((2, *exact.shape)) * size / np.sqrt(2)
     values = exact + shift[0] + 1j * shift[1]
@@ -83,7 +85,7 @@ def simulate(folder: Path, shape: tuple[int, ...], n_lines: int, noise: float, s
     )
 
 
-def write_study(folder: Path, iterations: int, reduced: float) -> None:
+def write_study(folder: Path, iterations: int, reduced: float | None) -> None:
     """The study file: nominal moduli, all of them unknown."""
     names = list(json.loads((folder / "truth.json").read_text(encoding="utf-8")))
     common = f"youngs_modulus = {YOUNG}\ndensity = {DENSITY}\npoisson = {POISSON}\nloss_factor = {LOSS}\n"
@@ -94,7 +96,7 @@ def write_study(folder: Path, iterations: int, reduced: float) -> None:
         *(f'[[unknown]]\nproperty = "youngs_modulus"\nelements = "{n}"\n' for n in names),
         '[record]\npath = "frf.npz"\n',
         f"[method]\npole_free_start = false\nrestarts = 0\nmax_iterations = {iterations}\n",
-        f"reduced = {reduced}\n" if reduced else "",
+        "" if reduced is None else f"reduced = {reduced}\n",
     ]
     (folder / "study.toml").write_text("".join(parts), encoding="utf-8")
 

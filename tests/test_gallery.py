@@ -60,6 +60,11 @@ HOLDS = {
     "elements/membrane": lambda own: near(own["found"], mass_head=0.26, tension_head=2600.0),
     "elements/joints": lambda own: near(own["found"], stiffness_bolt=3e4, bending_stiffness_girder=2.1e4),
     "elements/matrices_of_another_code": lambda own: near(own["found"], stiffness_upper=0.9),
+    "elements/component": lambda own: (
+        near(own["found"], stiffness_mount_1=2e4, stiffness_mount_3=1e4)
+        and own["answers"]["reduced"].values == pytest.approx(own["answers"]["whole"].values, rel=1e-4)
+        and "changes the model's FRFs" in own["found"].truncations[0].words
+    ),
     "elements/timoshenko_and_bernoulli": lambda own: (
         near(own["found"], bending_stiffness_beam=1.1e5, shear_stiffness_beam=1.3e7)
         and own["without"].estimate.chi_square_per_dof > 1e3

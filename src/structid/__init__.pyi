@@ -84,6 +84,7 @@ from structid.structure import Bar as Bar
 from structid.structure import Base as Base
 from structid.structure import Beam as Beam
 from structid.structure import Blocks as Blocks
+from structid.structure import Component as Component
 from structid.structure import Constraint as Constraint
 from structid.structure import Dashpot as Dashpot
 from structid.structure import Friction as Friction

@@ -230,6 +230,51 @@ def test_reduction_asked_for_in_a_study_reaches_the_model():
     assert problem.predicted_on(record, made.start) == pytest.approx(problem.predicted(made.theta_start), rel=1e-12)
 
 
+def test_large_models_are_swept_by_default_and_the_true_error_is_told(monkeypatch):
+    structure, made, record, _ = model("block", n_sensors=3, n_loads=1, each=False)
+    lines = np.linspace(40.0, 900.0, 24)
+    record = replace(record, frequency=lines, values=np.ones((24, 3, 1)), variance=np.ones((24, 3, 1)))
+    monkeypatch.setattr("structid.identification.frf_setup._LARGE", 100)
+    setup = sid.Setup(structure, made, record)
+
+    def prepared(**options):
+        return setup.prepared(IdentifyOptions(**options)).problem
+
+    assert prepared().reduced == 1e-5
+    assert prepared(reduced=1e-3).reduced == 1e-3
+    assert prepared(reduced=0).reduced is None
+    assert prepared(band=(40.0, 500.0)).reduced is None  # 13 lines
+    exact = prepared(reduced=0)
+    assert setup.truncation(exact, exact.theta_start) is None
+    rough = prepared(reduced=0.01)
+    told = setup.truncation(rough, rough.theta_start)
+    one, other = (problem.predicted(problem.theta_start) for problem in (rough, exact))
+    errors = np.abs(one - other).max(axis=(1, 2)) / np.abs(other).max(axis=(1, 2))
+    assert told.error == pytest.approx(errors[np.abs(errors - told.error).argmin()], rel=1e-6)
+    assert 0 < told.error <= errors.max() * (1 + 1e-9)
+    assert told.remedy == "take a smaller `reduced`"
+    monkeypatch.setattr("structid.identification.frf_setup._LARGE", 1000)
+    assert prepared().reduced is None
+
+
+def test_a_sweep_is_come_back_to():
+    """A point that was tried before the last one costs no factorization again."""
+    structure, made, record, _ = model("block", n_sensors=3, n_loads=1, each=False)
+    lines = np.linspace(40.0, 900.0, 24)
+    record = replace(record, frequency=lines, values=np.ones((24, 3, 1)))
+    at = response(structure, made, record, reduced=1e-6)
+    first = at.derivatives_at(made.start)[1]
+    at.values_at(1.01 * made.start)
+    count = at.lines.last_sweep.n_factorizations
+    assert np.array_equal(at.derivatives_at(made.start)[1], first)
+    assert at.lines.last_sweep.n_factorizations == count
+    at.values_at(1.02 * made.start)
+    at.values_at(1.03 * made.start)
+    count = at.lines.last_sweep.n_factorizations
+    at.derivatives_at(made.start)
+    assert at.lines.last_sweep.n_factorizations > count
+
+
 def test_few_lines_are_not_reduced():
     structure, made, record, at = model(reduced=1e-3)
     full = response(structure, made, record)

@@ -128,6 +128,7 @@ SECTIONS = {
     "## `[method]`": "method",
     "## `[plan]`": "plan",
     "### A mesh from a file": "structure.mesh",
+    "### Components": "structure.component",
 }
 BESIDES = {"structure.mesh": {"mesh", "group", "points", "support"}}
 

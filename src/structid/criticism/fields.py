@@ -120,12 +120,16 @@ class Fields:
         Shapes (n_supports), (n_lines, n_dofs, n_supports), (n_lines, n_supports).
         """
         structure = self.structure
+        n_lines, n_dofs = len(self.laplace), structure.n_dofs
+        none: tuple[tuple[Dof, ...], ComplexArray, ComplexArray]
+        none = (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
+        if structure.components:  # let go, they would be reduced to other degrees of freedom
+            return none
         free = Structure(structure.nodes, structure.elements, (), structure.ties, structure.active, structure.subdivide)
         place = {code: i for i, code in enumerate(free.numbering.free)}
         held = [d for d in structure.fixed if dof_code(d.node, d.direction) in place]
         if not held:
-            n_lines, n_dofs = len(self.laplace), structure.n_dofs
-            return (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
+            return none
         whole = self.stiffness_of(free)
         own = np.array([place[code] for code in structure.numbering.free])
         ends = np.array([place[dof_code(d.node, d.direction)] for d in held])

@@ -228,6 +228,9 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
     pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
     misfit = _misfit_words(estimate.chi_square_per_dof)
+    cut = tuple(one.warning for one in found.truncations if one.warning)
+    if cut and not fits_noise(found):
+        return Judgement("wrong_model", f"Wrong model: {cut[0]}: do not use the values.", (*cut, misfit, *away))
     is_noise = bool(causes) and causes[0].kind == "noise_level"
     if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
         words = (

@@ -47,6 +47,8 @@ def criticized(
     found = result.identification
     if is_sound(found) and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
+    if any(one.warning for one in found.truncations) and not explain:
+        return replace(result, criticism=Criticism(judged(found))), ()
     ratio = noise_ratio(found)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)

@@ -9,7 +9,9 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
+from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.errors import InputError, SingularModelError
+from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.record_fit import Own, RecordFit, record_fit
@@ -22,6 +24,8 @@ from structid.structure import Structure
 from structid.unknowns import Parameters
 
 _RELATIVE_WEIGHT = 0.1
+#: Degrees of freedom from which on lines are found by a sweep by default, and its error.
+_LARGE, _USUAL_ERROR = 1000, 1e-5
 _NO_NOISE = (
     "the record has no noise level: every line is weighted by its own magnitude, and standard deviations come from the"
     " scatter of the residual"
@@ -74,7 +78,7 @@ class Setup(RecordSetup[FrfProblem]):
             model_error,
             channels=self.channel_errors(self.channel_unknowns, used),
             start_error=options.start_error if options.start == "continuation" else None,
-            reduced=options.reduced,
+            reduced=_sweep_error(self.structure, used, options),
             models=self.models,
         )
         return Prepared(problem, tuple(warnings))
@@ -118,6 +122,9 @@ class Setup(RecordSetup[FrfProblem]):
             )
         return look(problem, predicted)
 
+    def truncation(self, problem: FrfProblem, theta: FloatArray) -> Truncation | None:
+        return frf_truncation(problem, theta)
+
     def begun(self, problem: FrfProblem) -> FrfProblem:
         """From the one-step linear solve where everything is measured, as far as it gives values inside their ranges."""
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
@@ -129,6 +136,14 @@ class Setup(RecordSetup[FrfProblem]):
 
     def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         return record_fit(title, self.record, problem, own, options)
+
+
+def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
+    """Error with which a sweep may find the lines from few factorizations; None where each is solved for."""
+    if options.reduced is not None:
+        return options.reduced or None
+    is_worth = structure.n_dofs >= _LARGE and len(record.frequency) >= FEWEST_LINES
+    return _USUAL_ERROR if is_worth else None
 
 
 def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:

@@ -9,6 +9,7 @@ from structid.dof import Dof
 from structid.dynamics import Modes
 from structid.estimation import Estimate, Problem
 from structid.estimation.intervals.intervals import Intervals
+from structid.identification.before.reduction import Truncation
 from structid.identification.modal_fit import ModalFit
 from structid.identification.ratios import Ratios
 from structid.identification.record_fit import RecordFit
@@ -139,6 +140,8 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
         Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
     ratios : Ratios or None
         What remains where the data leave a common scale of masses and stiffnesses free.
+    truncations : tuple of Truncation
+        What reduction of components changes at the answer, as each record sees it.
     """
 
     estimate: Estimate
@@ -150,6 +153,7 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
     intervals: Intervals
     ratios: Ratios | None = None
     ran_away: tuple[int, ...] = ()
+    truncations: tuple[Truncation, ...] = ()
 
     def overview(self) -> Overview:
         """What its estimate shows."""

@@ -115,7 +115,11 @@ def identify_together(
     seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
-    warnings = [
+    lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
+    pairs = zip(prefixes(setups), lost, strict=True)
+    truncations = tuple(replace(one, words=prefix + one.words) for prefix, one in pairs if one is not None)
+    warnings = [one.warning for one in truncations if one.warning]
+    warnings += [
         prefix + words
         for told in ([ready.warnings for ready in prepared], [fit.warnings if fit else () for fit in fits],
                      [fit.warnings if fit else () for fit in modal_fits])
@@ -148,6 +152,7 @@ def identify_together(
         intervals=ends,
         ratios=scale_free,
         ran_away=away,
+        truncations=truncations,
     )
 
 

@@ -16,6 +16,7 @@ from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.before.aligned import ResonancePair, aligned
 from structid.identification.before.channels import channel_warnings
+from structid.identification.before.reduction import Truncation, modes_truncation
 from structid.identification.modal_fit import ModalFit
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import Own, RecordFit
@@ -116,6 +117,11 @@ class RecordSetup(ABC, Generic[P]):
             If it cannot be evaluated.
         """
         return Look()
+
+    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
+        """What components of the structure leave out, seen by this record; None where it has none."""
+        values = problem.parameters.values(problem.physical(theta)[: problem.parameters.n_params])
+        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
 
     def begun(self, problem: P) -> P:
         """The problem from a better start, where the record alone gives one."""

@@ -39,7 +39,10 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     if unknown.n_params == 0:
         raise InputError("`unknown` must hold at least one parameter, got none; declare what is to be identified")
     installed_sensors, installed_loads = parse_dofs(options.installed_sensors), parse_dofs(options.installed_loads)
-    every = tuple(dof.unsigned for dof in structure.dofs if dof.node in structure.nodes and not dof.is_rotation)
+    moving = sorted(
+        dof.unsigned for dof in (*structure.dofs, *(dof for one in structure.reductions for dof in one.inside))
+    )
+    every = tuple(dof for dof in moving if dof.node in structure.nodes and not dof.is_rotation)
     sensors = _joined(installed_sensors, parse_dofs(options.sensors) or every)
     loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else every))
     for name, dofs in (("sensors", sensors), ("loads", loads)):

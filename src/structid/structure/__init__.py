@@ -1,6 +1,7 @@
 """What a structure is: nodes, elements, supports; it gives element matrices, never data."""
 
 from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.structure.component import Component
 from structid.structure.contribution import Contribution, Property
 from structid.structure.elements import (
     ELEMENT_TYPES,
@@ -29,6 +30,7 @@ __all__ = [
     "Base",
     "Beam",
     "Blocks",
+    "Component",
     "Constraint",
     "Contribution",
     "Dashpot",

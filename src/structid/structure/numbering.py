@@ -14,7 +14,10 @@ from structid.dof import Dof
 from structid.errors import InputError
 from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.structure.elements.element import Layer, dof_code, dof_of_code
-from structid.structure.supports import Equations
+from structid.structure.supports import Equations, Following
+
+#: Part of a map to free degrees of freedom from which on it is full.
+_FULL = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,9 @@ class Numbering:
     free: tuple[int, ...]
 
 
-def numbering(codes: Sequence[int], held: frozenset[int], equations: Equations) -> Numbering:
+def numbering(
+    codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
+) -> Numbering:
     """The free degrees of freedom, and how the others follow them.
 
     Parameters
@@ -47,6 +52,8 @@ def numbering(codes: Sequence[int], held: frozenset[int], equations: Equations) 
         Codes at zero.
     equations : mapping
         Dependent codes with what they depend on; a dependent may depend on another dependent.
+    following : sequence of Following
+        Further dependent codes, on which none of those depends that they depend on.
 
     Raises
     ------
@@ -57,37 +64,48 @@ def numbering(codes: Sequence[int], held: frozenset[int], equations: Equations) 
         raise InputError(
             f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows"
         )
-    free = [code for code in codes if code not in held and code not in equations]
-    column = {code: i for i, code in enumerate(free)}
-    resolved: dict[int, dict[int, float]] = {code: {code: 1.0} for code in free}
-    resolved.update({code: {} for code in held})
-    for code in codes:
-        _resolve(code, equations, resolved, ())
-    rows, columns, values = [], [], []
-    for i, code in enumerate(codes):
-        for other, coefficient in resolved[code].items():
-            rows.append(i)
-            columns.append(column[other])
-            values.append(coefficient)
-    matrix = sparse.csr_array((values, (rows, columns)), shape=(len(codes), len(free)))
-    return Numbering(np.array(codes, dtype=np.int64), matrix, tuple(free))
+    _require_no_circle(equations)
+    known = np.array(codes, dtype=np.int64)
+    dependent = np.isin(known, [*equations, *(code for one in following for code in one.dependents.tolist())])
+    free = np.flatnonzero(~dependent & ~np.isin(known, list(held)))
+    follow = _follow(known, equations, following)
+    part = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), (len(known), len(free)))
+    matrix = part
+    while part.nnz:
+        part = follow @ part
+        matrix = matrix + part
+    return Numbering(known, sparse.csr_array(matrix), tuple(known[free].tolist()))
 
 
-def _resolve(
-    code: int, equations: Equations, resolved: dict[int, dict[int, float]], path: tuple[int, ...]
-) -> dict[int, float]:
-    """`code` in terms of free codes only, kept in `resolved`."""
-    if code in resolved:
-        return resolved[code]
-    if code in path:
-        loop = " -> ".join(str(dof_of_code(c)) for c in (*path, code))
-        raise InputError(f"constraints run in a circle: {loop}; remove one of them")
-    total: dict[int, float] = {}
-    for other, coefficient in equations[code].items():
-        for free, inner in _resolve(other, equations, resolved, (*path, code)).items():
-            total[free] = total.get(free, 0.0) + coefficient * inner
-    resolved[code] = total
-    return total
+def _follow(known: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
+    """What each of the codes `known` depends on itself, (n_all, n_all)."""
+    own = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
+    tables = [np.array([entry[:2] for entry in own], dtype=np.int64).reshape(-1, 2)]
+    values: list[FloatArray] = [np.array([entry[2] for entry in own], dtype=np.float64)]
+    for one in following:
+        tables.append(np.stack([a.ravel() for a in np.meshgrid(one.dependents, one.masters, indexing="ij")], axis=1))
+        values.append(one.matrix.ravel())
+    rows, columns = np.searchsorted(known, np.concatenate(tables)).T
+    return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(known), len(known))).tocsr()
+
+
+def _require_no_circle(equations: Equations) -> None:
+    """Raise an `InputError` where degrees of freedom depend on themselves."""
+    done: set[int] = set()
+    for start in equations:
+        path = [start]
+        ways = [iter(equations[start])]
+        while path:
+            code = next(ways[-1], None)
+            if code is None:
+                done.add(path.pop())
+                ways.pop()
+            elif code in path:
+                loop = " -> ".join(str(dof_of_code(c)) for c in (*path[path.index(code) :], code))
+                raise InputError(f"constraints run in a circle: {loop}; remove one of them")
+            elif code in equations and code not in done:
+                path.append(code)
+                ways.append(iter(equations[code]))
 
 
 def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterable[Dof]) -> sparse.csc_array:
@@ -124,6 +142,10 @@ def free_blocks(all_dofs: Numbering, layer: Layer) -> ElementMatrices:
     place = np.minimum(np.searchsorted(known, layer.codes), len(known) - 1)
     if layer.whole is not None:
         rows = all_dofs.matrix[place[0], :]
+        used = np.unique(rows.indices).astype(np.int64)
+        if rows.nnz > max(_FULL * rows.shape[0] * len(used), rows.shape[0]):
+            dense = rows[:, used].toarray()
+            return Blocks(used[None], (dense.T @ (layer.whole @ dense))[None], len(all_dofs.free))
         return MatrixBlocks([rows.T @ layer.whole @ rows])
     position = np.where(known[place] == layer.codes, place, -1)
     return _tied_blocks(position, layer.local, all_dofs.matrix, len(all_dofs.free))

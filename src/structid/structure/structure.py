@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked, require_finite
+from structid.arrays import FloatArray, IntArray, locked, require_finite
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.plotting import StructurePlots
 from structid.shown import Overview, Shown, counted, listed
+from structid.structure.component import Component, Reduction, reductions
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
@@ -54,6 +55,8 @@ class Structure(Shown, StructurePlots):
     sliding : sequence of int
         Nodes whose place along the straight line of the bars and beams that meet there is a property, such as
         ``position[node 2]``: the distance in m from the neighbour at which the first of them begins.
+    components : sequence of Component
+        Parts that are reduced to their interface and a few modes.
 
     Raises
     ------
@@ -69,6 +72,7 @@ class Structure(Shown, StructurePlots):
     subdivide: int = 1
     bases: tuple[Base, ...] = ()
     sliding: tuple[int, ...] = ()
+    components: tuple[Component, ...] = ()
 
     def __init__(
         self,
@@ -80,6 +84,7 @@ class Structure(Shown, StructurePlots):
         subdivide: int = 1,
         bases: Iterable[Base] = (),
         sliding: Iterable[int] = (),
+        components: Iterable[Component] = (),
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -96,6 +101,7 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "subdivide", subdivide)
         object.__setattr__(self, "bases", tuple(bases))
         object.__setattr__(self, "sliding", tuple(dict.fromkeys(int(node) for node in sliding)))
+        object.__setattr__(self, "components", tuple(components))
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
@@ -108,9 +114,18 @@ class Structure(Shown, StructurePlots):
             f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
             f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
         )
-        names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.elements}
-        rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.elements]
+        names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
+        rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
         return Overview(words, ("element set", "type", "properties"), rows)
+
+    @property
+    def sets(self) -> tuple[ElementSet, ...]:
+        """What properties are of: element sets, and components in place of those that are in them."""
+        within = {name for one in self.components for name in one.elements}
+        return (
+            *(element for element in self.elements if element.name not in within),
+            *(one.group for one in self.reductions),
+        )
 
     @property
     def dimension(self) -> int:
@@ -121,8 +136,9 @@ class Structure(Shown, StructurePlots):
     def properties(self) -> tuple[Property, ...]:
         """Every property of every element set, in order."""
         found, start = [], 0
-        for name, terms in self._numbered.terms.items():
-            for term in terms:
+        every = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
+        for name in (one.name for one in self.sets):
+            for term in every[name]:
                 found.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
         found += [Property(one.name, one.term, slice(start + i, start + i + 1)) for i, one in enumerate(self._slides)]
@@ -167,9 +183,23 @@ class Structure(Shown, StructurePlots):
         """All degrees of freedom, and the free ones that they follow."""
         used = [layer.codes for item in self.properties for layer in item.term.layers]
         codes = joined_codes([*used, tied_codes(self._equations)])
+        following = [one.following for one in self.reductions if one.following is not None]
+        return numbering(codes.tolist(), self._held(codes), self._equations, following)
+
+    def _held(self, codes: IntArray) -> frozenset[int]:
+        """Those of `codes` that are at zero."""
         held = codes[~np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()])].tolist()
         fixed = [dof_code(d.node, d.direction) for d in self.fixed]
-        return numbering(codes.tolist(), frozenset([*held, *fixed]) & frozenset(codes.tolist()), self._equations)
+        return frozenset([*held, *fixed]) & frozenset(codes.tolist())
+
+    @cached_property
+    def reductions(self) -> tuple[Reduction, ...]:
+        """What `components` were reduced to."""
+        if not self.components:
+            return ()
+        terms = self._numbered.terms
+        codes = [layer.codes for several in terms.values() for term in several for layer in term.layers]
+        return reductions(self.components, terms, self._equations, self._held(joined_codes(codes)))
 
     @cached_property
     def _equations(self) -> Equations:
@@ -217,13 +247,19 @@ class Structure(Shown, StructurePlots):
             raise InputError(f"two inputs move base {twice.name!r}; leave one of them out, or make two bases")
         return tuple(moving)
 
+    @cached_property
+    def unreduced(self) -> Structure:
+        """The same with all degrees of freedom of its components, and the same properties."""
+        return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
+
     def let_go(self, bases: tuple[Base, ...]) -> Structure:
         """The same structure with the supports of `bases` free, those of one base still moving alike."""
         if bases not in self._let_go:
             supports = {dof.unsigned for base in bases for dof in base.supports}
             fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
             ties = (*self.ties, *(tie for base in bases for tie in base.ties))
-            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=())
+            parts = tuple(one.component.with_interface(supports & {*one.group.dofs}) for one in self.reductions)
+            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
         return self._let_go[bases]
 
     @cached_property
@@ -290,7 +326,8 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 
 def _require_names(structure: Structure) -> None:
-    names = [e.name for e in structure.elements] + [f"node {label}" for label in structure.sliding]
+    names = [e.name for e in structure.elements] + [one.name for one in structure.components]
+    names += [f"node {label}" for label in structure.sliding]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two element sets are called {name!r}; give each a name of its own")

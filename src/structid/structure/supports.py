@@ -16,6 +16,22 @@ from structid.structure.elements.element import dof_code, dof_of_code
 Equations = dict[int, dict[int, float]]
 
 
+@dataclass(frozen=True, eq=False)
+class Following:
+    """Very many degrees of freedom that follow the same others.
+
+    Attributes
+    ----------
+    dependents, masters : (n_dependents,), (n_masters,) int arrays
+        Codes.
+    matrix : (n_dependents, n_masters) float array
+    """
+
+    dependents: IntArray
+    masters: IntArray
+    matrix: FloatArray
+
+
 class Tie(Protocol):
     """Anything that makes degrees of freedom depend on others."""
 

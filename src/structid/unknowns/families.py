@@ -290,7 +290,7 @@ def _field_family(
 
 def _middles(structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray) -> FloatArray:
     """Mean position of the nodes of each entry's element, (n_entries, n_coordinates)."""
-    tables = {element.name: element.nodes for element in structure.elements}
+    tables = {element.name: element.nodes for element in structure.sets}
     known = np.array(sorted(structure.nodes), dtype=np.int64)
     positions = np.array([structure.nodes[label] for label in known.tolist()])
     middles = np.empty((len(indices), positions.shape[1]))
@@ -314,6 +314,13 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
     names = list(dict.fromkeys(p.element for p in structure.properties))
     chosen = _SELECTION.match(text)
     name, selection = (text, None) if text in names or chosen is None else (chosen["name"], chosen)
+    component = next((one.name for one in structure.components if name in one.elements), None)
+    if component is not None:
+        raise InputError(
+            f"element set {name!r} is in component {component!r}, which is reduced once, so that no property of it can change:"
+            f" take it out of the `elements` of the component, or name {component!r}, whose mass, stiffness and damping are"
+            " factors of the whole"
+        )
     if name not in names:
         near = difflib.get_close_matches(name, names, 1, 0.0)
         raise InputError(f"there is no element set {name!r}" + (f"; the nearest is {near[0]!r}" if near else ""))

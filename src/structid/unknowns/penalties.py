@@ -151,7 +151,7 @@ def _columns(structure: Structure, unknown: Parameters, term: Regularization) ->
 
 def _neighbours(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
     """Pairs of parameters whose elements share a node, (n_pairs, 2)."""
-    tables = {element.name: element.nodes for element in structure.elements}
+    tables = {element.name: element.nodes for element in structure.sets}
     owners, nodes = [], []
     for item in structure.properties:
         here = (values >= item.values.start) & (values < item.values.stop)

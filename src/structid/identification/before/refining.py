@@ -103,7 +103,7 @@ def obstacle(structure: Structure) -> str | None:
     """Why a structure cannot be refined, in words; "" where nothing of it has a size, None where it can."""
     whole = {p.element for p in structure.properties for layer in p.term.layers if layer.whole is not None}
     if whole:
-        return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere and cannot be refined"
+        return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere, or are reduced"
     cells = [made for made in structure.elements if made.cells]
     if not cells and not any(made.is_line for made in structure.elements):
         return ""

@@ -20,8 +20,8 @@ from structid.observation.frf.channels import Channels
 from structid.observation.frf.lines import LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
-#: Readings of so many sets of parameters are kept.
-_MOST_READINGS = 40
+#: Readings of so many sets of parameters are kept, and sweeps.
+_MOST_READINGS, _KEPT = 40, 2
 #: Derivatives may be off by so many times what readings may.
 _DERIVATIVES = 10.0
 
@@ -107,7 +107,7 @@ class LargeLines:
         known = self.last_sweep.readings.get(key)
         if known is None:
             sweep = self._reduced_sweep(physical, coefficients)
-            known = None if sweep is None else self.last_sweep.read(sweep, self.channels.sensors)
+            known = None if sweep is None else self.last_sweep.read(key, sweep, self.channels.sensors)
         if known is not None:
             return known[:, :, columns]
         loads = sparse.csc_array(self.channels.columns[:, columns])
@@ -221,7 +221,9 @@ def derivative_error(exact: NDArray[Any], found: NDArray[Any]) -> float:
 
 
 class LastSweep:
-    """The last `FieldSweep` of a model: values and derivatives at the same parameters share it.
+    """The last `FieldSweep` of a model, and the one before: values and derivatives at the same parameters share them.
+
+    A search comes back to a point after it has tried one beyond.
 
     Attributes
     ----------
@@ -233,34 +235,35 @@ class LastSweep:
 
     def __init__(self) -> None:
         self.readings: dict[bytes, ComplexArray] = {}
-        self._key = b""
-        self._sweep: FieldSweep | None = None
+        self._sweeps: dict[bytes, FieldSweep] = {}
         self._before = 0
 
     @property
     def n_factorizations(self) -> int:
-        return self._before + (self._sweep.n_factorizations if self._sweep is not None else 0)
+        return self._before + sum(sweep.n_factorizations for sweep in self._sweeps.values())
 
     @property
     def n_basis(self) -> int:
-        return 0 if self._sweep is None else self._sweep.n_basis
+        return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
         """The sweep of `key`, with a basis that satisfies `error_of`; None where it would take too much."""
-        if self._sweep is None or key != self._key:
-            self._before = self.n_factorizations
-            self._sweep = None  # its memory goes before the next takes any
-            self._sweep, self._key = begun(), key
+        sweep = self._sweeps.pop(key, None)
+        if sweep is None:
+            if len(self._sweeps) == _KEPT:  # the memory of the oldest goes before the next takes any
+                self._before += self._sweeps.pop(next(iter(self._sweeps))).n_factorizations
+            sweep = begun()
+        self._sweeps[key] = sweep
         with single_blas():
-            return None if self._sweep.verified(error_of) is None else self._sweep
+            return None if sweep.verified(error_of) is None else sweep
 
-    def read(self, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
+    def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
         """What sensors read at all lines under all columns; kept, for parameters are come back to."""
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
-        self.readings[self._key] = sweep.basis.read(sensors)
-        return self.readings[self._key]
+        self.readings[key] = sweep.basis.read(sensors)
+        return self.readings[key]
 
     def __getstate__(self) -> dict[str, object]:
         """Without the fields, which are large."""
-        return {"readings": {}, "_key": b"", "_sweep": None, "_before": self.n_factorizations}
+        return {"readings": {}, "_sweeps": {}, "_before": self.n_factorizations}

@@ -104,7 +104,10 @@ def report_page(
         "record": tables.record_facts(identification) if identification.fits else (),
         "modal": [_modal(identification, number) for number in range(len(identification.modal_fits))],
         "ratios": ratio_table(identification),
-        "structure": tables.structure_facts(structure),
+        "structure": (
+            *tables.structure_facts(structure),
+            *(("Error of reduction", one.words) for one in identification.truncations),
+        ),
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),
         "varied": [

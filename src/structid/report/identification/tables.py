@@ -237,13 +237,14 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
         ("Directions", " ".join(structure.active or ())),
         ("Fixed", _listed(d.place for d in structure.fixed)),
         ("Links and constraints", _listed(ties)),
+        *(("Reduced", one.words) for one in structure.reductions),
     )
 
 
 def element_table(structure: Structure) -> Table:
     """Element sets with their types and nominal properties; properties that are all 0 are left out."""
     rows = []
-    for element in structure.elements:
+    for element in structure.sets:
         own = [p for p in structure.properties if p.element == element.name]
         texts = [
             f"{p.term.property.replace('_', ' ')} {with_unit(_range(p.term.values), p.term.unit)}"

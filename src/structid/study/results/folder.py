@@ -169,9 +169,16 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
         "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
+        **reduction_summary(found),
         **({} if result.solver is None else {"solver": result.solver.summary()}),
         "provenance": asdict(result.provenance),
     }  # fmt: skip
+
+
+def reduction_summary(found: Identification) -> dict[str, Any]:
+    """What components were reduced to, and what that and reduced sweeps change; {} where nothing is reduced."""
+    parts, changes = ([one.words for one in told] for told in (found.structure.reductions, found.truncations))
+    return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
 def varied_summary(found: Identification) -> dict[str, Any]:

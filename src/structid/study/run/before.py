@@ -80,8 +80,11 @@ def checked_record(
         slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
         warnings += [one.words for one in (*found, *slow)]
     warnings += _leaks(source, histories, problem, modes)
+    lost = setup.truncation(problem, problem.theta_start)
+    warnings += [lost.warning] if lost is not None and lost.warning else []
+    reduced = () if lost is None else (*(one.words for one in setup.structure.reductions), lost.words)
     read = tuple(f"read: {record.source}" for record in histories if "; " in record.source)
-    return RecordCheck(title, _resonances(look, modes), tuple(warnings), (*read, *_facts(setup)))
+    return RecordCheck(title, _resonances(look, modes), tuple(warnings), (*read, *reduced, *_facts(setup)))
 
 
 def checked_mesh(setup: AnySetup, problem: RecordProblem) -> MeshErrors | str:

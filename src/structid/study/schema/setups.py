@@ -62,7 +62,7 @@ def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
     """
     records, structure = _records(root), root.inner("structure")
     structures = [read_structure(structure, files, record.section("structure"), record) for record in records]
-    known = frozenset(element.name for made in structures for element in made.elements)
+    known = frozenset(element.name for made in structures for element in (*made.elements, *made.sets))
     names: set[str] = set()
     setups = []
     for record, made in zip(records, structures, strict=True):

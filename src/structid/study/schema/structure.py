@@ -13,7 +13,7 @@ from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.solver.solved import Solved
-from structid.structure import ELEMENT_TYPES, Base, Constraint, MatrixGroup, RigidLink, Structure
+from structid.structure import ELEMENT_TYPES, Base, Component, Constraint, MatrixGroup, RigidLink, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
@@ -39,6 +39,7 @@ Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
 Ties = list[tuple[Section, Tie]]
 Bases = list[tuple[Section, Base]]
+Components = list[tuple[Section, Component]]
 Parts = tuple[Elements, Ties, list[Dof]]
 
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
@@ -51,6 +52,15 @@ _TIES = {
     "constraint": Key(_CONSTRAINT, "One degree of freedom as a sum of others", listed=True),
 }
 _BASE = table_of(Base, supports=TEXTS)
+#: Highest frequency of a component's modes, in parts of that of the band.
+_UP_TO = 3.0
+_COMPONENT = table_of(Component, elements=TEXTS, interface=TEXTS)
+_COMPONENT = _COMPONENT | {
+    "up_to": Key(
+        _COMPONENT.keys["up_to"].holds,
+        "Modes up to this frequency are kept, Hz; three times the end of `band` by default",
+    )
+}
 _FIXED = Key(TEXTS, "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`")
 _PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
 _POSITIONS = Table(labels=POSITION)
@@ -70,6 +80,7 @@ def structure_table() -> Table:
         "base": Key(
             _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
         ),
+        "component": Key(_COMPONENT, "Element sets that are reduced to their interface and a few modes", listed=True),
         "nodes": _NODES,
     }
     return Table(own) | MESH_TABLES | MATRIX_TABLES | SOLVER_TABLES | _element_tables() | _TIES
@@ -141,19 +152,21 @@ def read_structure(
         ties.append((entry, point))
     fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
     bases = [(entry, _base(entry, nodes)) for entry in section.sections("base")]
+    components = [(entry, _component(entry, nodes)) for entry in section.sections("component")]
     if "total_mass" in given:
-        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
+        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, [], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
         elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
-    structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
-    if record is not None and "sensors" in record.table:
+    aims = record is not None and "sensors" in record.table
+    structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, [] if aims else components, given)
+    if record is not None and aims:
         aimed = read_sensors(record, nodes, structure.elements, structure.active or ())
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, given)
+        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, components, given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
@@ -166,15 +179,17 @@ def _built(
     ties: Ties,
     fixed: list[Dof],
     bases: Bases,
+    components: Components,
     given: Mapping[str, Any],
 ) -> Structure:
     active = as_list(given["active"]) if "active" in given else None
     sets, links = [element for _, element in elements], [tie for _, tie in ties]
     try:
         drives, sliding = [base for _, base in bases], _flat(given.get("sliding", []))
-        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1), drives, sliding)
+        parts = [component for _, component in components]
+        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1), drives, sliding, parts)
     except InputError as error:
-        raise _placed(section, str(error), elements, ties, bases) from error
+        raise _placed(section, str(error), components, elements, ties, bases) from error
 
 
 def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
@@ -206,9 +221,12 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
     return elements, ties, fixed
 
 
-def _placed(section: Section, message: str, elements: Elements, ties: Ties, bases: Bases) -> InputError:
-    """The error with the place of the element set, tie or base that its message names."""
-    named = [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
+def _placed(
+    section: Section, message: str, components: Components, elements: Elements, ties: Ties, bases: Bases
+) -> InputError:
+    """The error with the place of the component, element set, tie or base that its message names."""
+    named = [(entry, component.name) for entry, component in components]
+    named += [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
     named += [(entry, base.name) for entry, base in bases]
     for entry, name in named:
         if repr(name) in message:
@@ -316,6 +334,25 @@ def _base(entry: Section, nodes: Positions) -> Base:
         supports += [_known_dof(entry, "supports", dof, nodes) for dof in found]
     with entry.located():
         return Base(given["name"], supports)
+
+
+def _component(entry: Section, nodes: Positions) -> Component:
+    given = entry.values(_COMPONENT)
+    if "up_to" not in given:
+        band = Section(entry.source, (), entry.source.table).inner("method").table.get("band")
+        if not band:
+            raise entry.error(
+                "`up_to` is missing; add `up_to = ...`, Hz, such as three times the highest frequency of the record, or `band`"
+                " in [method]"
+            )
+        given["up_to"] = _UP_TO * band[1]
+    dofs = [
+        _known_dof(entry, "interface", dof, nodes)
+        for text in as_list(given.get("interface", []))
+        for dof in dofs_of_text(text)
+    ]
+    with entry.located():
+        return Component(**{**given, "interface": dofs})
 
 
 def dofs_of_text(text: str) -> list[Dof]:

@@ -106,7 +106,7 @@ def read_regularization(root: Section, structure: Structure, unknown: Parameters
 
 def _present(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:
     """The same declaration on the element sets that `structure` has; None where it has none of them."""
-    own = {element.name for element in structure.elements}
+    own = {element.name for element in (*structure.elements, *structure.sets)}
     absent = set(known) - own
     texts = as_list(unknown.elements)
     kept = [text for text in texts if text not in absent and (text in own or text.rpartition(":")[0] not in absent)]

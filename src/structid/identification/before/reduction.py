@@ -1,0 +1,95 @@
+"""How far a model with components, or whose lines a sweep finds, is off the same model with nothing reduced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dynamics.reduced_sweep import reading_error
+from structid.identification.model_modes import structure_modes
+from structid.observation import FrfProblem, Models
+from structid.structure import Structure
+
+#: Lines over the band, and at the highest peaks, at which FRFs are compared; modes that are.
+_SPREAD, _PEAKS, _MOST_MODES = 3, 2, 40
+#: Error beyond which it is a warning.
+_LARGEST = 1e-3
+#: Part of the end of the band below which modes are a rigid body's.
+_RIGID = 1e-3
+_REMEDY = "raise `up_to` of the component, or name where it is loaded in its `interface`"
+_OF_SWEEPS = "take a smaller `reduced`"
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """What is lost with the modes that components leave out, or the motions that a sweep does.
+
+    Attributes
+    ----------
+    error : float
+        Largest relative error.
+    words : str
+    remedy : str
+    """
+
+    error: float
+    words: str
+    remedy: str = _REMEDY
+
+    @property
+    def warning(self) -> str:
+        """The words with a remedy where the error is large; else ""."""
+        return f"{self.words}; {self.remedy}" if self.error > _LARGEST else ""
+
+
+def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
+    """Of FRFs, at a few lines of the record; None where neither components nor a sweep leave anything out.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+    theta : (n_params,) float array
+        Free variables.
+    """
+    is_swept = problem.reduced is not None and problem.is_large
+    if not (problem.structure.components or is_swept):
+        return None
+    found = problem.predicted(theta)
+    size = np.abs(found).reshape(len(found), -1).max(axis=1)
+    inner = size[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= size[:-2]) & (inner >= size[2:]))
+    highest = peaks[np.argsort(-size[peaks])][:_PEAKS]
+    spread = np.linspace(0, len(found) - 1, _SPREAD + 2)[1:-1].round().astype(int)
+    lines = np.unique(np.concatenate([highest, spread]))
+    structure = problem.structure.unreduced if problem.structure.components else problem.structure
+    whole = replace(problem, structure=structure, record=problem.record.lines(lines), reduced=None, models=Models())
+    exact = whole.predicted(theta)
+    errors = [reading_error(*pair) for pair in zip(exact, found[lines], strict=True)]
+    worst = int(np.argmax(errors))
+    return Truncation(
+        errors[worst],
+        f"reduction changes the model's FRFs by up to {errors[worst]:.1g} of the largest at a line ({len(lines)} lines solved with"
+        f" nothing reduced, the worst at {problem.frequency[lines[worst]]:.5g} Hz)",
+        _REMEDY if problem.structure.components else _OF_SWEEPS,
+    )
+
+
+def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
+    """Of natural frequencies up to `top`, Hz, as far as components have modes; None of a structure without components."""
+    if not structure.components:
+        return None
+    top = min(top, *(one.up_to for one in structure.components))
+    found = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs)).frequency
+    looked = np.flatnonzero((found <= top) & (found > _RIGID * top))
+    if not looked.size:
+        return Truncation(0.0, "reduction was not judged: the model has no mode in the band")
+    exact = structure_modes(structure.unreduced, values, int(looked[-1]) + 1).frequency
+    errors = np.abs(found[looked] / exact[looked] - 1)
+    worst = int(np.argmax(errors))
+    return Truncation(
+        float(errors[worst]),
+        f"reduction changes natural frequencies by up to {errors[worst]:.1g} ({len(looked)} modes up to {top:.5g} Hz solved"
+        f" for with nothing reduced, the worst at {found[looked[worst]]:.5g} Hz)",
+    )
