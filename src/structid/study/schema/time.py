@@ -19,7 +19,7 @@ TIME = table_of(TimeFit) | {
     "noise": Key(NUMBERS, "Standard deviation of each channel of the file, or of all, in SI units"),
     "relative_noise": Key(NUMBERS, "The same in parts of the channel's rms; both are added in quadrature"),
 }
-_OF_SPECTRA, _OF_TIME = ("transient",), ("initial", "hold")
+_OF_SPECTRA, _OF_TIME = ("transient",), ("initial",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,4 +83,6 @@ def read_time(section: Section) -> TimeSource:
         if key in given:
             raise section.error(f"fit = {way!r} does not use it; leave it out", key)
     noise, relative = (tuple(map(float, as_list(given.pop(key, [])))) for key in ("noise", "relative_noise"))
-    return TimeSource(section, noise, relative, TimeFit(**given))
+    with section.located("hold"):
+        settings = TimeFit(**given)
+    return TimeSource(section, noise, relative, settings)
