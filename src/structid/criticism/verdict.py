@@ -246,14 +246,15 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
             )
         )
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
+    off = [] if fits_noise(found) else [words for fit in found.fits for words in _off_resonances(fit)]
     if away:
-        if estimate.status is Status.CONVERGED:
+        if estimate.status is Status.CONVERGED or off:
             words = f"Wrong model: {away[0]}, and {misfit}: do not use the values. {_searched(n_tried)}"
             return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
         return Judgement(
             "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
         )
-    if estimate.status is Status.NOT_IDENTIFIABLE:
+    if estimate.status is Status.NOT_IDENTIFIABLE and not off:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(found) and estimate.status is Status.CONVERGED:
         words = (
@@ -264,7 +265,6 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
         )
-    off = [words for fit in found.fits for words in _off_resonances(fit)]
     if off:
         words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*off, *pushed))
