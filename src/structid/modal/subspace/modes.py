@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError, NoModesError
@@ -15,7 +14,7 @@ from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles, frequency_damping_slope
 from structid.modal.stabilization import Cluster, clusters
-from structid.modal.subspace.close_modes import close_mode_notes
+from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import decay_modes, energy_shares, stands_out
 from structid.modal.subspace.kernel import Subspace, poles_of_orders
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
@@ -28,7 +27,6 @@ from structid.modal.subspace.pole_uncertainty import (
     pole_deviations,
 )
 from structid.records import TimeRecord
-from structid.similarity import mac
 
 SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_cov": ssi_cov, "ssi_data": ssi_data}
 _REFINED = ("pencil",)
@@ -36,7 +34,6 @@ _MAX_ORDER = 60
 _BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
-_ONE_SHAPE, _FEWEST, _TOLD = 0.99, 3, 2.0  # MAC, channels and standard deviations apart of poles that are one mode's
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -119,7 +116,8 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     width = 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
     found = found.kept(~(std > width), "stable poles whose frequency is less certain than their bandwidth")
     if not motion.explains_all:
-        found = found.kept(~_repeated(found.modes), "stable poles of the shape and, to within its deviation, the frequency of another")
+        words = "stable poles of the shape and, to within their deviations, the frequency of another"
+        found = found.kept(~repeated_modes(found.modes), words)
     modes = found.modes
     if not motion.explains_most or found.options.deviation is not None:
         return found
@@ -129,19 +127,6 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
         f" {100 * _STRONG:g} % of the energy"
     )
     return found.kept(~weak, words)
-
-
-def _repeated(modes: ModalRecord) -> NDArray[np.bool_]:
-    """Modes that the record does not tell from one with a more certain damping ratio, neither by frequency nor by shape."""
-    repeated = np.zeros(modes.n_modes, dtype=bool)
-    if len(modes.channels) < _FEWEST:
-        return repeated
-    apart = np.abs(modes.frequency[:, None] - modes.frequency)
-    untold = apart <= _TOLD * np.hypot(modes.frequency_std[:, None], modes.frequency_std)
-    alike = untold & (mac(modes.mode_shapes) > _ONE_SHAPE)
-    for m in np.argsort(-modes.std[modes.n_modes :], kind="stable"):
-        repeated[m] = (alike[m] & ~repeated).sum() > 1
-    return repeated
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:
