@@ -159,7 +159,8 @@ def finite_spectra(
     Notes
     -----
     The integrals are sums of samples times the sampling interval, so signals must hold nothing above half the
-    sampling rate, but for forces that run `straight`. White noise of variance v gives E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
+    sampling rate, but for forces that run `straight`. White noise of variance v gives
+    E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
     """
     if record.variance is None:
         raise InputError("the record has no noise level; declare the noise variance of its channels")
