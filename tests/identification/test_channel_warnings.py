@@ -230,3 +230,24 @@ def test_beams_with_rotations_measured():
     [found] = told(with_values(made, times(180 / np.pi, 3)))
     assert found.startswith("sensor 4RZ+ reads")
     assert "in deg and read as rad" in found
+
+
+def test_sensors_that_no_load_moves_are_left_alone():
+    """Across the load the model stands still, and what is read there is noise."""
+    nodes = {i: (float(i), 0.0) for i in range(6)}
+    floors = PointMass("floor", list(STOREYS), 100.0, directions=["X", "Y"])
+    pairs = [(f"{i}{d}", f"{i - 1}{d}") for d in "XY" for i in STOREYS]
+    storeys = Spring("storey", *map(list, zip(*pairs, strict=True)), stiffness=1.5e6, loss_factor=0.03)
+    both = Structure(nodes, [floors, storeys], ["0X", "0Y"], active=["X", "Y"])
+    made = problem(1.0, both, outputs=("1X", "2X", "3X", "4X", "5X", "3Y"))
+    values, variance = np.array(made.record.values), np.array(made.record.variance)
+    assert np.abs(values[:, 5]).max() < 1e-12 * np.abs(values).max()
+    rng = np.random.default_rng(1)
+    values[:, 5, 0] = rng.standard_normal(len(values)) + 1j * rng.standard_normal(len(values))
+    variance[:, 5] = 0.01
+    silent = replace(made, record=replace(made.record, values=values, variance=variance))
+    assert told(silent) == ()
+    in_logarithms = replace(silent, form="log")
+    theta = np.asarray(in_logarithms.theta_start)
+    assert np.isfinite(in_logarithms.residual(theta)).all()
+    assert np.isfinite(in_logarithms.linearize(theta).jacobian).all()

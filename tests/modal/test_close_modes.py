@@ -6,7 +6,7 @@ from modal_cases import decay
 
 from structid import ModalRecord, subspace_angles
 from structid.modal.identification import identify_modes
-from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close
+from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close, repeated_modes
 from structid.similarity import mac
 
 
@@ -55,6 +55,22 @@ def test_close_mode_notes_say_that_two_modes_are_not_separate():
     assert "not separate" in note
     assert "principal angles" in note
     assert close_mode_notes(record([1.0, 1.1], std=0.01), 1e4) == ()
+
+
+def twins(gap, turned=0.0, n_channels=4, frequency_std=0.01):
+    """Two modes at 1 Hz and a bit more, of one shape or turned by an angle, the damping of the second better known."""
+    first = np.eye(n_channels)[0]
+    shapes = np.column_stack([first, np.cos(turned) * first + np.sin(turned) * np.eye(n_channels)[1]])
+    covariance = np.diag([frequency_std, frequency_std, 0.02, 0.01]) ** 2
+    names = [f"{i + 1}X" for i in range(n_channels)]
+    return ModalRecord(np.array([1.0, 1.0 + gap]), np.full(2, 0.01), shapes, names, covariance)
+
+
+def test_a_mode_found_twice_is_the_one_of_better_known_damping():
+    # the gap's 95 % interval reaches 1.96 sqrt(2) 0.01 = 0.0277 Hz; a turn of 0.2 rad makes a MAC of 0.96
+    assert repeated_modes(twins(0.02)).tolist() == [True, False]
+    for told in (twins(0.03), twins(0.02, turned=0.2), twins(0.02, n_channels=2), record([1.0, 1.0])):
+        assert not repeated_modes(told).any()
 
 
 def test_close_mode_notes_ask_for_as_many_free_decays_as_shapes():

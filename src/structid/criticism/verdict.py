@@ -12,6 +12,7 @@ from structid.criticism.data import misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.identification.identified import Identification
+from structid.identification.modal_fit import FAR_OFF, ModalFit
 from structid.identification.ran_away import ran_away_words
 from structid.identification.record_fit import RecordFit
 from structid.identification.resonances import LEAST_DAMPING
@@ -249,14 +250,15 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
             )
         )
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
+    off = [] if fits_noise(found) else _off(found)
     if away:
-        if estimate.status is Status.CONVERGED:
+        if estimate.status is Status.CONVERGED or off:
             words = f"Wrong model: {away[0]}, and {misfit}: do not use the values. {_searched(n_tried)}"
             return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
         return Judgement(
             "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
         )
-    if estimate.status is Status.NOT_IDENTIFIABLE:
+    if estimate.status is Status.NOT_IDENTIFIABLE and not off:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(found) and estimate.status is Status.CONVERGED:
         words = (
@@ -267,7 +269,6 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
         )
-    off = [words for fit in found.fits for words in _off_resonances(fit)]
     if off:
         words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*off, *pushed))
@@ -322,8 +323,31 @@ def _apart(one: Disagreement) -> str:
     )
 
 
-def _off_resonances(fit: RecordFit) -> list[str]:
-    """Resonances that the model misses by more than their half-bandwidth, the farthest first; only where the misfit shows it."""
+def _off(found: Identification) -> list[str]:
+    """Resonances that the model misses, in words, the farthest of each record first."""
+    of_modes = [_off_modes(fit) for fit in found.modal_fits]
+    far = [*(_off_resonances(fit) for fit in found.fits), *of_modes]
+    return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
+
+
+def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
+    """Measured modes that the model misses by more than their half-bandwidth and what is stated of their errors."""
+    data, pairs = fit.problem.data, fit.fitted
+    damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
+    off = pairs.frequency - data.frequency
+    distance = np.abs(off) / (damping * data.frequency)
+    is_off = (distance > _OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
+    return [_missed(data.frequency[i], pairs.frequency[i], distance[i]) for i in np.flatnonzero(is_off)]
+
+
+def _missed(measured: float, predicted: float, distance: float) -> tuple[float, str]:
+    share = 100 * abs(predicted / measured - 1)
+    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
+    return float(distance), words
+
+
+def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
+    """Resonances that the model misses by more than their half-bandwidth, with how many; only where the misfit shows it."""
     found, frequency = [], fit.problem.frequency
     of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
@@ -338,7 +362,5 @@ def _off_resonances(fit: RecordFit) -> list[str]:
         if not np.isfinite(distance):
             found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
         elif distance > _OFF:
-            share = 100 * abs(peak.predicted / peak.measured - 1)
-            words = f"the model misses the resonance at {peak.measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
-            found.append((distance, words))
-    return [words for _, words in sorted(found, key=lambda pair: -pair[0])]
+            found.append(_missed(peak.measured, peak.predicted, distance))
+    return found

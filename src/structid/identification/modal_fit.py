@@ -15,7 +15,7 @@ from structid.observation import ModalProblem
 from structid.similarity import mac, subspace_angles
 
 #: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
-_FAR_OFF, _OUTVOTED = 5.0, 3
+FAR_OFF, _OUTVOTED = 5.0, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class ModalFit:
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
         shape = self.problem.shape_residual(self.theta)
-        if not abs(off[worst]) > _FAR_OFF or len(shape) < _OUTVOTED * len(off):
+        if not abs(off[worst]) > FAR_OFF or len(shape) < _OUTVOTED * len(off):
             return ()
         size, of = float(np.sqrt(np.mean(shape**2))), data.frequency[worst]
         heavy = float(np.sum(shape**2) / (np.sum(shape**2) + np.sum(off**2)))

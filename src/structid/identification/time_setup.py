@@ -42,6 +42,7 @@ from structid.structure.joint_force import together, with_joint_forces
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]
+TimeHold = Literal["band_limited", Hold]
 
 #: A record is cut into so many segments for the FRFs that show its fit.
 _SEGMENTS = 4
@@ -70,8 +71,10 @@ class TimeFit:
         Of ``spectra``; off for periodic records and those that start and end at rest.
     initial : {"rest", "unknown"}
         Of ``output_error`` and ``instrumental``: the state at the first sample.
-    hold : {"first", "zero"}
-        Of the same: between samples forces run straight, or stay.
+    hold : {"band_limited", "first", "zero"}, optional
+        Between samples forces hold nothing above half the sampling rate, as behind an anti-aliasing filter
+        (``spectra`` only, and its default), run straight, as in most simulations (the default of the others), or stay (not
+        ``spectra``).
     tones : tuple of float
         Hz, of ``spectra``: steady tones such as mains that no measured force made; size and phase at each sensor follow.
     """
@@ -79,7 +82,7 @@ class TimeFit:
     fit: TimeWay = "spectra"
     transient: bool = True
     initial: Initial = "rest"
-    hold: Hold = "first"
+    hold: TimeHold | None = None
     tones: tuple[Positive, ...] = ()
 
     def __post_init__(self) -> None:
@@ -88,6 +91,15 @@ class TimeFit:
                 f"`fit` must be one of {', '.join(get_args(TimeWay))}, got {self.fit!r}; the time record itself is given to"
                 " TimeSetup"
             )
+        refused = "zero" if self.fit == "spectra" else "band_limited"
+        if self.hold == refused:
+            takes = "'band_limited' or 'first'" if self.fit == "spectra" else "'first' or 'zero'"
+            raise InputError(f"`hold` {refused!r} is not for fit {self.fit!r}, which takes {takes}")
+
+    @property
+    def runs_straight(self) -> bool:
+        """Whether forces of ``spectra`` run straight between samples."""
+        return self.hold == "first"
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +157,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         ):  # channels without noise serve there, and have no weight here
             least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
             record = replace(record, variance=np.maximum(record.variance, least**2))
-        spectra = finite_spectra(record, band=options.band)
+        spectra = finite_spectra(record, band=options.band, straight=self.settings.runs_straight)
         spectra = spectra.lines(inside(spectra.frequency, options))
         channels = self.channel_errors(self.channel_unknowns, spectra)
         return SpectraProblem(
@@ -228,7 +240,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
             raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
         return TimeOptions(
             method=method,
-            force=self.settings.hold,
+            force="zero" if self.settings.hold == "zero" else "first",
             initial=self.settings.initial,
             restarts=options.restarts,
             seed=options.seed,

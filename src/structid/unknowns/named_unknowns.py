@@ -35,7 +35,8 @@ class NamedUnknowns:
     prior_lognormal : (n_params,) bool array
         Whether the prior is log-normal instead of Gaussian.
     scale : (n_params,) float array
-        Size that a standard deviation is held against even where the value is smaller, as for a delay; 0 for most.
+        Size that a standard deviation is held against even where the value is smaller, as for a delay, or the initial value
+        of what may be negative; 0 for most.
     couplings : tuple of Coupling
         What is known of several of them together: correlated priors, smoothness, sparsity.
     held : ((n_params,) array, (n_params,) array), optional

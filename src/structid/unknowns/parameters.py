@@ -114,6 +114,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         each(one.limits[1] for one in free),
     )
     start = [one.start for one in free]
+    sizes = [np.abs(one.start) * (one.limits[0] < 0) for one in free]  # of what may vanish, and be well known at that
     made = Parameters(
         names=_joined(one.names for one in free),
         kinds=_joined(one.kinds for one in free),
@@ -124,7 +125,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         prior_mean=each(prior.mean if prior else np.nan for prior in priors),
         prior_std=each(prior.std if prior else np.nan for prior in priors),
         prior_lognormal=each((prior is not None and prior.kind == "lognormal" for prior in priors), bool),
-        scale=locked(np.zeros(sum(counts))),
+        scale=locked(np.concatenate(sizes) if sizes else np.zeros(0)),
         offset=locked(offset),
         design=design,
         scatters=tuple(_scatter(one) for one in families if one.unknown.varies is not False),

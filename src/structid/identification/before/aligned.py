@@ -10,6 +10,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.identification.resonances import peaks
 from structid.observation import FrfProblem
+from structid.observation.frf.forms import SILENT
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.similarity import mac
@@ -51,7 +52,7 @@ class Aligned:
     model : (n_lines, n_outputs, n_inputs) complex array
         Accelerances of the model, each line taken from the model's frequency that belongs to it.
     measured : the same
-        Accelerances; NaN where noise hides them.
+        Accelerances; NaN where noise hides them, or where the model's are nil, as at sensors that no load moves.
     """
 
     record: FrfRecord
@@ -126,6 +127,7 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
     measured = own.values * (own.laplace**power)[:, None, None]
     if own.variance is not None:
         measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
+    measured = np.where(np.abs(model) > SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
     return Aligned(own, pairs, model, measured)
 
 

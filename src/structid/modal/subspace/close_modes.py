@@ -13,9 +13,12 @@ import numpy as np
 
 from structid.arrays import FloatArray, IntArray
 from structid.modal.modal_record import ModalRecord
+from structid.similarity import mac
 
 #: Standard deviations of a 95 % interval: a gap below it is not told from none.
 NOT_TOLD_APART = 1.96
+#: MAC from which on two shapes are one, and channels below which any two shapes may be alike.
+_ONE_SHAPE, _FEWEST_CHANNELS = 0.99, 3
 
 
 def gap_std(modes: ModalRecord) -> FloatArray:
@@ -52,6 +55,25 @@ def is_close(modes: ModalRecord) -> np.ndarray:
 def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
     """Numbers of the modes (from 0) of every group, single modes included, by frequency; see `is_close`."""
     return tuple(np.split(np.arange(modes.n_modes), np.flatnonzero(~is_close(modes)) + 1))
+
+
+def repeated_modes(modes: ModalRecord) -> np.ndarray:
+    """Modes that are told from one of a better known damping ratio neither by frequency nor by shape, (n_modes,) bool array.
+
+    Models of more states than a record of random motion carries give a resonance two stable poles. None where the modes
+    have no covariance, or the channels are too few for shapes to differ.
+    """
+    repeated = np.zeros(modes.n_modes, dtype=bool)
+    if len(modes.channels) < _FEWEST_CHANNELS or modes.covariance is None:
+        return repeated
+    n = modes.n_modes
+    variance = np.diag(modes.covariance)[:n]
+    spread = variance[:, None] + variance - 2 * modes.covariance[:n, :n]
+    gap = modes.frequency[:, None] - modes.frequency
+    alike = (gap**2 <= NOT_TOLD_APART**2 * np.maximum(spread, 0.0)) & (mac(modes.mode_shapes) > _ONE_SHAPE)
+    for m in np.argsort(-modes.std[n:], kind="stable"):
+        repeated[m] = (alike[m] & ~repeated).sum() > 1
+    return repeated
 
 
 def close_mode_notes(

@@ -14,7 +14,7 @@ from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles, frequency_damping_slope
 from structid.modal.stabilization import Cluster, clusters
-from structid.modal.subspace.close_modes import close_mode_notes
+from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import decay_modes, energy_shares, stands_out
 from structid.modal.subspace.kernel import Subspace, poles_of_orders
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
@@ -115,6 +115,9 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     modes, std = found.modes, found.modes.frequency_std
     width = 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
     found = found.kept(~(std > width), "stable poles whose frequency is less certain than their bandwidth")
+    if not motion.explains_all:
+        words = "stable poles of the shape and, to within their deviations, the frequency of another"
+        found = found.kept(~repeated_modes(found.modes), words)
     modes = found.modes
     if not motion.explains_most or found.options.deviation is not None:
         return found

@@ -29,6 +29,8 @@ class Evaluation:
     free : (n_frequencies, n_outputs) complex array
         The part of the transient but its polynomials.
     motion : (n_frequencies, n_dofs, 1) complex array
+    aliased : (n_frequencies, n_outputs, n_inputs) complex array
+        What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
     whitening : (n_frequencies, n_outputs, n_outputs) complex array
     basis : (n_data, rank) float array
         What the linear unknowns can explain of the whitened data.
@@ -40,6 +42,7 @@ class Evaluation:
     forced: ComplexArray
     free: ComplexArray
     motion: ComplexArray
+    aliased: ComplexArray
     whitening: ComplexArray
     basis: FloatArray
     data: FloatArray

@@ -35,6 +35,8 @@ _OFF_LINE = 1e-4
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
 #: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
 _WORTH_THINNING = 2.5
+#: Line at which a structure answers by its mass alone, in parts of the sampling rate.
+_FAR = 10.0
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 NO_WINDOW = (
@@ -56,6 +58,9 @@ class SpectraProblem(ResponseProblem):
     take their degrees of freedom from chi-square. So are the true forces, whose measurements carry noise:
     with e = H u + t - y and C = cov(y) + H cov(u) H', the sum of e' C^-1 e is the likelihood of forces and motions
     together, which is unbiased where H1 is not.
+
+    Where forces run straight between samples, H is sampled as well: the share (sinh(s dt/2) / (s dt/2))^2 of H, and the
+    aliases of the response far above all modes, whose mass line is taken to begin below the sampling rate.
 
     Where sensors read a and load cells b times the truth, H becomes diag(a) H diag(1 / b), and the transient is read
     through a; a delay takes what enters and leaves at the ends of the record for part of the transient.
@@ -164,13 +169,19 @@ class SpectraProblem(ResponseProblem):
     @cached_property
     def model(self) -> Response:
         """The structure at the record's lines; of its sensors one stands for each place and direction."""
+        return self._response(self.spectra.frequency)
+
+    @cached_property
+    def _far_model(self) -> Response:
+        """The same at one line far above all modes."""
+        return self._response(np.array([_FAR / self.spectra.straight]))
+
+    def _response(self, frequency: FloatArray) -> Response:
         distinct = tuple(dict.fromkeys(self.spectra.outputs))
-        shape = (len(self.spectra.frequency), len(distinct), len(self.spectra.inputs))
+        shape = (len(frequency), len(distinct), len(self.spectra.inputs))
         decay = np.full(shape[0], self.spectra.decay)
         kind: FrfKind = "transmissibility" if self.spectra.driven.any() else "receptance"
-        place = FrfRecord(
-            self.spectra.frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, kind, decay=decay
-        )
+        place = FrfRecord(frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, kind, decay=decay)
         return response(self.structure, self.parameters, place, models=self.models)
 
     @cached_property
@@ -227,6 +238,8 @@ class SpectraProblem(ResponseProblem):
         at, physical = self._latest.taken(theta) or self._evaluated(theta), self.physical(theta)
         own = physical[: self.parameters.n_params]
         change = self.model.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        if self.spectra.straight:
+            change = change + np.einsum("foi,oip->fop", at.aliased, self._mass_line_change(own))
         change = at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
         rows = stack_real(change.reshape(-1, change.shape[2]))
         rows -= at.basis @ (at.basis.T @ rows)
@@ -247,7 +260,38 @@ class SpectraProblem(ResponseProblem):
         sensors = self._columns[:, n_in : n_in + n_out]
         motions = np.moveaxis(x[:, :, :n_in], 1, 0).reshape(x.shape[1], -1)
         h = np.swapaxes((sensors.T @ motions).reshape(n_out, -1, n_in), 0, 1)
-        return x, y, h * read[:, :, None] / stated[:, None, :]
+        h = h * read[:, :, None] * (self.spectra.straight_share[:, None] / stated)[:, None, :]
+        if self.spectra.straight:
+            h += self._alias_factors(read, stated) * self._mass_line(own)
+        return x, y, h
+
+    def _alias_factors(self, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
+        """What multiplies the response far above all modes in H, errors of channels included."""
+        of_sensors = self.spectra.straight_aliases * read / self._powers
+        return of_sensors[:, :, None] * (self._input_powers / stated)[:, None, :]
+
+    def _mass_line(self, own: FloatArray) -> FloatArray:
+        """Accelerations per unit force (or motion per unit motion of supports) far above all modes, (n_outputs, n_inputs)."""
+        x, _ = self._far_fields(own)
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        sensors = self._columns[:, n_in : n_in + n_out]
+        return np.real(self._far_powers * (sensors.T @ x[0]))
+
+    def _mass_line_change(self, own: FloatArray) -> FloatArray:
+        """Its derivative, (n_outputs, n_inputs, n_own_params)."""
+        x, y = self._far_fields(own)
+        return np.real(self._far_powers[:, None] * self._far_model.sensitivity_at(own, x, y)[0])
+
+    def _far_fields(self, own: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        fields = self._far_model.fields_at(own, self._columns[:, : n_in + n_out])
+        return fields[:, :, :n_in], fields[:, :, n_in:]
+
+    @cached_property
+    def _far_powers(self) -> ComplexArray:
+        """s^2 at that line for forces, 1 for accelerations of supports, (n_inputs,)."""
+        s = self.spectra.decay + 2j * np.pi * _FAR / self.spectra.straight
+        return s ** (2.0 * ~self.spectra.driven)
 
     def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
         """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
@@ -282,9 +326,11 @@ class SpectraProblem(ResponseProblem):
         force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
         n = self._transient_forces.shape[1]
         left = coefficients[:n] + self._relative_laplace[:, None] * coefficients[n : 2 * n]
-        motion = x @ np.concatenate([force / stated, left], axis=1)[:, :, None]
+        acting = force * self.spectra.straight_share[:, None] / stated
+        motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
+        aliased = self._alias_factors(read, stated) * force[:, None, :]
         free = (reach @ left[:, :n, None])[:, :, 0]
-        return Evaluation(y, read, h * force[:, None, :], free, motion, whitening, basis, data)
+        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, basis, data)
 
     def _reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
         """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
@@ -330,6 +376,7 @@ def spectra_problem(
     record: TimeRecord,
     band: tuple[float, float] | None = None,
     transient: bool = True,
+    straight: bool = False,
 ) -> SpectraProblem:
     """The `SpectraProblem` of all channels of a time record, without windows, averages or leakage.
 
@@ -343,8 +390,11 @@ def spectra_problem(
         Hz.
     transient : bool
         Off for periodic records and for those that start and end at rest.
+    straight : bool
+        Whether forces run straight between samples, see `finite_spectra`.
     """
-    return SpectraProblem(structure, unknown, finite_spectra(record, band=band), transient, record=record)
+    spectra = finite_spectra(record, band=band, straight=straight)
+    return SpectraProblem(structure, unknown, spectra, transient, record=record)
 
 
 def transient_order(channels: ChannelErrors | None) -> int:
@@ -378,9 +428,8 @@ def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, 
     for decays, order in _WAYS:
         way = []
         for decay in decays:
-            faded = finite_spectra(
-                record, problem.spectra.inputs, dict.fromkeys(problem.spectra.outputs), band, decay * top
-            )
+            outputs, straight = dict.fromkeys(problem.spectra.outputs), bool(problem.spectra.straight)
+            faded = finite_spectra(record, problem.spectra.inputs, outputs, band, decay * top, straight)
             loose = faded.motion_variance + (_STAGE_ERROR * np.abs(faded.motion)) ** 2
             spectra = replace(faded, motion_variance=loose)
             way.append(

@@ -14,6 +14,8 @@ from structid.records.record import LOADS, TimeRecord
 
 #: Time derivatives between displacement and each measured quantity.
 _ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: Replicas of the spectrum, to either side, that are summed.
+_ALIASES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,9 @@ class FiniteSpectra:
     source : str
     driven : (n_inputs,) bool array
         Which inputs are accelerations of supports; none by default.
+    straight : float
+        s; the sampling interval where inputs run straight between samples, see `straight_share`. 0: nothing is above half
+        the sampling rate.
     """
 
     frequency: FloatArray
@@ -57,6 +62,7 @@ class FiniteSpectra:
     decay: float = 0.0
     source: str = ""
     driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    straight: float = 0.0
 
     def __post_init__(self) -> None:
         for name, kind in (("frequency", float), ("force", complex), ("motion", complex)):
@@ -80,6 +86,31 @@ class FiniteSpectra:
         """s = decay + i omega of each line, 1/s."""
         return self.decay + 2j * np.pi * self.frequency
 
+    @property
+    def straight_share(self) -> ComplexArray:
+        """Integral of the input itself over that of its samples, (sinh(s dt/2) / (s dt/2))^2, (n_frequencies,)."""
+        if not self.straight:
+            return np.ones(len(self.frequency), dtype=np.complex128)
+        half = 0.5 * self.straight * self.laplace
+        return (np.sinh(half) / half) ** 2
+
+    @property
+    def straight_aliases(self) -> ComplexArray:
+        """What a unit of the samples' integral leaves in motions by aliases, (n_frequencies, n_outputs).
+
+        An input that runs straight between samples holds parts at all s_k = s + 2 pi i k / dt, of which sampled motions
+        show the sum. There a structure answers by its mass alone, by D s_k^(order - 2); this is what multiplies D.
+        """
+        if not self.straight:
+            return np.zeros((len(self.frequency), len(self.orders)), dtype=np.complex128)
+        step, s = self.straight, self.laplace
+        others = np.r_[-_ALIASES:0, 1 : _ALIASES + 1]
+        replicas = s[:, None] + 2j * np.pi * others / step
+        height = (2 * np.sinh(0.5 * step * s) / step) ** 2
+        of_order = [height * (replicas ** (order - 4.0)).sum(axis=1) for order in (0, 1)]
+        of_order.append(1 - self.straight_share)  # all of them together are 1
+        return np.stack(of_order, axis=1)[:, self.orders]
+
     def lines(self, keep: np.ndarray) -> FiniteSpectra:
         """The lines where the mask `keep` is true.
 
@@ -100,6 +131,7 @@ def finite_spectra(
     outputs: Iterable[str | Dof] | None = None,
     band: tuple[float, float] | None = None,
     decay: float = 0.0,
+    straight: bool = False,
 ) -> FiniteSpectra:
     """The `FiniteSpectra` of a whole time record.
 
@@ -115,6 +147,9 @@ def finite_spectra(
     decay : float
         1/s. Signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
         far apart are kept, whose noise is nearly independent.
+    straight : bool
+        Whether forces run straight between samples, as those of simulations do, in place of holding nothing above half
+        the sampling rate, as those that went through a filter.
 
     Raises
     ------
@@ -124,7 +159,8 @@ def finite_spectra(
     Notes
     -----
     The integrals are sums of samples times the sampling interval, so signals must hold nothing above half the
-    sampling rate. White noise of variance v gives E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
+    sampling rate, but for forces that run `straight`. White noise of variance v gives
+    E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
     """
     if record.variance is None:
         raise InputError("the record has no noise level; declare the noise variance of its channels")
@@ -154,6 +190,7 @@ def finite_spectra(
         decay=decay,
         source=record.source,
         driven=np.array([record.quantities[i] == "support_acceleration" for i in forces]),
+        straight=step if straight else 0.0,
     )
 
 

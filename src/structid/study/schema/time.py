@@ -19,7 +19,7 @@ TIME = table_of(TimeFit) | {
     "noise": Key(NUMBERS, "Standard deviation of each channel of the file, or of all, in SI units"),
     "relative_noise": Key(NUMBERS, "The same in parts of the channel's rms; both are added in quadrature"),
 }
-_OF_SPECTRA, _OF_TIME = ("transient", "tones"), ("initial", "hold")
+_OF_SPECTRA, _OF_TIME = ("transient", "tones"), ("initial",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,4 +84,6 @@ def read_time(section: Section) -> TimeSource:
             raise section.error(f"fit = {way!r} does not use it; leave it out", key)
     lists = ("noise", "relative_noise", "tones")
     noise, relative, tones = (tuple(map(float, as_list(given.pop(key, [])))) for key in lists)
-    return TimeSource(section, noise, relative, TimeFit(**given, tones=tones))
+    with section.located("hold"):
+        settings = TimeFit(**given, tones=tones)
+    return TimeSource(section, noise, relative, settings)

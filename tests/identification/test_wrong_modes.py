@@ -1,0 +1,52 @@
+"""Measured modes that the model cannot have: never called approximate, however the shapes fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chain_cases import STIFFNESS, chain, record
+from scipy import linalg
+
+from structid import ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
+from structid.criticism.verdict import judged
+from structid.identification.identify import identify_together
+from structid.identification.modal_setup import ModalSettings, ModalSetup
+
+
+def measured(coupling):
+    """All modes of the chain with a spring from each mass to the one after the next, to 0.1 %, shapes to 0.3 %."""
+    own = chain()
+    beside = Spring("beside", ["1X", "2X"], ["3X", "4X"], stiffness=coupling)
+    true = Structure(own.nodes, [*own.elements, beside], own.fixed, active=["X"])
+    squares, shapes = linalg.eigh(true.matrix("elastic").toarray(), true.matrix("inertia").toarray())
+    frequency = np.sqrt(squares) / (2 * np.pi)
+    shapes = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(4)]
+    covariance = np.diag(np.r_[1e-3 * frequency, np.full(4, 1e-3)] ** 2)
+    std = np.full(shapes.shape, 3e-3)
+    return ModalRecord(frequency, np.full(4, 0.01), shapes, [f"{i}X" for i in range(1, 5)], covariance, shape_std=std)
+
+
+def found(coupling, **settings):
+    unknown = parameters(chain(), [Unknown("stiffness", "k", each=True)])
+    return identify_together([ModalSetup(chain(), unknown, measured(coupling), ModalSettings(**settings))])
+
+
+def test_modes_that_the_model_misses_make_it_wrong():
+    answer = found(200.0)
+    assert answer.estimate.status is Status.CONVERGED
+    judgement = judged(answer)
+    assert judgement.verdict == "wrong_model"
+    assert "misses the resonance at" in judgement.words
+
+
+@pytest.mark.parametrize(("coupling", "settings"), [(1e-6, {}), (200.0, {"frequency_error": 0.1, "shape_error": 0.2})])
+def test_modes_within_what_is_stated_of_them_do_not(coupling, settings):
+    assert judged(found(coupling, **settings)).verdict in ("sound", "approximate")
+
+
+@pytest.mark.parametrize("away", [(), (0,)])
+def test_a_wrong_model_that_is_not_determined_is_wrong_all_the_same(away):
+    unknown = parameters(chain((900.0,) * 4), [Unknown("stiffness", "k")])
+    answer = identify(chain((900.0,) * 4), unknown, record(chain(STIFFNESS, (2.0, 2.0, 3.0, 1.5))))
+    lost = replace(answer, ran_away=away, estimate=replace(answer.estimate, status=Status.NOT_IDENTIFIABLE))
+    assert judged(lost).verdict == "wrong_model"
