@@ -75,7 +75,7 @@ WRONG = [
     ("band = [0.5, 12.0]", 'residual = "logs"', "residual", ['"log"', '"pole_free"']),
     ("band = [0.5, 12.0]", 'search = "newton"', "search", ["levenberg_marquardt", "gauss_newton"]),
     ("band = [0.5, 12.0]", "n_modes = 0", "n_modes", ["at least 1"]),
-    ("band = [0.5, 12.0]", "reduced = 1", "reduced", ["[method] reduced", "above 0 and at most 0.01"]),
+    ("band = [0.5, 12.0]", "reduced = 1", "reduced", ["[method] reduced", "at least 0 and at most 0.01"]),
     ("band = [0.5, 12.0]", "bend = [0.5, 12.0]", "bend", ["[method] bend", "`band`"]),
     ("[method]\n", "method = 1\n", "method", ["[record.noise] method", "unknown key"]),
 ]
