@@ -10,7 +10,6 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.identification.resonances import peaks
 from structid.observation import FrfProblem
-from structid.observation.frf.forms import SILENT
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.similarity import mac
@@ -21,6 +20,8 @@ _ALONE, _UNLIKE = 0.25, 0.3
 _SHIFTS, _COMMON = sorted(np.linspace(-0.7, 0.7, 15).tolist(), key=abs), 0.5
 #: Lines that channels are looked at on, and standard deviations that a value has to be above its noise.
 _MOST_LINES, _CLEAR = 400, 3.0
+#: Part of the largest response below which the model's is nothing but rounding.
+_SILENT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
     measured = own.values * (own.laplace**power)[:, None, None]
     if own.variance is not None:
         measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
-    measured = np.where(np.abs(model) > SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
+    measured = np.where(np.abs(model) > _SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
     return Aligned(own, pairs, model, measured)
 
 

@@ -12,8 +12,6 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.observation.frf.products import Whitening
 
 Form = Literal["output", "log", "pole_free", "equation"]
-#: Responses below this part of the largest are nothing but rounding, as of sensors that no load moves; they have no logarithm.
-SILENT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +38,7 @@ class WhitenedFrf:
             return (h - m) / s, change / s[..., None]
         relative = s / np.abs(m)
         if self.form == "log":
-            silent = np.abs(h) <= SILENT * np.abs(h).max(initial=0.0)
-            size = np.where(silent, m, h)
-            logarithm = np.where(silent, 0.0, np.log(size / m) / relative)
-            return logarithm, np.where(silent[..., None], 0.0, change / (size * relative)[..., None])
+            return np.log(h / m) / relative, change / (h * relative)[..., None]
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
         growth = (np.conj(h)[..., None] * change).real / (2 * size**2)[..., None]
         data = (h - m) / size
@@ -56,8 +51,7 @@ class WhitenedFrf:
             return Whitening((1 / s).astype(np.complex128), np.zeros_like(h))
         relative = s / np.abs(m)
         if self.form == "log":
-            silent = np.abs(h) <= SILENT * np.abs(h).max(initial=0.0)
-            return Whitening(np.where(silent, 0.0, 1 / (np.where(silent, m, h) * relative)), np.zeros_like(h))
+            return Whitening(1 / (h * relative), np.zeros_like(h))
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
         turn = (h - m) / (4 * size**3 * relative)
         return Whitening(1 / (size * relative) - turn * np.conj(h), -turn * h)
