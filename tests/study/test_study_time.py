@@ -149,6 +149,12 @@ def test_output_error_is_reached_from_the_study_file(tmp_path):
         ("relative_noise = 0.01", "noise = -1.0", "must not be negative"),
         ("relative_noise = 0.01", 'relative_noise = 0.01\nfit = "wrong"', "fit"),
         ("relative_noise = 0.01", 'relative_noise = 0.01\ninitial = "rest"', "does not use it"),
+        (
+            "relative_noise = 0.01",
+            "relative_noise = 0.01\ntones = [1.0, 4000.0]",
+            "tones: `tones`: 4000 Hz is not below half",
+        ),
+        ("relative_noise = 0.01", "relative_noise = 0.01\ntones = [-50.0]", "must be a number greater than 0"),
         ('path = "time.npz"', 'repeats = ["time.npz", "time.npz"]', "takes one time record"),
     ],
 )

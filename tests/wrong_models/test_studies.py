@@ -6,16 +6,19 @@ import tomllib
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from wrong_models.assembly import assembled
 from wrong_models.cases import ALIASES, DEVELOPMENT, HELD_OUT, cases
 from wrong_models.faults import FAULTS, Fault, Readings
 from wrong_models.measuring import RELATIVE, measured
 from wrong_models.response import frf
 from wrong_models.rigs import RIGS
-from wrong_models.study_files import Case, written
+from wrong_models.study_files import MODES_COMMAND, Case, written
 from wrong_models.telling_apart import can_look_into, told_apart
 
+from structid.cli import app as cli
 from structid.identification.time_setup import averaged_frfs
+from structid.modal.files.files import read_modes
 from structid.observation import simulated_record
 from structid.records.io import ReadOptions, read_record
 from structid.study.run.start import started
@@ -157,3 +160,18 @@ def test_a_sensor_that_points_elsewhere():
     )
     across = frf(assembled(rig.table), straight.axis, [{"5X": 1.0}], ["4X"], rig.kind)[:, 0]
     np.testing.assert_allclose(turned.motion[:, 1], np.sqrt(0.75) * straight.motion[:, 1] + 0.5 * across, rtol=1e-9)
+
+
+def test_the_edge_of_ambient_forces_is_no_mode(tmp_path, monkeypatch):
+    """Forces that end at 150 Hz leave two stable poles there, whose channels move in no one phase."""
+    [case] = [one for one in EVERY if one.name == "portal-ambient-near-twin"]
+    written(case, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(cli.app, json.loads((tmp_path / MODES_COMMAND).read_text()))
+    assert done.exit_code == 0, done.output
+    found = read_modes(tmp_path / "modes" / "modes.json")
+    assert found.n_modes == 8
+    assert found.frequency.max() < 120
+    assert "without a shape in one phase" in done.stdout
+    assert "148.4" in done.stdout
+    assert "149.9" in done.stdout

@@ -96,6 +96,16 @@ class TimeFit:
             takes = "'band_limited' or 'first'" if self.fit == "spectra" else "'first' or 'zero'"
             raise InputError(f"`hold` {refused!r} is not for fit {self.fit!r}, which takes {takes}")
 
+    def require_heard(self, record: TimeRecord) -> None:
+        """Raise an `InputError` at tones that a record does not show."""
+        top = 0.5 * record.sampling_rate
+        beyond = [tone for tone in self.tones if tone >= top]
+        if beyond:
+            raise InputError(
+                f"`tones`: {beyond[0]:g} Hz is not below half the sampling rate, {top:g} Hz; give the frequency at which the"
+                " record shows it"
+            )
+
     @property
     def runs_straight(self) -> bool:
         """Whether forces of ``spectra`` run straight between samples."""
@@ -157,6 +167,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         ):  # channels without noise serve there, and have no weight here
             least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
             record = replace(record, variance=np.maximum(record.variance, least**2))
+        self.settings.require_heard(record)
         spectra = finite_spectra(record, band=options.band, straight=self.settings.runs_straight)
         spectra = spectra.lines(inside(spectra.frequency, options))
         channels = self.channel_errors(self.channel_unknowns, spectra)

@@ -12,7 +12,7 @@ from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
-from structid.modal.poles import Poles, frequency_damping_slope
+from structid.modal.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.stabilization import Cluster, clusters
 from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import decay_modes, energy_shares, stands_out
@@ -34,6 +34,7 @@ _MAX_ORDER = 60
 _BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
+_ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -109,8 +110,9 @@ def _standing_out(
 def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
     """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
 
-    Stable poles of mere noise seldom are. In free decays modes must also be certain to `_CERTAIN`, or hold `_STRONG` of
-    the energy.
+    Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
+    opposite as far as a modal phase collinearity of `_ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
+    hold `_STRONG` of the energy.
     """
     modes, std = found.modes, found.modes.frequency_std
     width = 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
@@ -118,6 +120,10 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     if not motion.explains_all:
         words = "stable poles of the shape and, to within their deviations, the frequency of another"
         found = found.kept(~repeated_modes(found.modes), words)
+        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < _ONE_PHASE)
+        found = found.kept(
+            is_one, "stable poles without a shape in one phase, as at the edge of a filter or of the forces"
+        )
     modes = found.modes
     if not motion.explains_most or found.options.deviation is not None:
         return found

@@ -51,6 +51,8 @@ class TimeSource:
         if len(records) > 1:
             raise self.section.error("takes one time record; give each of the repeats a [[record]] of its own")
         record = records[0]
+        with self.section.located("tones"):
+            self.settings.require_heard(record)
         with self.section.located("noise"):
             own = _each("noise", self.noise, record)
         with self.section.located("relative_noise"):
