@@ -23,6 +23,7 @@ def pieces(axes):
 
 @pytest.mark.parametrize("name", ["parameters", "residuals", "modes", "structure", "correlation", "convergence"])
 def test_every_plot_is_a_figure_that_notebooks_show(found, name):
+    mpl.get_backend()  # chosen when it is first asked for
     before = mpl.rcParams.copy()
     picture = getattr(found, f"plot_{name}")()
     assert isinstance(picture, Figure)
