@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from frame_cases import STUDY, written, written_histories
 
+from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
 from structid.criticism.fields import fields_at
 from structid.criticism.pool import pool
 from structid.criticism.screen import point_at
@@ -146,3 +147,21 @@ def test_a_screened_candidate_leaves_what_least_squares_leave(trial):
     step, *_ = np.linalg.lstsq(at.jacobian, rows, rcond=None)
     assert found.left == pytest.approx(np.sum((rows - at.jacobian @ step) ** 2), rel=1e-8)
     assert found.left <= point.left * (1 + 1e-12)
+
+
+def test_a_support_gives_way_beside_a_node_that_has_slid():
+    nodes = {1: 0.0, 2: 0.5, 3: 1.0}
+    beam = Beam("beam", [[1, 2], [2, 3]], 2.0, 40.0, loss_factor=0.02)
+    parts = [beam, PointMass("load", [2], 0.7)]
+    supports = ["1Y", "1RZ", "3Y"]
+    drawn = Structure(nodes, parts, supports, sliding=[2])
+    slid = parameters(drawn, [Unknown("position", "node 2", start=0.62)])
+    lines = np.linspace(1.0, 30.0, 40)
+    record = FrfRecord(lines, np.ones((40, 2, 1)), ["2Y", "3RZ"], ["2Y"], "receptance", variance=np.ones((40, 2, 1)))
+    fields = fields_at(FrfProblem(drawn, slid, record), slid.theta_start)
+    [support] = [one for one in pool([fields]) if one.kind == "support" and one.where == ("3Y",)]
+    loose = Structure(nodes, [*parts, Spring("ground", "3Y", stiffness=900.0)], supports[:2], sliding=[2])
+    there = parameters(loose, [Unknown("position", "node 2", start=0.62)])
+    changed = FrfProblem(loose, there, record).predicted(there.theta_start) - fields.frf
+    found = support.effect(fields, np.array([1 / 900.0]))[0]
+    assert np.abs(found - changed).max() < 1e-9 * np.abs(changed).max()

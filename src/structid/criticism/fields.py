@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -125,7 +125,7 @@ class Fields:
         none = (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
         if structure.components:  # let go, they would be reduced to other degrees of freedom
             return none
-        free = Structure(structure.nodes, structure.elements, (), structure.ties, structure.active, structure.subdivide)
+        free = replace(structure, fixed=(), bases=())
         place = {code: i for i, code in enumerate(free.numbering.free)}
         held = [d for d in structure.fixed if dof_code(d.node, d.direction) in place]
         if not held:
