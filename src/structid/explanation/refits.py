@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,8 @@ from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.work import Tools
 from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import Trial
-from structid.observation import FrfProblem, RecordProblem, SpectraProblem
+from structid.identification.together import together
+from structid.observation import FrfProblem, SpectraProblem
 
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3
@@ -68,8 +69,7 @@ def approached(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
     try:
         trial = base.trial.changed(*change)
         theta, cost = trial.approached()
-        aside = _left_out(base, trial, theta, base.trial.anchored(), base.trial.anchored_problems())
-        return {"theta": theta, "cost": cost + base.aside + aside}
+        return {"theta": theta, "cost": cost + base.aside + _left_out(base, trial, theta, is_near=True)}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 
@@ -106,7 +106,7 @@ def _finally(base: Fitted, trial: Trial, theta: FloatArray) -> Fitted:
             break
         trial = again
         found = trial.fitted([trial.theta_of(base.values)])
-    aside = base.aside + _left_out(base, trial, found.theta, base.trial.target, base.trial.problems)
+    aside = base.aside + _left_out(base, trial, found.theta)
     return Fitted(trial, found.theta, float(found.costs[-1]) + aside, aside)
 
 
@@ -157,11 +157,15 @@ def _seen_from(base: Fitted, trial: Trial, theta: FloatArray, of: Problem) -> Fl
     return of.residual(base.trial.theta_of({**base.values, **trial.values(theta)}))
 
 
-def _left_out(base: Fitted, trial: Trial, theta: FloatArray, of: Problem, problems: Sequence[RecordProblem]) -> float:
-    """What data that the last change leaves out add to the misfit `of` problems, their errors larger by the likeliest factor."""
+def _left_out(base: Fitted, trial: Trial, theta: FloatArray, is_near: bool = False) -> float:
+    """What data that the last change leaves out add to the misfit, or to that of the anchored fit where `is_near`.
+
+    Their errors are larger by the likeliest factor.
+    """
     candidate = trial.changes[-1][0]
     if candidate.kind not in DATA_KINDS:
         return 0.0
+    problems = base.trial.anchored_problems() if is_near else base.trial.problems
     rows = changed_rows(candidate, problems)
-    residual = _seen_from(base, trial, theta, of)[: len(rows)]
+    residual = _seen_from(base, trial, theta, together(problems))[: len(rows)]
     return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))
