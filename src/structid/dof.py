@@ -100,6 +100,14 @@ def parse_dof(text: str | Dof) -> Dof:
     )
 
 
+def as_dof(text: str) -> Dof | None:
+    """The degree of freedom that `text` names; None where it names none."""
+    try:
+        return parse_dof(text)
+    except InputError:
+        return None
+
+
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
     """Every text of `texts` as a `Dof`, in order."""
     return tuple(parse_dof(text) for text in texts)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dof import Dof, parse_dof, parse_dofs
+from structid.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.records.io.bare import channel_units, require_same_rotation
 from structid.records.io.gaps import sourced, whole
@@ -138,7 +138,7 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
         values=found.values[:, keep],
         numbers=tuple(numbers[j] for j in keep),
     )
-    dofs = [_own_dof(part, j) for j in range(len(keep))]
+    dofs = [as_dof(name_and_unit(part.names[j])[0]) for j in range(len(keep))]
     by_user = bool(options.channels) and (bool(options.columns) or any(dof is None for dof in dofs))
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
     quantities, factors = _units(part, channels, options)
@@ -158,13 +158,6 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
     )
     rest = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None)
     return selected(found.path, record, replace(rest, quantities=options.quantities if part.tells_all else ()))
-
-
-def _own_dof(part: NamedChannels, j: int) -> Dof | None:
-    try:
-        return parse_dof(name_and_unit(part.names[j])[0])
-    except InputError:
-        return None
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
@@ -238,7 +231,7 @@ def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptio
         units = list(options.units) * (len(units) if len(options.units) == 1 else 1)
     kinds = [unit or "SI" for unit in dict.fromkeys(units)]
     names = [name_and_unit(name)[0] for name in part.names]
-    pairs = [f"{name} is {dof}" for name, dof in zip(names, channels, strict=True) if _differ(name, dof)]
+    pairs = [f"{name} is {dof}" for name, dof in zip(names, channels, strict=True) if as_dof(name) != dof]
     shown = ", ".join(pairs[:_SHOWN]) + (f", and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
     what = "column" if part.header_line is not None else "channel"
     words = (
@@ -246,10 +239,3 @@ def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptio
         f" unit{'s' if len(kinds) > 1 else ''} {', '.join(kinds)}"
     )
     return ", ".join(filter(None, (words, part.words))) + (f"; {shown}" if shown else "")
-
-
-def _differ(name: str, dof: Dof) -> bool:
-    try:
-        return parse_dof(name) != dof
-    except InputError:
-        return True

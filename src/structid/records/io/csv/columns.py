@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.dof import Dof, parse_dof
+from structid.dof import Dof, as_dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
 from structid.records.io.csv.recognition import AXES, as_date
@@ -264,7 +264,7 @@ def _pairs(table: Table) -> list[re.Match[str]]:
 def _called(table: Table, option: str, names: list[str], given: tuple[str, ...]) -> dict[str, str]:
     """What each of the sensors or loads called `names` is by `given`, in their order; {} where all say it themselves."""
     distinct = list(dict.fromkeys(names))
-    if not given or all(map(_is_dof, distinct)):
+    if not given or all(map(as_dof, distinct)):
         return {}
     if len(given) != len(distinct):
         shown = ", ".join(distinct[:8]) + (", ..." if len(distinct) > 8 else "")
@@ -273,14 +273,6 @@ def _called(table: Table, option: str, names: list[str], given: tuple[str, ...])
             f" got {len(given)}"
         )
     return dict(zip(distinct, given, strict=True))
-
-
-def _is_dof(text: str) -> bool:
-    try:
-        parse_dof(text)
-    except InputError:
-        return False
-    return True
 
 
 def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, str], inputs: dict[str, str]) -> _Column:
@@ -293,7 +285,7 @@ def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, st
             require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
             require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
-        named = _is_dof(match["output"]) and _is_dof(match["input"])
+        named = as_dof(match["output"]) and as_dof(match["input"])
         hint = (
             "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
         )
