@@ -151,5 +151,5 @@ def _fitted_modes(fit: ModalFit, physical: FloatArray, options: CorrelateOptions
     settings = ModalSettings(
         closeness=problem.closeness, frequency_guard=problem.frequency_guard, shape_error=problem.shape_error
     )
-    values = problem.parameters.values(physical[: problem.parameters.n_params])
+    values = problem.property_values(physical)
     return correlated_modes(problem.structure, values, fit.measured, options, settings, fit.name)

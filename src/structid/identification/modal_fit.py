@@ -144,8 +144,8 @@ class ModalFit:
 
 def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
     """The answer seen from one record of modes."""
-    values, n = (own.initial, own.values), problem.parameters.n_params
-    before, after = (structure_modes(problem.structure, problem.parameters.values(v[:n]), n_modes) for v in values)
+    values = own.initial, own.values
+    before, after = (structure_modes(problem.structure, problem.property_values(v), n_modes) for v in values)
     free = problem.unknowns.transforms.free(own.initial)
     initial, fitted = (paired_modes(problem, theta) for theta in (free, own.theta))
     return ModalFit(name, problem, own.theta, own.initial, problem.record, initial, fitted, before, after)

@@ -139,8 +139,7 @@ def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, o
     own : Own
     options : IdentifyOptions
     """
-    unknown = problem.parameters
-    before, after = (unknown.values(values[: unknown.n_params]) for values in (own.initial, own.values))
+    before, after = (problem.property_values(values) for values in (own.initial, own.values))
 
     def beside(record: FrfRecord) -> PredictedLines:
         return PredictedLines(record, *(problem.predicted_on(record, values) for values in (own.initial, own.values)))

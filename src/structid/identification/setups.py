@@ -120,7 +120,7 @@ class RecordSetup(ABC, Generic[P]):
 
     def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
         """What components of the structure leave out, seen by this record; None where it has none."""
-        values = problem.parameters.values(problem.physical(theta)[: problem.parameters.n_params])
+        values = problem.property_values(problem.physical(theta))
         return modes_truncation(problem.structure, values, float(problem.frequency.max()))
 
     def begun(self, problem: P) -> P:

@@ -182,6 +182,10 @@ class RecordProblem(ParameterProblem, ABC):
         own = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
         return self.with_parts([replace(part, held=(m, s)) for part, m, s in own])
 
+    def property_values(self, physical: FloatArray) -> FloatArray:
+        """Property values of the structure at physical parameters of all `parts`, (n_values,)."""
+        return self.parameters.values(physical[: self.parameters.n_params])
+
     @property
     def channels(self) -> ChannelErrors | None:
         """Errors of its channels, where they are unknown."""

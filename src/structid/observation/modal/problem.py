@@ -183,8 +183,7 @@ class ModalProblem(MeasuredProblem):
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
-        own = physical[: self.parameters.n_params]
-        values = self.parameters.values(own)
+        own, values = physical[: self.parameters.n_params], self.property_values(physical)
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
         count = None if self.structure.n_dofs <= _DENSE_UP_TO else 3 * self.record.n_modes + 10
