@@ -22,7 +22,7 @@ import numpy as np
 
 from structid import Base, Dashpot, PointMass, Spring, Structure, TimeRecord, Unknown, estimate, parameters
 from structid.arrays import FloatArray
-from structid.identification.ratios import ratios
+from structid.identification.fits.ratios import ratios
 from structid.observation import SpectraProblem
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.unknowns import Parameters

@@ -21,7 +21,7 @@ import tomllib
 import numpy as np
 
 import structid as sid
-from structid.study.schema.record import load_record
+from structid.study.schema.records.record import load_record
 
 STUDY = Path(__file__).parents[2] / "examples" / "three_storey_frame" / "study.toml"
 PLATES = ("plate 0", "plate 1", "plate 2", "plate 3")

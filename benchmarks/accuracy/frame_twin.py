@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.study.schema.record import load_record
+from structid.study.schema.records.record import load_record
 from structid.study.schema.study import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "three_storey_frame" / "study.toml"

@@ -19,8 +19,8 @@ import pytest
 
 import structid as sid
 from structid.records.io import write_record
+from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
-from structid.study.schema.structure import read_structure
 from structid.study.schema.unknowns import read_parameters
 
 ROOT = Path(__file__).parent.parent.parent

@@ -11,8 +11,8 @@ import pytest
 from app_cases import ROOT
 
 from structid.app.work.scene import placed_channels, scene
+from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
-from structid.study.schema.structure import read_structure
 from structid.study.templates import TEMPLATES, template_with, write_study
 
 CUBES = """\

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from structid.cli.app import app
 from structid.errors import FileError, InputError
-from structid.identification.model_modes import structure_modes
+from structid.identification.fits.model_modes import structure_modes
 from structid.study.schema.plan import load_plan
 from structid.study.templates import TEMPLATES, asked_of, template_with, write_study
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import find_peaks
 
 from structid import FrfRecord, TimeRecord
-from structid.identification.resonances import prominent, resonances
-from structid.identification.time_setup import averaged_frfs
+from structid.identification.fits.resonances import prominent, resonances
+from structid.identification.setups.time import averaged_frfs
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 

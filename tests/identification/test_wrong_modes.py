@@ -10,7 +10,7 @@ from scipy import linalg
 from structid import ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
 from structid.criticism.verdict import judged
 from structid.identification.identify import identify_together
-from structid.identification.modal_setup import ModalSettings, ModalSetup
+from structid.identification.setups.modal import ModalSettings, ModalSetup
 
 
 def measured(coupling):

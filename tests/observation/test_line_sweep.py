@@ -234,7 +234,7 @@ def test_large_models_are_swept_by_default_and_the_true_error_is_told(monkeypatc
     structure, made, record, _ = model("block", n_sensors=3, n_loads=1, each=False)
     lines = np.linspace(40.0, 900.0, 24)
     record = replace(record, frequency=lines, values=np.ones((24, 3, 1)), variance=np.ones((24, 3, 1)))
-    monkeypatch.setattr("structid.identification.frf_setup._LARGE", 100)
+    monkeypatch.setattr("structid.identification.setups.frf._LARGE", 100)
     setup = sid.Setup(structure, made, record)
 
     def prepared(**options):
@@ -253,7 +253,7 @@ def test_large_models_are_swept_by_default_and_the_true_error_is_told(monkeypatc
     assert told.error == pytest.approx(errors[np.abs(errors - told.error).argmin()], rel=1e-6)
     assert 0 < told.error <= errors.max() * (1 + 1e-9)
     assert told.remedy == "take a smaller `reduced`"
-    monkeypatch.setattr("structid.identification.frf_setup._LARGE", 1000)
+    monkeypatch.setattr("structid.identification.setups.frf._LARGE", 1000)
     assert prepared().reduced is None
 
 

@@ -8,7 +8,7 @@ from scipy import linalg
 
 from short_record_cases import RATE, chain, exact_motion, record, unknowns
 from structid import ChannelUnknown, IdentifyOptions, InputError, TimeRecord, channel_errors, identify_together
-from structid.identification.time_setup import TimeFit, TimeSetup
+from structid.identification.setups.time import TimeFit, TimeSetup
 from structid.observation import SpectraProblem
 from structid.records.transforms.finite_spectra import finite_spectra
 

@@ -74,8 +74,8 @@ def test_matrices_and_modes_of_a_beam_give_the_moduli_of_the_solver_itself(tmp_p
     (truth / "measured.csv").write_text("frequency_hz,2Y\n1.0,1.0\n")
     path = study(truth, "matrices")
     assert RUN.invoke(cli.app, ["check", str(path)]).exit_code in (0, 1, 2)
+    from structid.study.schema.model.structure import read_structure
     from structid.study.schema.root import read_root
-    from structid.study.schema.structure import read_structure
 
     root, files = read_root(path)
     structure = read_structure(root.inner("structure"), files)
@@ -97,8 +97,8 @@ def test_matrices_and_modes_of_a_beam_give_the_moduli_of_the_solver_itself(tmp_p
 @needs_mystran
 def test_the_matrices_are_those_of_structids_own_beams(tmp_path):
     (tmp_path / "measured.csv").write_text("frequency_hz,2Y\n1.0,1.0\n")
+    from structid.study.schema.model.structure import read_structure
     from structid.study.schema.root import read_root
-    from structid.study.schema.structure import read_structure
 
     root, files = read_root(study(tmp_path, "matrices"))
     structure = read_structure(root.inner("structure"), files)

@@ -33,9 +33,9 @@ from structid.dof import Dof
 from structid.structure import ELEMENT_TYPES
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
+from structid.study.schema.model.structure import element_table, read_structure
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section, StudyText
-from structid.study.schema.structure import element_table, read_structure
 
 RNG = np.random.default_rng(20261121)
 LINE = {1: 0.0, 2: 0.7, 3: 2.0}

@@ -126,7 +126,7 @@ def test_interrupted_while_it_writes_a_run_says_how_to_go_on(tmp_path, monkeypat
     def interrupted(*_args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("structid.cli.identify._write", interrupted)
+    monkeypatch.setattr("structid.cli.commands.identify._write", interrupted)
     words = ["identify", str(tmp_path / "chain.toml"), "--no-report", "--out", str(tmp_path / "out")]
     done = RUN.invoke(cli.app, words)
     assert done.exit_code == 130

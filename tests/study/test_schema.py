@@ -23,7 +23,7 @@ from structid.structure.elements.element import declarations
 from structid.study.json_schema import study_schema, study_table
 from structid.study.schema.kinds import kind_of
 from structid.study.schema.method import _made, method_table
-from structid.study.schema.structure import element_table
+from structid.study.schema.model.structure import element_table
 from structid.study.schema.tables import Table
 from study_cases import CHAIN, replaced, write_chain
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from structid import read_record, write_record
 from structid.cli.app import app
 from structid.study.run.run import run_study
-from structid.study.schema.record import load_record
+from structid.study.schema.records.record import load_record
 from structid.study.schema.study import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "shaken_building"

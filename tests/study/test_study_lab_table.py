@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from structid.cli.app import app
-from structid.study.schema.record import read_histories
+from structid.study.schema.records.record import read_histories
 from structid.study.schema.study import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "first_structure"

@@ -12,7 +12,7 @@ from structid.modal.files.files import write_modes
 from structid.records import write_record
 from structid.report.drawing.drawing import structure_picture
 from structid.report.identification.tables import element_table
-from structid.study.schema.record import load_histories, load_record
+from structid.study.schema.records.record import load_histories, load_record
 from study_cases import CHAIN
 
 GIRDER = """

@@ -17,7 +17,7 @@ from wrong_models.study_files import MODES_COMMAND, Case, written
 from wrong_models.telling_apart import can_look_into, told_apart
 
 from structid.cli import app as cli
-from structid.identification.time_setup import averaged_frfs
+from structid.identification.setups.time import averaged_frfs
 from structid.modal.files.files import read_modes
 from structid.observation import simulated_record
 from structid.records.io import ReadOptions, read_record

@@ -1,1 +1,1 @@
-"""The command `structid`: one file a command; they parse, call, print and exit."""
+"""The command `structid`: its commands parse, call, print and exit; beside them what they share."""

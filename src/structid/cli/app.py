@@ -14,8 +14,8 @@ from structid._version import __version__
 from structid.cli.base import DONE, EXIT_CODES
 from structid.cli.flags import command
 
-#: Commands by the job that they do, in the order of a project. Each is the function of that name in the module beside
-#: this one (`_module`); its docstring is the help.
+#: Commands by the job that they do, in the order of a project. Each is the function of that name in the module of that
+#: name in `commands`; its docstring is the help.
 JOBS = {
     "Begin": ("init", "app"),
     "Before the test and before the fit": ("plan", "check", "doctor"),
@@ -77,8 +77,7 @@ class _OnCall(TyperGroup):
 
 
 def _module(name: str) -> str:
-    """Where the command `name` is: in the module of its name, but for that which this module has."""
-    return f"structid.cli.{'workbench' if name == 'app' else name}"
+    return f"structid.cli.commands.{name}"
 
 
 def _summary(name: str) -> str:

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table, number
 from structid.estimation.intervals.intervals import span_digits
+from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.record_fit import RecordFit
 from structid.shown import MOST_WARNINGS
 from structid.study.results.changes import PARAMETERS, largest_changes
 from structid.study.results.result import StudyResult

@@ -17,9 +17,9 @@ from structid.estimation import Estimate, Status
 from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields
 from structid.structure import Structure
 from structid.study.results.result import StudyResult
+from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import InputFiles, read_study_text
 from structid.study.schema.section import Section
-from structid.study.schema.structure import read_structure
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
 

@@ -15,18 +15,18 @@ from structid.correlation.modes import ModesCorrelation, correlated_modes
 from structid.correlation.options import DEFAULT, CorrelateOptions
 from structid.correlation.responses import ResponsesCorrelation, correlated_responses
 from structid.errors import InputError, SingularModelError
+from structid.identification.fits.modal_fit import ModalFit
+from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
-from structid.identification.modal_fit import ModalFit
-from structid.identification.modal_setup import ModalSettings
-from structid.identification.record_fit import Own
-from structid.identification.setups import AnySetup, titles
+from structid.identification.setups.modal import ModalSettings
+from structid.identification.setups.setup import AnySetup, titles
 from structid.observation import Models
 from structid.provenance import Provenance
 from structid.study.results.result import provenance
 from structid.study.results.values import stored_values
 from structid.study.run.check import ChannelCheck, channel_checks
 from structid.study.run.start import loaded, placed_mechanism
-from structid.study.schema.modes import ModesSource
+from structid.study.schema.records.modes import ModesSource
 from structid.study.schema.study import Study
 
 Correlation: TypeAlias = ModesCorrelation | ResponsesCorrelation

@@ -15,7 +15,7 @@ from structid.correlation.reduction import constrained_shapes, reduced_mass, ser
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 from structid.errors import InputError
-from structid.identification.modal_setup import ModalSettings
+from structid.identification.setups.modal import ModalSettings
 from structid.modal import ModalRecord
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
 from structid.structure import Structure

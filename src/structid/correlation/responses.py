@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError
-from structid.identification.resonances import Resonance, resonances
+from structid.identification.fits.resonances import Resonance, resonances
 from structid.records import FrfRecord
 from structid.similarity import fdac, frac
 

@@ -11,11 +11,11 @@ import numpy as np
 from structid.criticism.data import misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
+from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
+from structid.identification.fits.record_fit import RecordFit
+from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
-from structid.identification.modal_fit import FAR_OFF, ModalFit
 from structid.identification.ran_away import ran_away_words
-from structid.identification.record_fit import RecordFit
-from structid.identification.resonances import LEAST_DAMPING
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.identification.modal_fit import paired_modes
+from structid.identification.fits.modal_fit import paired_modes
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups import AnySetup
-from structid.identification.time_setup import TimeSetup
+from structid.identification.setups.setup import AnySetup
+from structid.identification.setups.time import TimeSetup
 from structid.observation import FrfProblem, ModalProblem, RecordProblem
 from structid.records import FrfRecord
 

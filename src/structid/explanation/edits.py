@@ -11,7 +11,7 @@ from structid.criticism.candidate import Candidate
 from structid.dof import Dof, parse_dof
 from structid.errors import InputError
 from structid.study.schema.kinds import as_list
-from structid.study.schema.structure import dofs_of_text
+from structid.study.schema.model.structure import dofs_of_text
 
 #: A study file as nested tables, plain ones or those of an editor of TOML that keeps comments.
 Tables = MutableMapping[str, Any]

@@ -18,7 +18,7 @@ from structid.estimation.search.work import Tools, Work
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Fitted
 from structid.explanation.trial import QUICK
-from structid.identification.setups import titles
+from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30

@@ -20,7 +20,7 @@ from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups import AnySetup, titles
+from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.together import alike, together
 from structid.identification.varying import with_scatters
 from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem

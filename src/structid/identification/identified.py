@@ -10,11 +10,11 @@ from structid.dynamics import Modes
 from structid.estimation import Estimate, Problem
 from structid.estimation.intervals.intervals import Intervals
 from structid.identification.before.reduction import Truncation
-from structid.identification.modal_fit import ModalFit
-from structid.identification.ratios import Ratios
-from structid.identification.record_fit import RecordFit
+from structid.identification.fits.modal_fit import ModalFit
+from structid.identification.fits.ratios import Ratios
+from structid.identification.fits.record_fit import RecordFit
+from structid.identification.fits.resonances import Resonance
 from structid.identification.regularizing import Held
-from structid.identification.resonances import Resonance
 from structid.identification.together import places
 from structid.identification.varying import Varied
 from structid.observation import FrfProblem, RecordProblem

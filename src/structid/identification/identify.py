@@ -11,15 +11,15 @@ from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import intervals
 from structid.estimation.search.work import ALONE, StageProgress, Work
-from structid.identification.frf_setup import Setup
+from structid.identification.fits.ratios import ratios
+from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
 from structid.identification.ran_away import ran_away, ran_away_words
-from structid.identification.ratios import ratios
-from structid.identification.record_fit import Own
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
-from structid.identification.setups import AnySetup, prefixes, titles
+from structid.identification.setups.frf import Setup
+from structid.identification.setups.setup import AnySetup, prefixes, titles
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings
 from structid.observation import ChannelUnknown, RecordProblem

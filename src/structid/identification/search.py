@@ -15,7 +15,7 @@ from structid.estimation.search.matrix_free import dense_search_fits
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
-from structid.identification.setups import AnySetup
+from structid.identification.setups.setup import AnySetup
 from structid.identification.together import together
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.observation import RecordProblem

@@ -21,7 +21,7 @@ from structid.estimation.diagnostics.design import (
 )
 from structid.estimation.diagnostics.identifiability import identifiability
 from structid.identification.checks import require_sound_model
-from structid.identification.model_modes import structure_modes
+from structid.identification.fits.model_modes import structure_modes
 from structid.planning.options import positions, resolved, wanted_parameters
 from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
 from structid.planning.rows import Candidates, line_roots, pair_roots

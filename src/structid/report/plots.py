@@ -10,8 +10,8 @@ from matplotlib.figure import Figure as Picture
 
 from structid.dof import parse_dof
 from structid.errors import InputError
+from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.record_fit import RecordFit
 from structid.modal.survey.survey import ModesResult
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture

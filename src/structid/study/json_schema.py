@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from structid.study.schema import kinds
-from structid.study.schema.matrices import MATRICES
 from structid.study.schema.method import method_table
+from structid.study.schema.model.matrices import MATRICES
+from structid.study.schema.model.structure import changes_table, structure_table
 from structid.study.schema.plan import PLAN
-from structid.study.schema.record import record_table
+from structid.study.schema.records.record import record_table
 from structid.study.schema.root import SECTIONS
-from structid.study.schema.structure import changes_table, structure_table
 from structid.study.schema.tables import Table
 from structid.study.schema.unknowns import PRIOR, REGULARIZATION, UNKNOWN
 

@@ -81,7 +81,7 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
     from structid.app.work.signals import responses
-    from structid.study.schema.record import load_record
+    from structid.study.schema.records.record import load_record
     from structid.study.schema.study import load_study
 
     read = load_study(opened.inside(study), work=LOOKING)

@@ -20,9 +20,9 @@ from structid.structure.elements import ElementSet
 from structid.structure.mesh_point import MeshPoint
 from structid.structure.supports import RigidLink
 from structid.study.schema.kinds import as_list
+from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
 from structid.study.schema.section import Section
-from structid.study.schema.structure import read_structure
 
 #: Sides of cells beyond which only those between different directions or sets would help; none are drawn.
 _MOST_MARKED = 4000

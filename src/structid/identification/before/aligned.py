@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.identification.resonances import peaks
+from structid.identification.fits.resonances import peaks
 from structid.observation import FrfProblem
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES

@@ -9,8 +9,8 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.identification.before.refining import Refined, n_split, obstacle, refined, split_power
-from structid.identification.model_modes import structure_modes
-from structid.identification.resonances import LEAST_DAMPING
+from structid.identification.fits.model_modes import structure_modes
+from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.similarity.pairing import assigned
 from structid.structure import Structure
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dynamics.reduced_sweep import reading_error
-from structid.identification.model_modes import structure_modes
+from structid.identification.fits.model_modes import structure_modes
 from structid.observation import FrfProblem, Models
 from structid.structure import Structure
 

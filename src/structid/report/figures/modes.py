@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.identification.identified import Identification, RecordFit
-from structid.identification.modal_setup import ModalFit
+from structid.identification.setups.modal import ModalFit
 from structid.report.drawing import palette
 from structid.report.figures.parameters import NORMAL_95
 from structid.report.rendering import plot

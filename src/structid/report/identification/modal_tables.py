@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
-from structid.identification.modal_fit import ModalFit
 from structid.report.tables import Table
 from structid.report.text import NOTHING, number, percent, with_std
 from structid.shown import counted

@@ -10,8 +10,8 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
+from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
-from structid.identification.resonances import Resonance
 from structid.identification.varying import Varied
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table

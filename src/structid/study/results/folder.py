@@ -18,8 +18,8 @@ from structid.criticism.verdict import Criticism
 from structid.errors import FileError
 from structid.estimation.diagnostics.bounds import AtBound
 from structid.files import claimed
+from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.record_fit import RecordFit
 from structid.identification.regularizing import Held
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes

@@ -9,8 +9,8 @@ import numpy as np
 
 from structid.dynamics import Modes
 from structid.estimation import Estimate
-from structid.identification.modal_fit import ModalFit
-from structid.identification.record_fit import RecordFit
+from structid.identification.fits.modal_fit import ModalFit
+from structid.identification.fits.record_fit import RecordFit
 from structid.structure import Structure
 from structid.study.results.result import StudyResult, correlation
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
-from structid.identification.modal_fit import ModalFit
 
 
 def modal_summary(found: Identification) -> dict[str, Any]:

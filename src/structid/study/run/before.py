@@ -10,14 +10,14 @@ from structid.arrays import FloatArray
 from structid.dynamics import Modes
 from structid.identification.before.aligned import ResonancePair
 from structid.identification.before.mesh import MeshErrors, mesh_errors
-from structid.identification.resonances import LEAST_DAMPING
-from structid.identification.setups import AnySetup, Look
+from structid.identification.fits.resonances import LEAST_DAMPING
+from structid.identification.setups.setup import AnySetup, Look
 from structid.observation import RecordProblem
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts
 from structid.records.quality.window_checks import leakage
-from structid.study.schema.record import RecordSource, read_histories
+from structid.study.schema.records.record import RecordSource, read_histories
 
 #: Part of its frequency within which a mode that shows no peak may belong to a measured one.
 _HIDDEN = 0.1

@@ -15,10 +15,10 @@ from structid.estimation.diagnostics.identifiability import identifiability
 from structid.estimation.posterior_draws import counted_draws, drawn_covariance
 from structid.estimation.uncertainty import relative_jacobian
 from structid.identification.before.mesh import MeshErrors
-from structid.identification.model_modes import rounding_warnings, structure_modes
-from structid.identification.ratios import common_scale, scale_words
+from structid.identification.fits.model_modes import rounding_warnings, structure_modes
+from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.regularizing import coupled, unit_penalties
-from structid.identification.setups import AnySetup, prefixes
+from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.observation import RecordProblem
 from structid.structure.aimed_sensor import AimedSensor

@@ -10,15 +10,15 @@ import numpy as np
 
 from structid.errors import SingularModelError
 from structid.identification.checks import require_sound_model
-from structid.identification.frf_setup import Setup
-from structid.identification.modal_setup import ModalSetup
-from structid.identification.setups import AnySetup, Look, Prepared, prefixes, titles
-from structid.identification.time_setup import TimeSetup
+from structid.identification.setups.frf import Setup
+from structid.identification.setups.modal import ModalSetup
+from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, titles
+from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
-from structid.study.schema.record import load_histories, load_record
+from structid.study.schema.records.record import load_histories, load_record
+from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
-from structid.study.schema.setups import SetupSource
 from structid.study.schema.study import Study
 
 

@@ -12,19 +12,19 @@ import numpy as np
 from structid.declared import NotNegative
 from structid.dof import parse_dofs
 from structid.estimation.search.work import ALONE, Work
-from structid.identification.frf_setup import used_lines
-from structid.identification.model_modes import structure_modes
+from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
+from structid.identification.setups.frf import used_lines
 from structid.planning.options import resolved
 from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
-from structid.study.schema.record import NoiseSource, load_record, read_source
+from structid.study.schema.model.structure import read_structure
+from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.root import InputFiles, read_root, title_of
 from structid.study.schema.section import Section
-from structid.study.schema.structure import read_structure
 from structid.study.schema.tables import Key, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters

@@ -12,10 +12,10 @@ from structid.identification.options import IdentifyOptions
 from structid.solver.solved import Solved
 from structid.structure import Structure
 from structid.study.schema.method import read_method
-from structid.study.schema.record import RecordSource
+from structid.study.schema.records.record import RecordSource
+from structid.study.schema.records.setups import SetupSource, read_setups
 from structid.study.schema.root import read_root, title_of
 from structid.study.schema.section import Section
-from structid.study.schema.setups import SetupSource, read_setups
 from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
 

@@ -11,18 +11,18 @@ import numpy as np
 
 from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs, renamed
-from structid.identification.time_setup import averaged_frfs
+from structid.identification.setups.time import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.record import LOADS, Quantity
-from structid.study.schema.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
-from structid.study.schema.modes import MODES, ModesSource, read_modes_source
+from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
+from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
+from structid.study.schema.records.sensors import SENSORS, used_names
+from structid.study.schema.records.time import TIME, TimeSource, read_time
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.sensors import SENSORS, used_names
 from structid.study.schema.tables import Key, Table, held_by, table_of
-from structid.study.schema.time import TIME, TimeSource, read_time
 from structid.study.schema.unknowns import CHANNEL_ERROR
 
 R = TypeVar("R", bound=FrfRecord | TimeRecord)

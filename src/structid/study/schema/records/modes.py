@@ -12,15 +12,15 @@ import numpy as np
 from structid.declared import Positive
 from structid.dof import Dof, parse_dofs, renamed
 from structid.errors import InputError
-from structid.identification.modal_setup import ModalSettings, chosen_modes
+from structid.identification.setups.modal import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
 from structid.modal.modal_record import independent_errors
 from structid.observation import ModalProblem
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
+from structid.study.schema.records.sensors import used_names
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.sensors import used_names
 from structid.study.schema.tables import Key, Table, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)

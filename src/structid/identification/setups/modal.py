@@ -13,10 +13,10 @@ from structid.declared import NotNegative, Positive
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.identification.before.aligned import ResonancePair
-from structid.identification.modal_fit import ModalFit, modal_fit, paired_modes
+from structid.identification.fits.modal_fit import ModalFit, modal_fit, paired_modes
+from structid.identification.fits.record_fit import Own
 from structid.identification.options import IdentifyOptions
-from structid.identification.record_fit import Own
-from structid.identification.setups import Look, Prepared, RecordSetup
+from structid.identification.setups.setup import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
 from structid.observation import ChannelUnknown, ModalForm, ModalProblem, ShapeForm, channel_errors
 from structid.observation.channel_errors import ChannelErrors, Measured

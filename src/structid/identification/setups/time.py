@@ -16,10 +16,10 @@ from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.checks import record_warnings
-from structid.identification.frf_setup import inside, used_lines
+from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
-from structid.identification.record_fit import Own, RecordFit, record_fit
-from structid.identification.setups import Look, Prepared, RecordSetup, look
+from structid.identification.setups.frf import inside, used_lines
+from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.observation import (
     ChannelUnknown,
     FrfProblem,

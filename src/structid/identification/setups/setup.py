@@ -17,9 +17,9 @@ from structid.estimation.search.work import StageProgress, Work
 from structid.identification.before.aligned import ResonancePair, aligned
 from structid.identification.before.channels import channel_warnings
 from structid.identification.before.reduction import Truncation, modes_truncation
-from structid.identification.modal_fit import ModalFit
+from structid.identification.fits.modal_fit import ModalFit
+from structid.identification.fits.record_fit import Own, RecordFit
 from structid.identification.options import IdentifyOptions
-from structid.identification.record_fit import Own, RecordFit
 from structid.observation import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.observation.channel_errors import Measured
 from structid.structure import Structure

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from structid.identification.setups import AnySetup
+from structid.identification.setups.setup import AnySetup
 from structid.observation import ChannelUnknown
 from structid.structure import Structure
 from structid.structure.aimed_sensor import AimedSensor
-from structid.study.schema.record import RecordSource, read_source
+from structid.study.schema.model.structure import read_structure
+from structid.study.schema.records.record import RecordSource, read_source
+from structid.study.schema.records.sensors import channel_names
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.sensors import channel_names
-from structid.study.schema.structure import read_structure
 from structid.study.schema.unknowns import CHANNEL_ERROR, read_parameters, read_prior
 from structid.unknowns import Parameters
 

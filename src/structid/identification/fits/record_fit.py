@@ -9,9 +9,9 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.dynamics import Modes
-from structid.identification.model_modes import rounding_warnings, structure_modes
+from structid.identification.fits.model_modes import rounding_warnings, structure_modes
+from structid.identification.fits.resonances import Resonance, resonances
 from structid.identification.options import IdentifyOptions
-from structid.identification.resonances import Resonance, resonances
 from structid.observation import FrfProblem
 from structid.records import FrfRecord
 

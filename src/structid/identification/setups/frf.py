@@ -13,9 +13,9 @@ from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.errors import InputError, SingularModelError
 from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
+from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions, LineOptions
-from structid.identification.record_fit import Own, RecordFit, record_fit
-from structid.identification.setups import Look, Prepared, RecordSetup, look
+from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.observation import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
 from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.channel_unknowns import channel_errors

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from structid.cli.base import Png, Report, Scheduler, StudyPath, Workers, results_folder
-from structid.cli.identify import Seconds, identify
+from structid.cli.commands.identify import Seconds, identify
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
-from structid.identification.time_setup import TimeFit
+from structid.identification.setups.time import TimeFit
 from structid.records import TimeRecord
 from structid.study.schema.kinds import NUMBERS, as_list
 from structid.study.schema.section import Section

@@ -20,8 +20,8 @@ from structid.structure.meshes import Mesh
 from structid.structure.structure import MOST_PIECES
 from structid.structure.supports import Tie
 from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, WHOLE, as_list, limited
-from structid.study.schema.matrices import MATRIX_TABLES, read_groups
-from structid.study.schema.mesh import (
+from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
+from structid.study.schema.model.mesh import (
     MESH_TABLES,
     group_table,
     read_points,
@@ -29,10 +29,10 @@ from structid.study.schema.mesh import (
     read_supports,
     require_all_assigned,
 )
+from structid.study.schema.model.solver import SOLVER_TABLES, positions_of, read_solver
+from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.sensors import read_sensors
-from structid.study.schema.solver import SOLVER_TABLES, positions_of, read_solver
 from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]

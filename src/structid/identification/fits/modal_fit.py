@@ -8,8 +8,8 @@ import numpy as np
 
 from structid.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
-from structid.identification.model_modes import structure_modes
-from structid.identification.record_fit import Own
+from structid.identification.fits.model_modes import structure_modes
+from structid.identification.fits.record_fit import Own
 from structid.modal import ModalRecord
 from structid.observation import ModalProblem
 from structid.similarity import mac, subspace_angles
