@@ -140,7 +140,7 @@ def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
 def test_a_screened_candidate_leaves_what_least_squares_leave(trial):
     point = point_at(trial.views, trial.views[0].theta_start + 0.05)
     one = next(c for c in pool(point.records) if c.kind == "mass")
-    found = point.screened(one)
+    [found] = point.screened([one])
     [fields] = point.records
     rows = fields.problem.data_rows(fields.frf + one.effect(fields, np.array([found.strength])))[:, 0]
     at = fields.problem.linearize(trial.views[0].theta_start + 0.05)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,8 @@ from structid.estimation import JointProblem
 from structid.observation import FrfProblem
 
 _SMALL = 1e-4
+#: Candidates of each kind that are tried at more strengths.
+_CLOSER = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +29,19 @@ class Screened:
     candidate: Candidate
     strength: float
     left: float
+
+
+class _Look(NamedTuple):
+    """A candidate's strengths, what each leaves, the linear estimate of it, and the least that any of them promises."""
+
+    strengths: FloatArray
+    left: FloatArray
+    step: float
+    promised: float
+
+    def best(self, candidate: Candidate) -> Screened:
+        k = int(np.argmin(self.left))
+        return Screened(candidate, float(self.strengths[k]), float(self.left[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,31 +74,48 @@ class Point:
         rest = self.residual - self.basis @ step
         return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
 
-    def screened(self, candidate: Candidate) -> Screened:
-        """The best of the candidate's strengths, the linear estimate of it among them."""
-        tried = self._tried(candidate, candidate.strengths)
+    def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
+        """Of every candidate the best of its strengths; of the most promising of each kind those about it as well."""
+        looks = [self._look(candidate) for candidate in candidates]
+        kinds = defaultdict[str, list[int]](list)
+        for k in sorted(range(len(looks)), key=lambda k: looks[k].promised):
+            kinds[candidates[k].kind].append(k)
+        closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
+        return [
+            self._closer(candidate, look) if k in closer else look.best(candidate)
+            for k, (candidate, look) in enumerate(zip(candidates, looks, strict=True))
+        ]
+
+    def _look(self, candidate: Candidate) -> _Look:
+        strengths = candidate.strengths
+        if len(strengths) == 1:
+            left = self._left_by(candidate, strengths)
+            return _Look(strengths, left, 0.0, float(left[0]))
+        small = _SMALL * np.abs(strengths).min()
+        off = self._off(candidate, np.append(strengths, small))
+        left, slope = _squares(off[:, :-1]), (off[:, -1] - self._base) / small
+        size = slope @ slope
+        step = float(-(slope @ self._base) / size) if size > 0 else 0.0
         low, high = candidate.bounds
-        if len(candidate.strengths) > 1:
-            small = _SMALL * np.abs(candidate.strengths).min()
-            slope = (self._off(candidate, np.array([small]))[:, 0] - self._base) / small
-            size = slope @ slope
-            step = -(slope @ self._base) / size if size > 0 else 0.0
-            best = tried[0][int(np.argmin(tried[1]))]
-            more = np.array([q for q in (0.5 * step, step, 2 * step, 0.75 * best, 1.35 * best) if low < q < high and q])
-            if len(more):
-                again = self._tried(candidate, more)
-                tried = np.concatenate([tried[0], again[0]]), np.concatenate([tried[1], again[1]])
-        k = int(np.argmin(tried[1]))
-        return Screened(candidate, float(tried[0][k]), float(tried[1][k]))
+        linear = self.left - step**2 * size if low < step < high else np.inf
+        return _Look(strengths, left, step, float(min(left.min(), linear)))
+
+    def _closer(self, candidate: Candidate, look: _Look) -> Screened:
+        low, high = candidate.bounds
+        best = look.best(candidate)
+        about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
+        more = np.array([q for q in about if low < q < high and q])
+        if len(candidate.strengths) == 1 or not len(more):
+            return best
+        strengths, left = np.append(look.strengths, more), np.append(look.left, self._left_by(candidate, more))
+        return look._replace(strengths=strengths, left=left).best(candidate)
 
     @cached_property
     def _base(self) -> FloatArray:
         return self.residual - self.basis @ (self.basis.T @ self.residual)
 
-    def _tried(self, candidate: Candidate, strengths: FloatArray) -> tuple[FloatArray, FloatArray]:
-        off = self._off(candidate, strengths)
-        left = np.einsum("ij,ij->j", off, off)
-        return strengths, np.where(np.isfinite(left), left, np.inf)
+    def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
+        return _squares(self._off(candidate, strengths))
 
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         """Residuals off the basis, (n_rows, n_strengths)."""
@@ -96,6 +130,12 @@ class Point:
                 first += size
             found: FloatArray = rows - self.basis @ (self.basis.T @ rows)
         return found
+
+
+def _squares(off: FloatArray) -> FloatArray:
+    """Sum of squares of each column; infinite where there is none."""
+    left = np.einsum("ij,ij->j", off, off)
+    return np.where(np.isfinite(left), left, np.inf)
 
 
 def point_at(problems: Sequence[FrfProblem], theta: FloatArray) -> Point:

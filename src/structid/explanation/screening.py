@@ -117,7 +117,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], in
 def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any]:
     """The best strength of every candidate at a point, and what it leaves."""
     point = points[number]
-    rows = [point.screened(candidate) for candidate in pool(point.records)]
+    rows = point.screened(list(pool(point.records)))
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
 
 
