@@ -121,6 +121,20 @@ def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
     require_exact_slope(problem, theta)
 
 
+def test_modes_in_their_order_are_paired_by_it_whatever_their_shapes():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4)
+    shuffled = replace(record, mode_shapes=record.mode_shapes[:, [1, 0, 3, 2]])
+    by_shape, by_order = (ModalProblem(structure, unknown, shuffled, in_order=flag) for flag in (False, True))
+    state = by_shape.model_state(unknown.start)
+    assert by_shape.pairing(state).tolist() == [1, 0, 3, 2]
+    assert by_order.pairing(state).tolist() == [0, 1, 2, 3]
+    require_exact_slope(
+        by_order, by_order.theta_start + 0.1 * np.random.default_rng(1).standard_normal(unknown.n_params)
+    )
+
+
 def gradient_errors(problem, theta):
     """Gradient of the sum of squares, and by differences."""
     at = problem.linearize(theta)

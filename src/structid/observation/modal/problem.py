@@ -30,6 +30,10 @@ ModalForm = Literal["output", "dynamic"]
 ShapeForm = Literal["entries", "mac"]
 
 _START_ERROR = 0.5
+#: Errors of frequencies and shapes where modes are paired by their order: shapes hardly count.
+_ORDER_ERRORS = 0.02, 1.0
+#: Of the largest motion of the sensors in any mode, what the sensors see of a mode that counts in the order.
+_SEEN = 0.01
 _SINGULAR = 1e14
 #: Degrees of freedom up to which all modes of the model are found, and dense matrices made.
 _DENSE_UP_TO = 600
@@ -74,6 +78,8 @@ class ModalProblem(MeasuredProblem):
     channels : ChannelErrors, optional
         Gains of sensors, by which shapes are read wrongly; for the form ``output``. One sensor at least keeps
         its gain, as shapes have no scale.
+    in_order : bool
+        Whether the k-th measured mode is the k-th of the model that the sensors see, whatever its shape.
 
     Raises
     ------
@@ -104,6 +110,7 @@ class ModalProblem(MeasuredProblem):
     frequency_guard: float = 0.3
     shape_form: ShapeForm = "entries"
     channels: ChannelErrors | None = None
+    in_order: bool = False
 
     def __post_init__(self) -> None:
         _ = self.data, self._sensors
@@ -170,16 +177,20 @@ class ModalProblem(MeasuredProblem):
         return DataRows(np.concatenate(lines), np.concatenate(series), (*names, "mixing of close modes", *scalars))
 
     def stage_plans(self) -> Sequence[Stages]:
-        """Ways to the answer: straight, and by the dynamic residual, which needs no pairing.
+        """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
 
-        Where the straight way misses the noise, the other is tried too: under noise on the shapes the dynamic residual alone is
-        smallest where all stiffnesses vanish, so that it may end farther off than it began. Its matrices are dense: a large
-        model goes straight only, and so does one whose sensors may read wrongly.
+        Where the straight way misses the noise, the others are tried too. Shapes pair a mode with its neighbour where the two have
+        yet to cross: frequencies in their order, shapes hardly counting, lead past that, if no mode was missed. Under noise on the
+        shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther off than it began.
+        Its matrices are dense: a large model does without it, and so does one whose sensors may read wrongly.
         """
+        near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
+        frequency, shape = _ORDER_ERRORS
+        ordered = replace(near, form="output", frequency_error=frequency, shape_error=shape, in_order=True)
+        ways = (), (("modes in their order", ordered),)
         if self.structure.n_dofs > _DENSE_UP_TO or self.channels is not None:
-            return ((),)
-        near = replace(self, form="dynamic", parameters=self.parameters.kept_near_start(_START_ERROR))
-        return (), (("modal dynamic residual", near),)
+            return ways
+        return *ways, (("modal dynamic residual", replace(near, form="dynamic")),)
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
@@ -200,18 +211,22 @@ class ModalProblem(MeasuredProblem):
         return self.channels.readings(errors, still)[0][0].real, self.channels.output_slopes(errors, still)[0].real
 
     def pairing(self, state: ModelState) -> IntArray:
-        """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once.
+        """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once; or by their order.
 
         The sum of `pairing_worth` is made as large as it can be.
         """
         frequency, found = self.data.frequency, state.modes
         seen = state.sensors.T @ found.mode_shapes
-        use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & (np.abs(seen).max(axis=0) > 0))
+        motion = np.abs(seen).max(axis=0)
+        use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & (motion > 0))
         if len(use) < len(self.data.measured):
             raise InputError(
                 f"the model has {len(use)} modes that move the sensors and {len(self.data.measured)} are measured;"
                 " refine the model, or leave modes out"
             )
+        if self.in_order:
+            clear = use[motion[use] > _SEEN * motion[use].max()]
+            return (clear if len(clear) >= len(self.data.measured) else use)[np.argsort(np.argsort(frequency))]
         likeness = mac(self.data.shapes[:, self.data.measured], seen[:, use])
         worth = pairing_worth(likeness, frequency, found.frequency[use], self.frequency_guard)
         return use[assigned(worth)[1]]
