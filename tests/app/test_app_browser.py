@@ -9,16 +9,15 @@ import json
 import os
 import re
 import shutil
+import tomllib
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
-from app_cases import ROOT, require_workbench, served, write_beam_record
+from app_cases import ROOT, STOREYS, require_workbench, served, write_ambient, write_beam_record
 
-from structid.records import TimeRecord
-from structid.records.io import write_record
+from structid.study.templates import TEMPLATES, template_with, write_study
 
 require_workbench()
 playwright = pytest.importorskip(
@@ -309,17 +308,82 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         assert found["frequency_hz"] == pytest.approx([1.267, 5.13], rel=0.02)
 
 
-def write_ambient(path: Path) -> None:
-    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
-    rng, rate, n = np.random.default_rng(5), 50.0, 15000
-    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
-    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
-    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
-    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
-    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
-    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
-    write_record(path, TimeRecord(rate, motion, ("1X+", "2X+", "3X+"), ("acceleration",) * 3))
+def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
+    """Two set-ups of three storeys, seeds 5 and 6; the model's floors are as in the record."""
+    write_ambient(tmp_path / "lower.h5", ("1X+", "2X+"), 5)
+    write_ambient(tmp_path / "upper.h5", ("1X+", "3X+"), 6)
+    write_study(template_with(TEMPLATES["shear-building"], STOREYS), tmp_path / "storeys.toml")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#modes/storeys.toml")
+        page.get_by_label("Record", exact=True).select_option("lower.h5")
+        page.get_by_role("button", name="Find modes").click()
+        page.get_by_role("button", name="Save 3 modes").wait_for(timeout=120_000)
+        page.get_by_label("Measured modes").select_option("found")
+        page.get_by_role("button", name="Hold against the model").click()
+        page.get_by_text("3 of 3 measured modes have a like in the model, by 2 sensors").wait_for()
+        # the set-ups merged stand beside the model by themselves, at all sensors
+        page.get_by_label("upper.h5").check()
+        page.get_by_label("lower.h5").check()
+        page.get_by_role("button", name="Merge", exact=True).click()
+        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=120_000)
+        assert page.locator("table.mac td.pair").count() == 3
+        assert min(float(one) for one in page.locator("table.mac td.pair").all_inner_texts()) > 0.98
+        shown(page, screens, "11_beside")
+        accessible(page, "beside")
+        page.get_by_role("button", name="Use as the record of storeys.toml").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_text("data and priors determine every parameter").wait_for()
+        text = (tmp_path / "storeys.toml").read_text(encoding="utf-8")
+        assert '[record]\npath = "merged_modes/modes.json"' in text
+
+
+def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
+    write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    study = tmp_path / "beam.toml"
+    write_beam_record(study, tmp_path / "first.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    write_beam_record(study, tmp_path / "second.npz", ("2Y+", "5Y+"), ("2Y+", "5Y+"))
+    with study.open("a", encoding="utf-8") as stream:
+        stream.write('\n[record]  # by hand\npath = "first.npz"  # Monday\n')
+    before = study.read_text(encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#records/beam.toml")
+        page.get_by_label("File", exact=True).select_option("second.npz")
+        page.get_by_role("button", name="Use beside its record").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_label("Record of the study").wait_for()
+        page.get_by_label("2Y+").wait_for()
+        page.get_by_label("Record of the study").select_option("0")
+        page.get_by_label("3Y+").wait_for()
+        shown(page, screens, "15_two_records")
+        accessible(page, "two records")
+        wanted = before.replace("[record]  # by", "[[record]]  # by") + '\n[[record]]\npath = "second.npz"\n'
+        assert study.read_text(encoding="utf-8") == wanted
+
+        # the gain of a sensor and the sense of another are sought
+        step(page, "Records")
+        page.get_by_label("Channels", exact=True).select_option("outputs 3Y+")
+        page.get_by_label("Prior, mean ± std").fill("1 ± 2.5 %")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_role("button", name="Remove the gain of 3Y+").wait_for()
+        page.get_by_role("button", name="Show record 2: second.npz").click()
+        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_label("Error", exact=True).select_option("polarity")
+        page.get_by_label("Channels", exact=True).select_option("outputs 2Y+")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_role("button", name="Remove the polarity of 2Y+").wait_for()
+        records = tomllib.loads(study.read_text(encoding="utf-8"))["record"]
+        gain = {"property": "gain", "outputs": ["3Y+"], "each": True, "prior": {"mean": 1, "relative_std": 0.025}}
+        assert [one["channel_error"] for one in records] == [[gain], [{"property": "polarity", "outputs": ["2Y+"]}]]
+        page.locator("#responses .main-svg").first.wait_for()
+        shown(page, screens, "16_channel_errors")
+        accessible(page, "channel errors")
+        assert bench.get("check", study="beam.toml")[0] == 200
+
+        page.get_by_role("button", name="Remove the polarity of 2Y+").click()
+        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_role("button", name="Take out record 2: second.npz").click()
+        page.get_by_text("Record of the study", exact=True).wait_for()
+        assert study.read_text(encoding="utf-8").count("[[record]]") == 1
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from app_cases import ROOT
 
+from structid.app.work.model import read_model
 from structid.app.work.scene import placed_channels, scene
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
@@ -98,7 +99,8 @@ def test_channels_stand_where_the_study_puts_them(tmp_path):
     text = CUBES + '\n[record]\npath = "r.npz"\n[record.sensors]\n"101Z" = { node = 9, direction = [0.0, 3.0, 4.0] }\n'
     (tmp_path / "cubes.toml").write_text(text, encoding="utf-8")
     found = placed_channels(
-        tmp_path / "cubes.toml", [("12X-", "sensor"), ("101Z-", "sensor"), ("77X+", "load"), ("9Y+", "load")]
+        read_model(tmp_path / "cubes.toml"),
+        [("12X-", "sensor"), ("101Z-", "sensor"), ("77X+", "load"), ("9Y+", "load")],
     )
     assert [one["node"] for one in found] == [12, 9, None, 9]
     np.testing.assert_allclose(found[0]["direction"], [-1.0, 0.0, 0.0])

@@ -1,6 +1,7 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put} from "./api.js";
 import {bytes, field, fill, h, number, options, table} from "./dom.js";
+import {besideStudy, givenOptions, LISTS, MAPPING, recordEdits, records} from "./recorded.js";
 
 export async function show(box, app) {
   await app.reload();
@@ -78,20 +79,6 @@ function drop(app) {
   return place;
 }
 
-const MAPPING = [
-  ["sampling_rate", "Samples a second, Hz"], ["channels", "Channels, as in 2Y, 3Y"], ["quantities", "Quantities, as in force, acceleration"], ["units", "Units, as in N, g"],
-  ["columns", "Columns of a CSV, as in acc_1, acc_2"], ["time_column", "Its column of times"], ["array", "Array by name"], ["frequency_array", "Array of frequencies"], ["coherence_array", "Array of coherences"], ["outputs", "Sensors of the FRFs"], ["inputs", "Loads of the FRFs"], ["kind", "receptance, mobility or accelerance"], ["unit", "Unit of the FRFs"],
-];
-const LISTS = ["columns", "channels", "quantities", "units", "outputs", "inputs"];
-
-// What the record of the open study says of the same file.
-export function givenOptions(app, path) {
-  const record = [app.now?.table?.record].flat()[0];
-  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
-  if (!record || folder + record.path !== path) { return {}; }
-  return Object.fromEntries(Object.entries(record).filter(([key]) => MAPPING.some(([name]) => name === key) || ["start", "stop", "longest_gap", "csv"].includes(key)));
-}
-
 const written = (value) => (Array.isArray(value) ? `[${value.map(written).join(", ")}]` : JSON.stringify(value));
 
 export async function understood(app, path, place, own = null) {
@@ -121,20 +108,24 @@ export function facts(found) {
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }
 
-function use(app, path, found, given) {
-  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
+export function use(app, path, found, given) {
+  const folder = besideStudy(app);
   if (!path.startsWith(folder)) { return h("p", {class: "note"}, "The study lies in another folder than this record."); }
-  const name = path.slice(folder.length), has = app.now?.table && "record" in app.now.table;
+  const name = path.slice(folder.length);
   const segment = h("input", {value: String(found.segment || 1024), name: "segment_length", inputmode: "numeric"});
   const isTime = found.kind === "time histories";
-  const button = h("button", {class: "main", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
-    const edits = has ? [{remove: ["record"]}] : [];
-    edits.push({set: ["record", "path"], to: JSON.stringify(name)});
-    for (const [key, value] of Object.entries(given)) { if (key !== "csv") { edits.push({set: ["record", key], to: written(value)}); } }
-    for (const [key, value] of Object.entries(given.csv || {})) { edits.push({set: ["record", "csv", key], to: written(value)}); }
-    if (isTime) { edits.push({set: ["record", "frf", "segment_length"], to: String(Math.round(Number(segment.value)))}); }
-    if (found.kind === "modes") { edits.push({set: ["record", "modes", "form"], to: '"output"'}); }
-    if (await app.edit(edits, `${name} is now the record of ${app.study}`)) { app.go("structure"); }
-  })}, has ? `Use in ${app.study} in place of its record` : `Use in ${app.study}`);
-  return h("div", {class: "row end"}, isTime ? field("FRFs are averaged over segments of so many samples", segment) : null, button);
+  const edits = () => {
+    const keys = {path: JSON.stringify(name), ...Object.fromEntries(Object.entries(given).filter(([key]) => key !== "csv").map(([key, value]) => [key, written(value)]))}, tables = {};
+    if (given.csv) { tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)])); }
+    if (isTime) { tables.frf = {segment_length: String(Math.round(Number(segment.value)))}; }
+    if (found.kind === "modes") { tables.modes = {form: '"output"'}; }
+    return recordEdits(app, keys, tables);
+  };
+  const made = (which, words, told) => { const button = h("button", {class: which === "instead" ? "main" : "", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
+    if (await app.edit(edits()[which], told)) { app.record = Infinity; app.go("structure"); }
+  })}, words); return button; };
+  const n = records(app).length;
+  return h("div", {class: "row end"}, isTime ? field("FRFs are averaged over segments of so many samples", segment) : null,
+    made("instead", n > 1 ? `Use in ${app.study} in place of record ${app.record + 1}` : n ? `Use in ${app.study} in place of its record` : `Use in ${app.study}`, n > 1 ? `${name} is a record of ${app.study} now` : `${name} is now the record of ${app.study}`),
+    n ? made("beside", n > 1 ? `Use beside its ${n} records` : "Use beside its record", `${name} is another record of ${app.study} now`) : null);
 }

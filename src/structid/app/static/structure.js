@@ -1,6 +1,7 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get, post} from "./api.js";
 import {field, fill, h, number, options, quantity, table, toml} from "./dom.js";
+import {recordPath, recordPicker, records} from "./recorded.js";
 import {Scene} from "./scene.js";
 
 const WAYS = [["+X", [1, 0, 0]], ["−X", [-1, 0, 0]], ["+Y", [0, 1, 0]], ["−Y", [0, -1, 0]], ["+Z", [0, 0, 1]], ["−Z", [0, 0, -1]]];
@@ -13,11 +14,11 @@ export async function show(box, app) {
     h("div", {class: "hint"}, "Drag to turn, Shift and drag to move, wheel to zoom, click a node"));
   const sets = h("section", {class: "card"}), node = h("section", {class: "card", id: "node"}), sensors = h("section", {class: "card", id: "sensors"});
   const checked = h("section", {class: "card", id: "checked"}, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
-  fill(box, h("h1", {}, app.now.table?.title || app.study), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, checked), h("div", {class: "side-part"}, node, sensors, sets)));
+  fill(box, h("h1", {}, app.now.table?.title || app.study), recordPicker(app), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, checked), h("div", {class: "side-part"}, node, sensors, sets)));
   const state = {app, channels: [], chosen: null, node: null, failed: ""};
   const scene = new Scene(stage, (label) => { state.node = label; drawNode(); });
   state.scene = scene;
-  const told = await get("scene", {study: app.study});
+  const told = await get("scene", {study: app.study, number: app.record});
   scene.set(told);
   if (!scene.gl) { app.say("This browser has no WebGL 2; the structure is drawn by lines only.", true); }
   drawSets();
@@ -28,7 +29,7 @@ export async function show(box, app) {
   async function refresh() {
     try {
       state.failed = "";
-      if (told.has_record) { state.channels = (await get("channels", {study: app.study})).channels; }
+      if (told.has_record) { state.channels = (await get("channels", {study: app.study, number: app.record})).channels; }
       else { state.channels = planned(app); }
     } catch (error) { state.failed = error.message; }
     scene.sensors = state.channels.map((one) => ({...one, chosen: one.name === state.chosen}));
@@ -128,8 +129,7 @@ function nodePanel(place, state, told, refresh) {
   fill(place, parts);
 }
 
-export const recordPath = (app) => (Array.isArray(app.now.table.record) ? ["record", 0] : ["record"]);
-const sensorsOf = (app) => [app.now.table.record].flat()[0].sensors || {};
+const sensorsOf = (app) => records(app)[app.record].sensors || {};
 
 function declaredKey(app, chosen) {
   const bare = chosen.name.replace(/[+-]$/, "");
