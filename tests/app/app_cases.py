@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,7 +26,12 @@ from structid.study.schema.root import read_root
 from structid.study.schema.unknowns import read_parameters
 
 ROOT = Path(__file__).parent.parent.parent
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
+ENVIRONMENT = {
+    **os.environ,
+    "OPENBLAS_NUM_THREADS": "1",
+    "MPLBACKEND": "Agg",
+    "XDG_STATE_HOME": tempfile.mkdtemp(prefix="structid-state-"),  # the user's own list of folders stays as it is
+}
 _NEEDED = "the workbench's own packages are missing: pip install 'structid[app]'"
 
 

@@ -246,6 +246,34 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         assert page.evaluate("window.harmed") is None
 
 
+def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
+    for name in ("a bridge of 1958", "plate"):
+        (tmp_path / name).mkdir()
+    folder = tmp_path / "plate"
+    shutil.copy(ROOT / "examples" / "plate_from_mesh" / "plate.msh", folder)
+    with served(tmp_path / "a bridge of 1958"):
+        pass
+    with served(folder) as bench:
+        page.goto(bench.address)
+        recent = page.locator("#recent")
+        recent.get_by_text(f"structid app '{tmp_path / 'a bridge of 1958'}'").wait_for()
+        assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
+        page.get_by_role("button", name="New study from plate.msh").click()
+        page.get_by_text("Groups: clamp, skin, strip").wait_for()
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").fill("mm")
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").press("Tab")
+        page.get_by_text("It measures 0.400 × 0.300 × 0 m").wait_for()
+        page.get_by_label("group that is held; none where it is free").fill("clamp")
+        shown(page, screens, "0_mesh")
+        accessible(page, "mesh")
+        page.get_by_role("button", name="Make the study").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_text("The study can be read.").wait_for()
+        study = tomllib.loads((folder / "plate.toml").read_text(encoding="utf-8"))
+        assert [one["group"] for one in study["structure"]["plate"]] == ["skin", "strip"]
+        assert study["structure"]["support"] == [{"group": "clamp", "directions": ["Z", "RX", "RY"]}]
+
+
 def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path):
     shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
     shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)

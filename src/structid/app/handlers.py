@@ -21,13 +21,14 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from structid._version import __version__
 from structid.app.edits import edited
 from structid.app.folder import ChangedError, OpenFolder, digest, read_json, upload_name
+from structid.app.recent import opening, recent_folders
 from structid.app.runs import Runs
 from structid.app.security import MOST_UPLOAD, Access
 from structid.app.studies import study_answer
 from structid.app.work.workers import Workers
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
-from structid.study.templates import TEMPLATES, asked_of, template_with, write_study
+from structid.study.templates import TEMPLATES, asked_of
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SEEN = {".html", ".json", ".toml", ".csv", ".h5", ".uff", ".png", ".txt"}
@@ -89,7 +90,9 @@ def _static(name: str) -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
-    return JSONResponse({**found, "version": __version__, "runs": bench.runs.summaries()})
+    others = [one for one in recent_folders() if one != str(bench.opened.root)]
+    recent = [{"folder": one, "command": opening(one)} for one in others]
+    return JSONResponse({**found, "recent": recent, "version": __version__, "runs": bench.runs.summaries()})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
@@ -103,11 +106,8 @@ async def _templates(_: Workbench, __: Request) -> Response:
 
 async def _init(bench: Workbench, request: Request) -> Response:
     given = await request.json()
-    if given["template"] not in TEMPLATES:
-        raise InputError(f"there is no template {given['template']!r}")
-    path = bench.opened.inside(given["path"])
-    write_study(template_with(TEMPLATES[given["template"]], given["numbers"]), path)
-    return JSONResponse({"path": bench.opened.name(path)})
+    bench.opened.inside(given["path"])
+    return await bench.worked("init", {key: given[key] for key in ("template", "path", "numbers")})
 
 
 async def _study(bench: Workbench, request: Request) -> Response:
@@ -338,6 +338,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/check", _of_study("check")),
     ("GET", "/api/needs", _of_study("needs")),
     ("GET", "/api/plan", _of_study("plan", sensors=4)),
+    ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
     ("POST", "/api/facts", _of_body("facts", "record", "options")),
     ("POST", "/api/histories", _histories),
     ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),

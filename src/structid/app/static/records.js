@@ -42,7 +42,7 @@ function studyRecords(app, look) {
     const name = recordName(one, k), out = h("button", {class: "small", type: "button", disabled: !app.folder.writable, "aria-label": `Take out record ${name}`, onclick: () => app.doing(out, async () => {
       if (await app.edit([{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}], `Record ${name} is taken out of the study; its file stays`)) { app.go("records"); }
     })}, "Take out");
-    return h("li", {}, h("div", {class: "row"}, h("button", {class: "small", type: "button", "aria-pressed": k === number ? "true" : "false", "aria-label": `Show record ${name}`, onclick: () => { app.record = k; look(fileOf(app, one)); }}, k === number ? "Shown" : "Show"),
+    return h("li", {}, h("div", {class: "row"}, h("button", {class: "small", type: "button", "aria-pressed": k === number ? "true" : "false", "aria-label": `${k === number ? "Shown" : "Show"} record ${name}`, onclick: () => { app.record = k; look(fileOf(app, one)); }}, k === number ? "Shown" : "Show"),
       h("span", {}, name, one.modes ? h("span", {class: "muted"}, " modes") : null), out));
   })) : h("p", {class: "muted"}, "None yet."), h("p", {class: "note"}, "To add one, choose its file below."));
   draw(-1);
@@ -58,7 +58,7 @@ function channelErrors(box, app, found) {
   const rows = list.map((one, k) => {
     const channels = ["outputs", "inputs"].flatMap((end) => (one[end] === undefined ? [] : [[one[end]].flat().map((name) => (name === "all" ? `all ${end === "outputs" ? "sensors" : "loads"}` : name)).join(", ")])).join(", ");
     const out = h("button", {class: "small", type: "button", disabled: away, "aria-label": `Remove the ${one.property} of ${channels}`, onclick: () => app.doing(out, () => say([{remove: [...recordPath(app), "channel_error", k]}], `The ${one.property} of ${channels} counts as known`))}, "Remove");
-    return [one.property, channels || "all channels", one.each ? "one each" : "in common", one.start ?? "", priorWords(one.prior), out];
+    return [one.property, channels || "all channels", one.each || one.property === "polarity" ? "one each" : "in common", one.start ?? "", priorWords(one.prior), out];
   });
   const called = (name) => { const bare = name.replace(/[+-]$/, ""); return (record.relabel || {})[bare] ?? name; };
   const ends = found.channels.filter((one) => !isModes || one.role !== "load").slice(0, 300).map((one) => [`${one.role === "load" ? "inputs" : "outputs"} ${called(one.name)}`, `${one.role === "load" ? "load " : ""}${called(one.name)}`]);

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from structid.app.folder import OpenFolder
@@ -57,6 +57,24 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
         raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
     found = channels(file, options_of(dict(section.table)))
     return {"record": names, "channels": placed_channels(read_model(path, number), found)}
+
+
+def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Any:
+    from structid.study.templates import TEMPLATES, MeshTemplate, template_with, write_study
+
+    if template not in TEMPLATES:
+        raise InputError(f"there is no template {template!r}")
+    made = template_with(TEMPLATES[template], numbers)
+    if isinstance(made, MeshTemplate):  # the one that reads a file
+        opened.inside(str(PurePosixPath(path).parent / made.path))
+    write_study(made, opened.inside(path))
+    return {"path": path}
+
+
+def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Any:
+    from structid.app.work.scene import mesh_facts
+
+    return mesh_facts(opened.inside(path), length_unit)
 
 
 def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
@@ -183,8 +201,9 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     from structid.app.work.model import read_model
     from structid.modal.files.files import read_modes
 
+    results = opened.inside(at) if at else None
     modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)
-    return beside(read_model(opened.inside(study), number), modes, opened.inside(at) if at else None)
+    return beside(read_model(opened.inside(study), number), modes, results)
 
 
 def _schema(_: OpenFolder) -> Any:
@@ -212,6 +231,8 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "warm": _warm,
     "scene": _scene,
     "channels": _channels,
+    "init": _init,
+    "mesh": _mesh,
     "facts": _facts,
     "histories": _histories,
     "overview": _overview,

@@ -17,6 +17,7 @@ from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInerti
 from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.elements import ElementSet
 from structid.structure.mesh_point import MeshPoint
+from structid.structure.meshes import read_mesh
 from structid.structure.supports import RigidLink
 from structid.study.schema.kinds import as_list
 
@@ -199,3 +200,20 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
 
 def _unit(dof: Dof) -> list[float]:
     return [float(dof.sign) if k == dof.axis % 3 else 0.0 for k in range(3)]
+
+
+def mesh_facts(path: Path, length_unit: str) -> dict[str, Any]:
+    """Nodes, cells, size in m and groups of the mesh at `path`.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    mesh = read_mesh(path, length_unit)
+    return {
+        "nodes": len(mesh.labels),
+        "size": np.ptp(mesh.positions, axis=0),
+        "cells": [[block.kind, len(block.nodes)] for block in mesh.blocks],
+        "groups": [name for name, rows in mesh.groups.items() if any(map(len, rows))] + list(mesh.node_groups),
+    }
