@@ -258,11 +258,11 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         recent = page.locator("#recent")
         recent.get_by_text(f"structid app '{tmp_path / 'a bridge of 1958'}'").wait_for()
         assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
-        page.get_by_role("button", name="New study from plate.msh").click()
+        page.get_by_role("button", name="New study from it: plate.msh").click()
         page.get_by_text("Groups: clamp, skin, strip").wait_for()
         page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").fill("mm")
         page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").press("Tab")
-        page.get_by_text("It measures 0.400 × 0.300 × 0 m").wait_for()
+        page.get_by_text(re.compile("It measures 0.400 . 0.300 . 0 m")).wait_for()
         page.get_by_label("group that is held; none where it is free").fill("clamp")
         shown(page, screens, "0_mesh")
         accessible(page, "mesh")
@@ -272,6 +272,46 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         study = tomllib.loads((folder / "plate.toml").read_text(encoding="utf-8"))
         assert [one["group"] for one in study["structure"]["plate"]] == ["skin", "strip"]
         assert study["structure"]["support"] == [{"group": "clamp", "directions": ["Z", "RX", "RY"]}]
+
+
+def test_what_is_doubtful_is_marked_in_its_place(page, screens, tmp_path):
+    """A beam of two elements, too few for its band; a part that floats; a support of nothing."""
+    write_study(template_with(TEMPLATES["beam"], {"elements": 2}), tmp_path / "beam.toml")
+    study = tmp_path / "beam.toml"
+    write_beam_record(study, tmp_path / "r.npz", ("2Y+", "3Y+"), ("2Y+", "3Y+"))
+    text = study.read_text(encoding="utf-8").replace(
+        "[structure.nodes]  # m\n", "[structure.nodes]  # m\n7 = [0.2, 0.3]\n8 = [0.5, 0.3]\n9 = [0.0, 0.3]\n"
+    )
+    text = re.sub(r"^(\d = \[\d\.\d+)\]", r"\1, 0.0]", text, flags=re.M)
+    text = re.sub(r"fixed = \[(.*)\]", r'fixed = [\1, "9Y"]\nactive = ["Y", "RZ"]', text)
+    lost = """
+[[structure.beam]]
+name = "lost"
+nodes = [[7, 8]]
+mass = 0.8
+bending_stiffness = 25.0
+
+[[unknown]]"""
+    study.write_text(text.replace("[[unknown]]", lost.lstrip(), 1) + '\n[record]\npath = "r.npz"\n', encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#structure/beam.toml")
+        marked = page.locator("#marked")
+        marked.get_by_text("nothing joins nodes 7, 8 to the rest or holds it").wait_for()
+        marked.get_by_text("node 9 is held, and no element or tie is there").wait_for()
+        page.locator("#checked").get_by_text("Warnings").wait_for()
+        marked.get_by_text("half of the energy of mode").wait_for()
+        shown(page, screens, "17_marked")
+        accessible(page, "marked")
+        red = """(() => {
+          const c = document.querySelector("canvas.over");
+          const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+          let n = 0;
+          for (let k = 0; k < d.length; k += 4) { n += d[k] === 178 && d[k + 1] === 60 && d[k + 2] === 0; }
+          return n; })()"""
+        eventually(page, lambda: page.evaluate(red) > 500)
+        for one in marked.get_by_role("checkbox").all():
+            one.uncheck()
+        eventually(page, lambda: page.evaluate(red) == 0)
 
 
 def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path):

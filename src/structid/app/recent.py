@@ -26,7 +26,7 @@ def recent_folders() -> list[str]:
     """Folders that were open, the last one first; those that are gone are left out."""
     found = read_json(_kept())
     listed = [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
-    return [one for one in dict.fromkeys(listed) if os.path.isabs(one) and Path(one).is_dir()][:_MOST]
+    return [one for one in dict.fromkeys(listed) if Path(one).is_absolute() and Path(one).is_dir()][:_MOST]
 
 
 def remember(folder: Path) -> None:

@@ -18,7 +18,7 @@ export async function show(box, app) {
       made.box),
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
-      records.length + models.length ? h("ul", {class: "plain"}, records.map((one) => row(one, lookButton(app, one))), models.map((one) => row(one, h("button", {class: "small", type: "button", disabled: !writable, "aria-label": `New study from ${one.path}`, onclick: () => made.from(one.path)}, "New study from it"))))
+      records.length + models.length ? h("ul", {class: "plain"}, records.map((one) => row(one, lookButton(app, one))), models.map((one) => row(one, h("button", {class: "small", type: "button", disabled: !writable, "aria-label": `New study from it: ${one.path}`, onclick: () => made.from(one.path)}, "New study from it"))))
         : h("p", {class: "muted"}, "None yet.")));
 }
 
@@ -33,7 +33,7 @@ function lookButton(app, one) {
 
 // Folders that were open before, each with the command that opens it.
 function recent(app) {
-  return app.folder.recent.length ? h("section", {class: "card", id: "recent"}, h("h2", {}, "Recent folders"), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, one.folder,
+  return app.folder.recent.length ? h("section", {class: "card", id: "recent"}, h("h2", {}, "Recent folders"), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, h("strong", {}, one.folder.split(/[\\/]/).at(-1)),
     h("div", {class: "row"}, h("code", {}, one.command), h("button", {class: "small", type: "button", "aria-label": `Copy the command for ${one.folder}`, onclick: () => navigator.clipboard.writeText(one.command).then(() => app.say("The command is copied: paste it in a terminal"), app.fail)}, "Copy")))))) : null;
 }
 

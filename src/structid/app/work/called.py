@@ -114,16 +114,19 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
 def _check(opened: OpenFolder, study: str) -> Any:
     import numpy as np
 
+    from structid.app.work.scene import told_findings
     from structid.study.run.check import check_study
     from structid.study.schema.study import load_study
 
-    found = check_study(load_study(opened.inside(study), work=LOOKING))
+    read = load_study(opened.inside(study), work=LOOKING)
+    found = check_study(read)
     relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
     rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
     return {
         "determined": found.determined,
         "records": found.records,
         "warnings": found.warnings,
+        "findings": told_findings(read.structure, found.places),
         "facts": [one.title + fact for one in found.beside for fact in one.facts],
         "channels": [[one.channel, one.role, one.seen] for one in found.channels],
         "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in found.modes],

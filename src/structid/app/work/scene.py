@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from structid.app.work.model import ReadModel, read_model
 from structid.arrays import IntArray
 from structid.dof import Dof, parse_dof, parse_dofs
+from structid.identification.before.places import PlacedFinding, structure_findings
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.structure.aimed_sensor import AimedSensor
@@ -23,6 +25,8 @@ from structid.study.schema.kinds import as_list
 
 #: Sides of cells beyond which only those between different directions or sets would help; none are drawn.
 _MOST_MARKED = 4000
+#: Degrees of freedom beyond which `check` alone looks for loose parts: here it would keep the picture waiting.
+_MOST_JUDGED = 60_000
 
 
 def scene(path: Path, number: int = 0) -> dict[str, Any]:
@@ -74,7 +78,40 @@ def scene(path: Path, number: int = 0) -> dict[str, Any]:
             for key in ("sensors", "loads")
         },
         "has_record": model.record is not None,
+        "findings": told_findings(structure, structure_findings(structure, structure.values))
+        if structure.n_dofs <= _MOST_JUDGED
+        else [],
     }
+
+
+def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Any]]:
+    """Findings as the page marks them: words, nodes by their labels, elements by the labels around them."""
+    return [
+        {
+            "words": one.words,
+            "nodes": list(one.nodes[:_MOST_MARKED]),
+            "outlines": [
+                [n for n in nodes.tolist() if n >= 0]
+                for element in structure.elements
+                if element.name in one.elements
+                for nodes in _corners(element)[one.elements[element.name][:_MOST_MARKED]]
+            ],
+        }
+        for one in findings
+    ]
+
+
+def _corners(element: ElementSet) -> IntArray:
+    """Labels of the ends or of the corners in a row around each element; of solids those of one face after the other."""
+    if not is_cells(element):
+        return element.nodes
+    counts = (element.nodes >= 0).sum(axis=1)
+    kinds = SOLID_CORNERS if isinstance(element, Solid) else AREA_CORNERS
+    width = max(kinds[int(count)] for count in np.unique(counts))
+    kept: IntArray = element.nodes[:, :width].copy()
+    for count in np.unique(counts):
+        kept[counts == count, kinds[int(count)] :] = -1
+    return kept
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:
