@@ -94,10 +94,11 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *words: str) -> Iterator[Served]:
+def served(folder: Path, *words: str, environment: dict[str, str] | None = None) -> Iterator[Served]:
     """`structid app FOLDER` until the block ends."""
+    given = {**ENVIRONMENT, **(environment or {})}
     command = [sys.executable, "-m", "structid", "app", str(folder), "--no-browser", *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=given)
     try:
         line = process.stdout.readline()
         yield Served(re.search(r"http\S+", line)[0], process)
@@ -123,6 +124,42 @@ def write_beam_record(
     write_record(
         path, sid.FrfRecord(record.frequency, record.values, names, record.inputs, "accelerance", record.variance)
     )
+
+
+_FILLING = """
+import errno, os, pathlib, shutil, collections
+
+def full():
+    return os.path.exists({marker!r})
+
+def refusing(real):
+    def asked(*given, **named):
+        if full():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(*given, **named)
+    return asked
+
+def cut(self, content, *given, **named):
+    if full():  # as much as there is room for
+        _whole(self, content[:3])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+    return _write[type(content)](self, content, *given, **named)
+
+_whole = lambda self, content: open(self, "wb" if isinstance(content, bytes) else "w").write(content)
+_write = {{str: pathlib.Path.write_text, bytes: pathlib.Path.write_bytes}}
+pathlib.Path.write_text = pathlib.Path.write_bytes = cut
+os.fsync = refusing(os.fsync)
+Usage = collections.namedtuple("Usage", "total used free")
+_usage = shutil.disk_usage
+shutil.disk_usage = lambda path: Usage(9, 9, 0) if full() else _usage(path)
+"""
+
+
+def filling_disk(folder: Path) -> tuple[Path, dict[str, str]]:
+    """A file, and the environment of processes to which the disk is full as long as that file is there."""
+    marker = folder / "full"
+    (folder / "sitecustomize.py").write_text(_FILLING.format(marker=str(marker)), encoding="utf-8")
+    return marker, {"PYTHONPATH": os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))}
 
 
 STOREYS = {"storeys": 3, "stiffness": 1.6e6}

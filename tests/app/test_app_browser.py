@@ -176,6 +176,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("The band is set").wait_for()
         assert "band = [5.0, 120.0]" in (folder / "beam.toml").read_text(encoding="utf-8")
         page.get_by_label("Dragging").select_option("band")
+        page.locator("#responses .nsewdrag").first.scroll_into_view_if_needed()
         box = page.locator("#responses .nsewdrag").first.bounding_box()
         page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
         page.mouse.down()

@@ -13,7 +13,7 @@ export async function show(box, app) {
   const what = h("section", {class: "card"}, h("p", {class: "muted"}, "Reading…")), errors = h("section", {class: "card", id: "channel-errors", hidden: true});
   const histories = h("section", {class: "card", hidden: true}), responses = h("section", {class: "card", hidden: true});
   const ofStudy = app.study ? studyRecords(app, (path) => { choice.value = path; look(); }) : null;
-  fill(box, h("h1", {}, "Records"), ofStudy && ofStudy.box, h("div", {class: "row"}, field("File", choice)), what, errors, histories, responses);
+  fill(box, h("h1", {}, "Records"), ofStudy && ofStudy.box, h("div", {class: "row"}, field("File", choice)), what, histories, responses, errors);
   const look = async () => {
     const path = choice.value, given = givenOptions(app, path);
     const number_ = all.findIndex((one, k) => fileOf(app, one) === path && (k === app.record || fileOf(app, all[app.record]) !== path));
