@@ -15,7 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from app_cases import ROOT, STOREYS, require_workbench, served, write_ambient, write_beam_record
+from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
 
 from structid.study.templates import TEMPLATES, template_with, write_study
 
@@ -257,6 +257,7 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
     with served(folder) as bench:
         page.goto(bench.address)
         recent = page.locator("#recent")
+        recent.locator("summary").click()
         recent.get_by_text(f"structid app '{tmp_path / 'a bridge of 1958'}'").wait_for()
         assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
         page.get_by_role("button", name="New study from it: plate.msh").click()
@@ -355,6 +356,30 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         (tmp_path / "record.csv").unlink()
         page.get_by_role("button", name="All", exact=True).click()
         page.get_by_text("was moved or removed while it was open").first.wait_for()
+
+
+def test_a_full_disk_is_told_and_what_was_typed_stays(page, screens, tmp_path):
+    folder = tmp_path / "work"
+    folder.mkdir()
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), folder / "beam.toml")
+    before = study.read_text(encoding="utf-8")
+    marker, environment = filling_disk(tmp_path)
+    with served(folder, environment=environment) as bench:
+        page.goto(bench.address + "#text/beam.toml")
+        page.get_by_text("The study can be read.").wait_for()
+        area = page.get_by_label("Text of the study")
+        typed = before.replace("Beam clamped", "A beam that is clamped")
+        area.fill(typed)
+        marker.touch()
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("beam.toml: cannot be written (No space left on device); free disk space").wait_for()
+        assert area.input_value() == typed
+        shown(page, screens, "18_full")
+        accessible(page, "full")
+        assert study.read_text(encoding="utf-8") == before
+        marker.unlink()
+        page.get_by_role("button", name="Save").click()
+        eventually(page, lambda: study.read_text(encoding="utf-8") == typed)
 
 
 def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):

@@ -33,7 +33,7 @@ function lookButton(app, one) {
 
 // Folders that were open before, each with the command that opens it.
 function recent(app) {
-  return app.folder.recent.length ? h("section", {class: "card", id: "recent"}, h("h2", {}, "Recent folders"), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, h("strong", {}, one.folder.split(/[\\/]/).at(-1)),
+  return app.folder.recent.length ? h("details", {class: "card", id: "recent"}, h("summary", {}, `Recent folders (${app.folder.recent.length})`), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, h("strong", {}, one.folder.split(/[\\/]/).at(-1)),
     h("div", {class: "row"}, h("code", {}, one.command), h("button", {class: "small", type: "button", "aria-label": `Copy the command for ${one.folder}`, onclick: () => navigator.clipboard.writeText(one.command).then(() => app.say("The command is copied: paste it in a terminal"), app.fail)}, "Copy")))))) : null;
 }
 
