@@ -72,6 +72,7 @@ def test_studies_files_and_modes_stay_as_they_were(folder, tmp_path):
 
 def test_a_run_that_cannot_be_written_down_is_not_left_running(folder, tmp_path):
     marker, environment = filling_disk(tmp_path)
+    opened(folder).own("runs")
     with served(folder, environment=environment) as bench:
         marker.touch()
         before = content(folder)
@@ -79,6 +80,7 @@ def test_a_run_that_cannot_be_written_down_is_not_left_running(folder, tmp_path)
         assert status == 422
         assert "No space left on device" in found["error"]
         assert bench.get("folder")[1]["runs"] == []
+        assert not list((folder / ".structid" / "runs").iterdir())
         running = [one.cmdline() for one in psutil.Process(bench.process.pid).children(recursive=True)]
         assert not any("structid.app.runner" in words for words in running)
     assert content(folder) == before

@@ -98,6 +98,19 @@ def test_files_of_modes_are_merged_as_the_library_merges_them(folder):
     np.testing.assert_array_equal(kept.mode_shapes, merge_modes(parts).mode_shapes)
 
 
+def test_files_of_modes_are_known_by_what_they_hold(folder):
+    """Whatever they are called; copies of modes.json in other formats and other JSON are no records."""
+    measured(folder, "found")
+    (folder / "found" / "modes.json").rename(folder / "found" / "tower_2023.json")
+    write_ambient(folder / "a.h5")
+    (folder / "other.json").write_text('{"title": "x", "modal_records": [{"frequency_hz": 1}]}', encoding="utf-8")
+    with served(folder) as bench:
+        pick = {"record": "a.h5", "options": {}, "frequencies": [1.27, 3.55], "out": "a_modes", "band": None}
+        assert bench.post("pick", pick)[0] == 200
+        listed = [one["path"] for one in bench.get("folder")[1]["records"]]
+    assert listed == ["a.h5", "a_modes/modes.json", "found/tower_2023.json"]
+
+
 def test_records_of_set_ups_are_merged_with_a_page(folder):
     """Two records of two sensors, seeds 5 and 6, with the first floor in common."""
     write_ambient(folder / "a.h5", ("1X+", "2X+"), 5)

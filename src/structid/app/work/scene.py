@@ -91,27 +91,26 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
             "words": one.words,
             "nodes": list(one.nodes[:_MOST_MARKED]),
             "outlines": [
-                [n for n in nodes.tolist() if n >= 0]
+                outline
                 for element in structure.elements
                 if element.name in one.elements
-                for nodes in _corners(element)[one.elements[element.name][:_MOST_MARKED]]
+                for outline in _outlines(element, one.elements[element.name])
             ],
         }
         for one in findings
     ]
 
 
-def _corners(element: ElementSet) -> IntArray:
-    """Labels of the ends or of the corners in a row around each element; of solids those of one face after the other."""
-    if not is_cells(element):
-        return element.nodes
-    counts = (element.nodes >= 0).sum(axis=1)
-    kinds = SOLID_CORNERS if isinstance(element, Solid) else AREA_CORNERS
-    width = max(kinds[int(count)] for count in np.unique(counts))
-    kept: IntArray = element.nodes[:, :width].copy()
-    for count in np.unique(counts):
-        kept[counts == count, kinds[int(count)] :] = -1
-    return kept
+def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
+    """Labels around the elements `rows`: of lines their ends, of solids those of each face."""
+    found: list[list[int]] = []
+    for nodes in element.nodes[rows[:_MOST_MARKED]]:
+        own = nodes[nodes >= 0]
+        if isinstance(element, Solid):
+            found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
+        else:
+            found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
+    return found
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:
