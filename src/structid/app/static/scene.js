@@ -320,7 +320,7 @@ export class Scene {
 
   word(c, text, x, y, fill, boxes, width, dropped = false) {
     const w = c.measureText(text).width;
-    x = Math.max(2, Math.min(x, width - w - 2));
+    x = Math.max(2, x + w > width - 2 ? x - w - 12 : x); // at the other side where there is no room
     for (let k = 0; k < 4; k += 1) { // moved away from what is there, or left out
       const box = [x - 2, y - 11, x + w + 2, y + 4];
       if (!boxes.some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) { boxes.push(box); c.fillStyle = fill; c.fillText(text, x, y); return; }
