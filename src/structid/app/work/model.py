@@ -8,9 +8,9 @@ from pathlib import Path
 from structid.app.work.looking import LOOKING
 from structid.errors import InputError
 from structid.structure import Structure
+from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
 from structid.study.schema.section import Section
-from structid.study.schema.structure import read_structure
 
 
 @dataclass(frozen=True)

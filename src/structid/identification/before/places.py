@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from structid.arrays import FloatArray, IntArray
 from structid.identification.before.mesh import MeshErrors
-from structid.identification.model_modes import structure_modes
+from structid.identification.fits.model_modes import structure_modes
 from structid.structure import Structure
 from structid.structure.assembly import structure_laws
 
