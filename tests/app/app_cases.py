@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,13 +19,19 @@ import numpy as np
 import pytest
 
 import structid as sid
+from structid.records import TimeRecord
 from structid.records.io import write_record
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
 from structid.study.schema.unknowns import read_parameters
 
 ROOT = Path(__file__).parent.parent.parent
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
+ENVIRONMENT = {
+    **os.environ,
+    "OPENBLAS_NUM_THREADS": "1",
+    "MPLBACKEND": "Agg",
+    "XDG_STATE_HOME": tempfile.mkdtemp(prefix="structid-state-"),  # the user's own list of folders stays as it is
+}
 _NEEDED = "the workbench's own packages are missing: pip install 'structid[app]'"
 
 
@@ -87,10 +94,11 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *words: str) -> Iterator[Served]:
+def served(folder: Path, *words: str, environment: dict[str, str] | None = None) -> Iterator[Served]:
     """`structid app FOLDER` until the block ends."""
+    given = {**ENVIRONMENT, **(environment or {})}
     command = [sys.executable, "-m", "structid", "app", str(folder), "--no-browser", *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=given)
     try:
         line = process.stdout.readline()
         yield Served(re.search(r"http\S+", line)[0], process)
@@ -116,3 +124,56 @@ def write_beam_record(
     write_record(
         path, sid.FrfRecord(record.frequency, record.values, names, record.inputs, "accelerance", record.variance)
     )
+
+
+_FILLING = """
+import errno, os, pathlib, shutil, collections
+
+def full():
+    return os.path.exists({marker!r})
+
+def refusing(real):
+    def asked(*given, **named):
+        if full():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(*given, **named)
+    return asked
+
+def cut(self, content, *given, **named):
+    if full():  # as much as there is room for
+        _whole(self, content[:3])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+    return _write[type(content)](self, content, *given, **named)
+
+_whole = lambda self, content: open(self, "wb" if isinstance(content, bytes) else "w").write(content)
+_write = {{str: pathlib.Path.write_text, bytes: pathlib.Path.write_bytes}}
+pathlib.Path.write_text = pathlib.Path.write_bytes = cut
+os.fsync = refusing(os.fsync)
+Usage = collections.namedtuple("Usage", "total used free")
+_usage = shutil.disk_usage
+shutil.disk_usage = lambda path: Usage(9, 9, 0) if full() else _usage(path)
+"""
+
+
+def filling_disk(folder: Path) -> tuple[Path, dict[str, str]]:
+    """A file, and the environment of processes to which the disk is full as long as that file is there."""
+    marker = folder / "full"
+    (folder / "sitecustomize.py").write_text(_FILLING.format(marker=str(marker)), encoding="utf-8")
+    return marker, {"PYTHONPATH": os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))}
+
+
+STOREYS = {"storeys": 3, "stiffness": 1.6e6}
+
+
+def write_ambient(path: Path, channels: tuple[str, ...] = ("1X+", "2X+", "3X+"), seed: int = 5) -> None:
+    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
+    rng, rate, n = np.random.default_rng(seed), 50.0, 15000
+    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
+    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
+    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
+    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
+    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
+    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
+    own = [("1X+", "2X+", "3X+").index(name) for name in channels]
+    write_record(path, TimeRecord(rate, motion[:, own], channels, ("acceleration",) * len(channels)))

@@ -9,16 +9,15 @@ import json
 import os
 import re
 import shutil
+import tomllib
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
-from app_cases import ROOT, require_workbench, served, write_beam_record
+from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
 
-from structid.records import TimeRecord
-from structid.records.io import write_record
+from structid.study.templates import TEMPLATES, template_with, write_study
 
 require_workbench()
 playwright = pytest.importorskip(
@@ -177,6 +176,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("The band is set").wait_for()
         assert "band = [5.0, 120.0]" in (folder / "beam.toml").read_text(encoding="utf-8")
         page.get_by_label("Dragging").select_option("band")
+        page.locator("#responses .nsewdrag").first.scroll_into_view_if_needed()
         box = page.locator("#responses .nsewdrag").first.bounding_box()
         page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
         page.mouse.down()
@@ -247,6 +247,75 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         assert page.evaluate("window.harmed") is None
 
 
+def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
+    for name in ("a bridge of 1958", "plate"):
+        (tmp_path / name).mkdir()
+    folder = tmp_path / "plate"
+    shutil.copy(ROOT / "examples" / "plate_from_mesh" / "plate.msh", folder)
+    with served(tmp_path / "a bridge of 1958"):
+        pass
+    with served(folder) as bench:
+        page.goto(bench.address)
+        recent = page.locator("#recent")
+        recent.locator("summary").click()
+        recent.get_by_text(f"structid app '{tmp_path / 'a bridge of 1958'}'").wait_for()
+        assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
+        page.get_by_role("button", name="New study from it: plate.msh").click()
+        page.get_by_text("Groups: clamp, skin, strip").wait_for()
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").fill("mm")
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").press("Tab")
+        page.get_by_text(re.compile("It measures 0.400 . 0.300 . 0 m")).wait_for()
+        page.get_by_label("group that is held; none where it is free").fill("clamp")
+        shown(page, screens, "0_mesh")
+        accessible(page, "mesh")
+        page.get_by_role("button", name="Make the study").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_text("The study can be read.").wait_for()
+        study = tomllib.loads((folder / "plate.toml").read_text(encoding="utf-8"))
+        assert [one["group"] for one in study["structure"]["plate"]] == ["skin", "strip"]
+        assert study["structure"]["support"] == [{"group": "clamp", "directions": ["Z", "RX", "RY"]}]
+
+
+def test_what_is_doubtful_is_marked_in_its_place(page, screens, tmp_path):
+    """A beam of two elements, too few for its band; a part that floats; a support of nothing."""
+    write_study(template_with(TEMPLATES["beam"], {"elements": 2}), tmp_path / "beam.toml")
+    study = tmp_path / "beam.toml"
+    write_beam_record(study, tmp_path / "r.npz", ("2Y+", "3Y+"), ("2Y+", "3Y+"))
+    text = study.read_text(encoding="utf-8").replace(
+        "[structure.nodes]  # m\n", "[structure.nodes]  # m\n7 = [0.2, 0.3]\n8 = [0.5, 0.3]\n9 = [0.0, 0.3]\n"
+    )
+    text = re.sub(r"^(\d = \[\d\.\d+)\]", r"\1, 0.0]", text, flags=re.M)
+    text = re.sub(r"fixed = \[(.*)\]", r'fixed = [\1, "9Y"]\nactive = ["Y", "RZ"]', text)
+    lost = """
+[[structure.beam]]
+name = "lost"
+nodes = [[7, 8]]
+mass = 0.8
+bending_stiffness = 25.0
+
+[[unknown]]"""
+    study.write_text(text.replace("[[unknown]]", lost.lstrip(), 1) + '\n[record]\npath = "r.npz"\n', encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#structure/beam.toml")
+        marked = page.locator("#marked")
+        marked.get_by_text("nothing joins nodes 7, 8 to the rest or holds it").wait_for()
+        marked.get_by_text("node 9 is held, and no element or tie is there").wait_for()
+        page.locator("#checked").get_by_text("Warnings").wait_for()
+        marked.get_by_text("half of the energy of mode").wait_for()
+        shown(page, screens, "17_marked")
+        accessible(page, "marked")
+        red = """(() => {
+          const c = document.querySelector("canvas.over");
+          const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+          let n = 0;
+          for (let k = 0; k < d.length; k += 4) { n += d[k] === 178 && d[k + 1] === 60 && d[k + 2] === 0; }
+          return n; })()"""
+        eventually(page, lambda: page.evaluate(red) > 500)
+        for one in marked.get_by_role("checkbox").all():
+            one.uncheck()
+        eventually(page, lambda: page.evaluate(red) == 0)
+
+
 def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path):
     shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
     shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)
@@ -289,6 +358,30 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.get_by_text("was moved or removed while it was open").first.wait_for()
 
 
+def test_a_full_disk_is_told_and_what_was_typed_stays(page, screens, tmp_path):
+    folder = tmp_path / "work"
+    folder.mkdir()
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), folder / "beam.toml")
+    before = study.read_text(encoding="utf-8")
+    marker, environment = filling_disk(tmp_path)
+    with served(folder, environment=environment) as bench:
+        page.goto(bench.address + "#text/beam.toml")
+        page.get_by_text("The study can be read.").wait_for()
+        area = page.get_by_label("Text of the study")
+        typed = before.replace("Beam clamped", "A beam that is clamped")
+        area.fill(typed)
+        marker.touch()
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("beam.toml: cannot be written (No space left on device); free disk space").wait_for()
+        assert area.input_value() == typed
+        shown(page, screens, "18_full")
+        accessible(page, "full")
+        assert study.read_text(encoding="utf-8") == before
+        marker.unlink()
+        page.get_by_role("button", name="Save").click()
+        eventually(page, lambda: study.read_text(encoding="utf-8") == typed)
+
+
 def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
     """Three storeys under random forces, seed 5; the second mode is left out by hand and taken back."""
     write_ambient(tmp_path / "ambient.h5")
@@ -309,17 +402,82 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         assert found["frequency_hz"] == pytest.approx([1.267, 5.13], rel=0.02)
 
 
-def write_ambient(path: Path) -> None:
-    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
-    rng, rate, n = np.random.default_rng(5), 50.0, 15000
-    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
-    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
-    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
-    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
-    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
-    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
-    write_record(path, TimeRecord(rate, motion, ("1X+", "2X+", "3X+"), ("acceleration",) * 3))
+def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
+    """Two set-ups of three storeys, seeds 5 and 6; the model's floors are as in the record."""
+    write_ambient(tmp_path / "lower.h5", ("1X+", "2X+"), 5)
+    write_ambient(tmp_path / "upper.h5", ("1X+", "3X+"), 6)
+    write_study(template_with(TEMPLATES["shear-building"], STOREYS), tmp_path / "storeys.toml")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#modes/storeys.toml")
+        page.get_by_label("Record", exact=True).select_option("lower.h5")
+        page.get_by_role("button", name="Find modes").click()
+        page.get_by_role("button", name="Save 3 modes").wait_for(timeout=120_000)
+        page.get_by_label("Measured modes").select_option("found")
+        page.get_by_role("button", name="Hold against the model").click()
+        page.get_by_text("3 of 3 measured modes have a like in the model, by 2 sensors").wait_for()
+        # the set-ups merged stand beside the model by themselves, at all sensors
+        page.get_by_label("upper.h5").check()
+        page.get_by_label("lower.h5").check()
+        page.get_by_role("button", name="Merge", exact=True).click()
+        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=120_000)
+        assert page.locator("table.mac td.pair").count() == 3
+        assert min(float(one) for one in page.locator("table.mac td.pair").all_inner_texts()) > 0.98
+        shown(page, screens, "11_beside")
+        accessible(page, "beside")
+        page.get_by_role("button", name="Use as the record of storeys.toml").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_text("data and priors determine every parameter").wait_for()
+        text = (tmp_path / "storeys.toml").read_text(encoding="utf-8")
+        assert '[record]\npath = "merged_modes/modes.json"' in text
+
+
+def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
+    write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    study = tmp_path / "beam.toml"
+    write_beam_record(study, tmp_path / "first.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    write_beam_record(study, tmp_path / "second.npz", ("2Y+", "5Y+"), ("2Y+", "5Y+"))
+    with study.open("a", encoding="utf-8") as stream:
+        stream.write('\n[record]  # by hand\npath = "first.npz"  # Monday\n')
+    before = study.read_text(encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#records/beam.toml")
+        page.get_by_label("File", exact=True).select_option("second.npz")
+        page.get_by_role("button", name="Use beside its record").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_label("Record of the study").wait_for()
+        page.get_by_label("2Y+").wait_for()
+        page.get_by_label("Record of the study").select_option("0")
+        page.get_by_label("3Y+").wait_for()
+        shown(page, screens, "15_two_records")
+        accessible(page, "two records")
+        wanted = before.replace("[record]  # by", "[[record]]  # by") + '\n[[record]]\npath = "second.npz"\n'
+        assert study.read_text(encoding="utf-8") == wanted
+
+        # the gain of a sensor and the sense of another are sought
+        step(page, "Records")
+        page.get_by_label("Channels", exact=True).select_option("outputs 3Y+")
+        page.get_by_label("Prior, mean ± std").fill("1 ± 2.5 %")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_role("button", name="Remove the gain of 3Y+").wait_for()
+        page.get_by_role("button", name="Show record 2: second.npz").click()
+        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_label("Error", exact=True).select_option("polarity")
+        page.get_by_label("Channels", exact=True).select_option("outputs 2Y+")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_role("button", name="Remove the polarity of 2Y+").wait_for()
+        records = tomllib.loads(study.read_text(encoding="utf-8"))["record"]
+        gain = {"property": "gain", "outputs": ["3Y+"], "each": True, "prior": {"mean": 1, "relative_std": 0.025}}
+        assert [one["channel_error"] for one in records] == [[gain], [{"property": "polarity", "outputs": ["2Y+"]}]]
+        page.locator("#responses .main-svg").first.wait_for()
+        shown(page, screens, "16_channel_errors")
+        accessible(page, "channel errors")
+        assert bench.get("check", study="beam.toml")[0] == 200
+
+        page.get_by_role("button", name="Remove the polarity of 2Y+").click()
+        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_role("button", name="Take out record 2: second.npz").click()
+        page.get_by_text("Record of the study", exact=True).wait_for()
+        assert study.read_text(encoding="utf-8").count("[[record]]") == 1
 
 
 @pytest.mark.slow

@@ -117,6 +117,31 @@ def test_sensors_come_and_go():
     assert tomllib.loads(gone) == tomllib.loads(text)
 
 
+@pytest.mark.parametrize("name", ["first_structure", "three_storey_frame"])
+def test_a_record_becomes_one_of_several_and_is_alone_again(name):
+    """Keys, tables and comments of the first stay where they are."""
+    text = text_of(name)
+    edits = [
+        {"list": ["record"]},
+        {"add": ["record"], "table": {"path": '"second.csv"'}},
+        {"set": ["record", 1, "frf", "segment_length"], "to": "512"},
+        {"add": ["record", 0, "channel_error"], "table": {"property": '"gain"', "outputs": '"all"'}},
+    ]
+    found = edited(text, edits)
+    records = tomllib.loads(found)["record"]
+    assert records[0].pop("channel_error") == [{"property": "gain", "outputs": "all"}]
+    assert records == [tomllib.loads(text)["record"], {"path": "second.csv", "frf": {"segment_length": 512}}]
+    for line in text.splitlines():
+        assert line in found.splitlines() or line.startswith("[record]")
+    gone = edited(found, [{"remove": ["record", 1]}, {"remove": ["record", 0, "channel_error"]}])
+    assert gone == text.replace("[record]", "[[record]]", 1)
+
+
+def test_a_record_without_a_header_cannot_be_one_of_several():
+    with pytest.raises(InputError, match=r"put \[record\] above its keys"):
+        edited('record.path = "a.npz"\n', [{"list": ["record"]}])
+
+
 def test_numbers_stay_as_they_were_written():
     assert edited("a = 1.6e6  # soft\n", [{"set": ["a"], "to": "1.70e6"}]) == "a = 1.70e6  # soft\n"
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from app_cases import ROOT
 
+from structid.app.work.model import read_model
 from structid.app.work.scene import placed_channels, scene
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
@@ -65,6 +66,30 @@ def test_of_solids_the_outer_faces_are_drawn(tmp_path):
     assert {labels[one["node"]] for one in found["supports"]} == {1, 2}
 
 
+def test_what_floats_is_told_with_its_nodes_and_the_corners_of_its_elements(tmp_path):
+    """The upper cube on nodes of its own, with the lower one held; and a support where nothing is."""
+    apart = CUBES.replace("[15, 16, 17, 18, 9,", "[25, 26, 27, 28, 9,").replace(
+        'fixed = ["1", "2"]', 'fixed = ["1", "2", "50X"]'
+    )
+    nodes = (
+        "25 = [0.0, 0.0, 1.5]\n26 = [1.0, 0.0, 1.5]\n27 = [1.0, 1.0, 1.5]\n28 = [0.0, 1.0, 1.5]\n50 = [5.0, 0.0, 0.0]\n"
+    )
+    (tmp_path / "cubes.toml").write_text(apart.replace("[[structure.solid]]", nodes + "[[structure.solid]]"), "utf-8")
+    idle, loose = scene(tmp_path / "cubes.toml")["findings"]
+    assert idle["nodes"] == [50]
+    assert loose["nodes"] == [9, 10, 11, 12, 25, 26, 27, 28]
+    rings = {frozenset(outline) for outline in loose["outlines"]}
+    sides = [(25, 26, 9, 10), (26, 27, 10, 11), (27, 28, 11, 12), (28, 25, 12, 9)]
+    assert rings == {frozenset(ring) for ring in [(25, 26, 27, 28), (9, 10, 11, 12), *sides]}
+    assert scene(write_cubes(tmp_path))["findings"] == []
+
+
+def write_cubes(folder):
+    path = folder / "whole.toml"
+    path.write_text(CUBES, encoding="utf-8")
+    return path
+
+
 def test_a_plate_has_all_its_area_and_its_sides_once(tmp_path):
     path = write_study(
         template_with(TEMPLATES["plate"], {"elements_along": 5, "elements_across": 4}), tmp_path / "p.toml"
@@ -98,7 +123,8 @@ def test_channels_stand_where_the_study_puts_them(tmp_path):
     text = CUBES + '\n[record]\npath = "r.npz"\n[record.sensors]\n"101Z" = { node = 9, direction = [0.0, 3.0, 4.0] }\n'
     (tmp_path / "cubes.toml").write_text(text, encoding="utf-8")
     found = placed_channels(
-        tmp_path / "cubes.toml", [("12X-", "sensor"), ("101Z-", "sensor"), ("77X+", "load"), ("9Y+", "load")]
+        read_model(tmp_path / "cubes.toml"),
+        [("12X-", "sensor"), ("101Z-", "sensor"), ("77X+", "load"), ("9Y+", "load")],
     )
     assert [one["node"] for one in found] == [12, 9, None, 9]
     np.testing.assert_allclose(found[0]["direction"], [-1.0, 0.0, 0.0])

@@ -120,6 +120,7 @@ def test_nothing_is_written_outside(bench, name):
         ("study", {"study": name, "text": "a = 1", "digest": ""}),
         ("edit", {"study": name, "digest": "", "edits": []}),
         ("init", {"template": "beam", "path": name, "numbers": {}}),
+        ("init", {"template": "mesh", "path": name, "numbers": {"path": "a.msh"}}),
         ("runs", {"study": name, "results": "results"}),
         ("runs", {"study": "study.toml", "results": name.removesuffix(".toml")}),
     ):
@@ -127,6 +128,23 @@ def test_nothing_is_written_outside(bench, name):
         if name != "link.toml" or body.get("results") is None:
             assert status == 403, path
     assert (bench[1].parent / "outside.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["../outside.msh", "/tmp/outside.msh", "a/../../outside.msh"])
+def test_no_mesh_or_file_of_modes_outside_is_read(bench, name):
+    (bench[1].parent / "outside.msh").write_text("secret", encoding="utf-8")
+    for path, body in (
+        ("mesh", {"path": name, "length_unit": "m"}),
+        ("init", {"template": "mesh", "path": "new.toml", "numbers": {"path": name}}),
+        ("merge", {"records": [name, name], "options": {}, "out": "merged", "band": None}),
+        ("beside", {"study": "study.toml", "number": 0, "measured": name, "at": ""}),
+        ("beside", {"study": "study.toml", "number": 0, "measured": "study.toml", "at": name}),
+    ):
+        status, found = bench[0].post(path, body)
+        assert status == 422, path
+        assert "is no path inside the open folder" in found["error"], path
+        assert "secret" not in found["error"]
+    assert not (bench[1] / "new.toml").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import tomllib
+
 import numpy as np
 import pytest
+from app_cases import ROOT
 from scipy import sparse
 from typer.testing import CliRunner
 
@@ -16,19 +20,21 @@ from structid.study.templates import TEMPLATES, asked_of, template_with, write_s
 RUN = CliRunner()
 
 
-def write_matrices(folder):
+def write_inputs(folder):
     size = 4
     stiffness = sparse.csr_array(1e4 * (2 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)))
     sparse.save_npz(folder / "M.npz", sparse.csr_array(2.0 * np.eye(size)))
     sparse.save_npz(folder / "K.npz", stiffness)
     (folder / "dofs.txt").write_text("1X 2X 3X 4X\n", encoding="utf-8")
+    shutil.copy(ROOT / "examples" / "plate_from_mesh" / "plate.msh", folder / "mesh.msh")
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_every_template_can_be_planned(name, tmp_path):
-    write_matrices(tmp_path)
+    write_inputs(tmp_path)
     path = tmp_path / "study.toml"
-    done = RUN.invoke(app, ["init", name, str(path)])
+    held = ["--set", "held=clamp"] if name == "mesh" else []
+    done = RUN.invoke(app, ["init", name, str(path), *held])
     assert done.exit_code == 0, done.output
     plan = load_plan(path)
     assert plan.parameters.n_params >= 1
@@ -50,6 +56,69 @@ def test_the_shear_building_sways_as_the_textbook_says(tmp_path):
     plan = load_plan(write_study(template_with(TEMPLATES["shear-building"], {}), tmp_path / "s.toml"))
     first = structure_modes(plan.structure, plan.parameters.values(plan.parameters.start), 1).frequency[0]
     assert first == pytest.approx(2 * np.sqrt(1.6e6 / 5000.0) * np.sin(np.pi / 18) / (2 * np.pi), rel=1e-6)
+
+
+def test_a_mesh_becomes_the_study_that_the_example_has_by_hand(tmp_path):
+    """A clamped plate of two groups in mm, of one thickness: the frequencies of the example with that thickness."""
+    example = ROOT / "examples" / "plate_from_mesh" / "study.toml"
+    shutil.copy(example.parent / "plate.msh", tmp_path / "plate.msh")
+    text = example.read_text(encoding="utf-8").replace("thickness = 4e-3", "thickness = 3e-3")
+    (tmp_path / "hand.toml").write_text(text[: text.index("[record]")], encoding="utf-8")
+    given = {"path": "plate.msh", "length_unit": "mm", "held": "clamp", "youngs_modulus": 72e9}
+    made = write_study(template_with(TEMPLATES["mesh"], given), tmp_path / "made.toml")
+    plans = [load_plan(path) for path in (tmp_path / "hand.toml", made)]
+    found = [structure_modes(p.structure, p.parameters.values(p.parameters.start), 5).frequency for p in plans]
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
+    assert {element.name for element in plans[1].structure.elements} == {"skin", "strip"}
+
+
+def test_a_mesh_that_nothing_holds_names_its_groups(tmp_path):
+    shutil.copy(ROOT / "examples" / "plate_from_mesh" / "plate.msh", tmp_path / "mesh.msh")
+    text = write_study(template_with(TEMPLATES["mesh"], {}), tmp_path / "made.toml").read_text(encoding="utf-8")
+    assert '# [[structure.support]]\n# group = "clamp"\n# directions = ["Z", "RX", "RY"]' in text
+    with pytest.raises(InputError, match=r"there is no group 'clam'.*nearest is 'clamp'"):
+        write_study(template_with(TEMPLATES["mesh"], {"held": "clam"}), tmp_path / "other.toml")
+    assert not (tmp_path / "other.toml").exists()
+
+
+SOLID = """*HEADING
+*NODE
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 1., 1., 0.
+4, 0., 1., 0.
+5, 0., 0., 1.
+6, 1., 0., 1.
+7, 1., 1., 1.
+8, 0., 1., 1.
+9, 0., 0., 2.
+10, 1., 0., 2.
+11, 1., 1., 2.
+12, 0., 1., 2.
+99, 7., 7., 7.
+*ELEMENT, TYPE=C3D8
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 5, 6, 7, 8, 9, 10, 11, 12
+*ELSET, ELSET={}
+1
+*ELSET, ELSET=UPPER
+2
+*ELSET, ELSET=BOTH
+1, 2
+*NSET, NSET=FOOT
+1, 2, 3, 4
+"""
+
+
+@pytest.mark.parametrize("lower, sets", [("LOWER", ["LOWER", "UPPER"]), ("UPPER", ["all"])])
+def test_solids_have_a_set_a_group_or_one_where_groups_leave_cells_out(lower, sets, tmp_path):
+    (tmp_path / "block.inp").write_text(SOLID.format(lower).replace("*ELSET, ELSET=UPPER\n1\n", ""), encoding="utf-8")
+    given = {"path": "block.inp", "held": "FOOT"}
+    made = write_study(template_with(TEMPLATES["mesh"], given), tmp_path / "made.toml")
+    assert [one["name"] for one in tomllib.loads(made.read_text(encoding="utf-8"))["structure"]["solid"]] == sets
+    plan = load_plan(made)  # the node without a cell is left out
+    assert plan.structure.n_dofs == 24
+    assert structure_modes(plan.structure, plan.parameters.values(plan.parameters.start), 1).frequency[0] > 0
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     edits : sequence of mappings
         ``{"set": path, "to": value}``, the value as it would be written, such as ``1.6e6`` or ``["1X"]``;
         ``{"remove": path}``; ``{"add": path, "table": {key: value}}``, a new entry of an array of tables. Paths are lists
-        of names, and of positions in arrays of tables.
+        of names, and of positions in arrays of tables. ``{"list": path}`` makes a table the first of an array of tables.
 
     Raises
     ------
@@ -41,6 +41,8 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     for edit in edits:
         if "add" in edit:
             text = _added(text, tuple(edit["add"]), edit["table"])
+        elif "list" in edit:
+            text = _listed(text, tuple(edit["list"]))
         elif "remove" in edit:
             text = _removed(text, tuple(edit["remove"]))
         else:
@@ -121,6 +123,18 @@ def _removed(text: str, path: KeyPath) -> str:
         before = text[: block.start]
         text = before + after if after else before.rstrip("\n") + "\n"
     return text
+
+
+def _listed(text: str, path: KeyPath) -> str:
+    """A table as the first entry of an array of tables, by the brackets of its header; tables in it stay in it."""
+    first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
+    if first is None or first.path != path:
+        raise InputError(
+            f"{_words(path)}: cannot become one of several as it is written; put [{_name(path)}] above its keys"
+        )
+    begin = text.index("[", first.start)
+    end = text.index("]", begin)
+    return f"{text[:begin]}[{text[begin : end + 1]}]{text[end + 1 :]}"
 
 
 def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:

@@ -23,7 +23,11 @@ RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv
 )  # fmt: skip
 MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch")
 _DEEPEST, _MOST = 4, 3000
-_RESULT = "estimate.json"
+_RESULT, _MODES = "estimate.json", "modes.json"
+#: Texts and numbers at most before the frequencies.
+_MODES_BEGIN = re.compile(
+    rb'\s*\{\s*(?:"(?:title|method|n_modes)":\s*(?:"(?:[^"\\]|\\.)*"|\d+|null),\s*)*"frequency_hz"'
+)
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
 
 
@@ -80,12 +84,14 @@ class OpenFolder:
                 found["records"].append({"path": name, "bytes": path.stat().st_size})
             elif suffix in MESH_SUFFIXES:
                 found["models"].append({"path": name, "bytes": path.stat().st_size})
-            elif path.name == "modes.json":
+            elif suffix == ".json" and _holds_modes(path):
                 found["records"].append({"path": name, "bytes": path.stat().st_size})
         return {"folder": str(self.root), "writable": self.is_writable, **found}
 
     def _is_result(self, path: Path) -> bool:
-        return (path.parent / _RESULT).exists() or path.parent.name in ("suggestions", "figures")
+        """Whether it is a file of results, or the same modes that modes.json beside it holds."""
+        copied = path.name in ("modes.csv", "modes.uff") and (path.parent / _MODES).exists()
+        return copied or (path.parent / _RESULT).exists() or path.parent.name in ("suggestions", "figures")
 
     def _files(self) -> Iterator[Path]:
         count = 0
@@ -211,6 +217,15 @@ def _study(name: str, path: Path) -> list[dict[str, Any]]:
         return []
     title = table.get("title")
     return [{"path": name, "title": title if isinstance(title, str) else path.stem, "broken": ""}]
+
+
+def _holds_modes(path: Path) -> bool:
+    """Whether a JSON file holds modes, by its first keys."""
+    try:
+        with path.open("rb") as stream:
+            return _MODES_BEGIN.match(stream.read(4096)) is not None
+    except OSError:
+        return False
 
 
 def read_json(path: Path) -> Any:

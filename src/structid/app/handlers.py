@@ -21,13 +21,14 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from structid._version import __version__
 from structid.app.edits import edited
 from structid.app.folder import ChangedError, OpenFolder, digest, read_json, upload_name
+from structid.app.recent import opening, recent_folders
 from structid.app.runs import Runs
 from structid.app.security import MOST_UPLOAD, Access
 from structid.app.studies import study_answer
 from structid.app.work.workers import Workers
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
-from structid.study.templates import TEMPLATES, asked_of, template_with, write_study
+from structid.study.templates import TEMPLATES, asked_of
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SEEN = {".html", ".json", ".toml", ".csv", ".h5", ".uff", ".png", ".txt"}
@@ -89,7 +90,9 @@ def _static(name: str) -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
-    return JSONResponse({**found, "version": __version__, "runs": bench.runs.summaries()})
+    others = [one for one in recent_folders() if one != str(bench.opened.root)]
+    recent = [{"folder": one, "command": opening(one)} for one in others]
+    return JSONResponse({**found, "recent": recent, "version": __version__, "runs": bench.runs.summaries()})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
@@ -103,11 +106,8 @@ async def _templates(_: Workbench, __: Request) -> Response:
 
 async def _init(bench: Workbench, request: Request) -> Response:
     given = await request.json()
-    if given["template"] not in TEMPLATES:
-        raise InputError(f"there is no template {given['template']!r}")
-    path = bench.opened.inside(given["path"])
-    write_study(template_with(TEMPLATES[given["template"]], given["numbers"]), path)
-    return JSONResponse({"path": bench.opened.name(path)})
+    bench.opened.inside(given["path"])
+    return await bench.worked("init", {key: given[key] for key in ("template", "path", "numbers")})
 
 
 async def _study(bench: Workbench, request: Request) -> Response:
@@ -134,12 +134,13 @@ async def _edit(bench: Workbench, request: Request) -> Response:
     return JSONResponse(study_answer(changed, bench.opened.save(given["study"], changed, mark)))
 
 
-def _of_study(name: str, *numbers: str) -> Handler:
-    """A question to a worker about a study."""
+def _of_study(name: str, **numbers: int) -> Handler:
+    """A question to a worker about a study, with whole numbers that have defaults."""
 
     async def asked(bench: Workbench, request: Request) -> Response:
         study = request.query_params["study"]
-        given: dict[str, Any] = {"study": study, **{key: int(request.query_params[key]) for key in numbers}}
+        own = {key: int(request.query_params.get(key, default)) for key, default in numbers.items()}
+        given: dict[str, Any] = {"study": study, **own}
         return await bench.worked(name, given, bench.version(study))
 
     return asked
@@ -155,12 +156,17 @@ def _of_body(name: str, *keys: str) -> Handler:
     return asked
 
 
-async def _pick(bench: Workbench, request: Request) -> Response:
-    body = await request.json()
-    given = {key: body[key] for key in ("record", "options", "frequencies", "out", "band")}
-    found = json.loads(await bench.workers("pick", given))
-    page = f"{body['out']}/report.html"
-    return JSONResponse({**found, "page": bench.shown(page)}, 422 if "error" in found else 200)
+def _modes_folder(name: str, *keys: str) -> Handler:
+    """A question to a worker that writes a folder of modes, with the address of its page."""
+
+    async def asked(bench: Workbench, request: Request) -> Response:
+        body = await request.json()
+        found = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
+        page = f"{body['out']}/report.html"
+        shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""
+        return JSONResponse({**found, "page": shown}, 422 if "error" in found else 200)
+
+    return asked
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
@@ -327,16 +333,19 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("POST", "/api/study", _save),
     ("POST", "/api/edit", _edit),
     ("GET", "/api/line", _line),
-    ("GET", "/api/scene", _of_study("scene")),
-    ("GET", "/api/channels", _of_study("channels")),
+    ("GET", "/api/scene", _of_study("scene", number=0)),
+    ("GET", "/api/channels", _of_study("channels", number=0)),
     ("GET", "/api/check", _of_study("check")),
     ("GET", "/api/needs", _of_study("needs")),
-    ("GET", "/api/plan", _of_study("plan", "sensors")),
+    ("GET", "/api/plan", _of_study("plan", sensors=4)),
+    ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
     ("POST", "/api/facts", _of_body("facts", "record", "options")),
     ("POST", "/api/histories", _histories),
-    ("POST", "/api/responses", _of_body("responses", "study", "outputs")),
+    ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
     ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),
-    ("POST", "/api/pick", _pick),
+    ("POST", "/api/pick", _modes_folder("pick", "record", "options", "frequencies", "out", "band")),
+    ("POST", "/api/merge", _modes_folder("merge", "records", "options", "out", "band")),
+    ("POST", "/api/beside", _of_body("beside", "study", "number", "measured", "at")),
     ("POST", "/api/runs", _start_run),
     ("GET", "/api/runs/{id}", _run),
     ("POST", "/api/runs/{id}/{action}", _act),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -18,7 +20,7 @@ from typing import Any
 import psutil
 
 from structid.app.folder import OWN, OpenFolder, read_json
-from structid.errors import InputError
+from structid.errors import FileError, InputError
 from structid.files import atomic_write
 
 _ENDS = {0: "done", 1: "undetermined", 2: "unusable", 3: "wrong_model", 130: "stopped"}
@@ -61,10 +63,11 @@ class Run:
 
     @property
     def state(self) -> str:
-        """running, paused, stopping, killed, or how it ended."""
+        """running, paused, stopping, killed, disk_full, or how it ended."""
         ended = read_json(self.folder / "ended.json")
         if isinstance(ended, dict):
-            return _ENDS.get(ended.get("code", -1), "killed")
+            code = ended.get("code", -1)
+            return "disk_full" if ended.get("disk_full") and code != 0 else _ENDS.get(code, "killed")
         process = self._process()
         if process is None:
             return "killed"
@@ -187,6 +190,7 @@ class Runs:
             start_new_session=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")},
         )
+        _waited.append(process)
         told = {
             "study": study,
             "results": results,
@@ -194,9 +198,15 @@ class Runs:
             "pid": process.pid,
             "born": psutil.Process(process.pid).create_time(),
         }
-        with atomic_write(folder / "run.json") as temporary:
-            temporary.write_text(json.dumps(told), encoding="utf-8")
-        _waited.append(process)
+        try:
+            with atomic_write(folder / "run.json") as temporary:
+                temporary.write_text(json.dumps(told), encoding="utf-8")
+        except FileError:  # nobody would know of it
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL) if os.name == "posix" else process.kill()
+            process.wait()
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
         return Run(self.opened, folder)
 
 

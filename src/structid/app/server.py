@@ -17,6 +17,7 @@ from starlette.routing import Route
 
 from structid.app.folder import ChangedError, OutsideError, opened
 from structid.app.handlers import ROUTES, Handler, Workbench
+from structid.app.recent import remember
 from structid.app.runs import Runs, reap
 from structid.app.security import Access, Guard
 from structid.app.work.workers import Workers
@@ -86,6 +87,7 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
     taken = _socket(port)
     access = Access(taken.getsockname()[1])
     app = workbench(folder, access)
+    remember(folder.resolve())
     taken.listen(128)  # the page may ask before the server is up
     server = uvicorn.Server(
         uvicorn.Config(

@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ class ProgressFile:
         if cost is not None and math.isfinite(cost):
             parameters = self.reached().get("parameters", [])
             line |= {"sum_of_squares": cost, "parameters": parameters if len(parameters) <= _MOST_VALUES else []}
-        with self.path.open("a", encoding="utf-8") as stream:
+        with suppress(OSError), self.path.open("a", encoding="utf-8") as stream:  # a full disk does not end the search
             stream.write(json.dumps(line) + "\n")
 
 

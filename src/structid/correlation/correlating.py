@@ -103,21 +103,27 @@ def _modes(
     name: str, setup: AnySetup, source: ModesSource, known: Mapping[str, float], options: CorrelateOptions
 ) -> ModesCorrelation:
     unknown = setup.parameters
-    values = unknown.values(_at(unknown.names, unknown.start, known))
+    values = unknown.values(values_at(unknown.names, unknown.start, known))
     return correlated_modes(setup.structure, values, source.load(), options, source.settings, name)
 
 
 def _responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
     problem = setup.prepared(study.options).problem
-    values = _at(problem.names, problem.unknowns.start, known)
+    values = values_at(problem.names, problem.unknowns.start, known)
     fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
     if fit is None:
         raise InputError("the record has neither modes nor responses to hold against the model")
     return correlated_responses(fit.evaluation, fit.evaluation_predicted, name)
 
 
-def _at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -> FloatArray:
-    """`start` with the values that are known."""
+def values_at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -> FloatArray:
+    """`start` with the values that are known.
+
+    Raises
+    ------
+    InputError
+        If values are known, and none of them is of these names.
+    """
     if known and not any(name in known for name in names):
         raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
     return np.array([known.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])

@@ -9,7 +9,7 @@ const STEPS = [
 const WITHOUT_STUDY = ["start", "records", "modes", "results", "run"];
 const main = document.getElementById("main"), select = document.getElementById("study");
 
-export const app = {folder: null, study: "", now: null, step: "start", runs: [], heard: new Set(), shown: 0};
+export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0};
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
@@ -43,6 +43,7 @@ app.reload = async () => {
 
 app.read = async () => {
   app.now = app.study ? await get("study", {study: app.study}) : null;
+  app.record = Math.max(0, Math.min(app.record, [app.now?.table?.record ?? []].flat().length - 1)); // the one of several that is shown
   return app.now;
 };
 
@@ -68,6 +69,7 @@ async function show() {
   const [step, study] = place(), turn = ++app.shown;
   app.heard.clear();
   app.step = step;
+  if (study !== app.study) { app.record = 0; }
   app.study = study;
   select.value = study;
   fill(document.getElementById("steps"), STEPS.map(([name, words], k) => {

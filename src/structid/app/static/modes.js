@@ -1,19 +1,21 @@
 // Modes of a record: the stabilization diagram, poles taken and left by a click, saved as a record of modes.
 import {post, view} from "./api.js";
+import {besideCard} from "./beside.js";
 import {chart, colours} from "./charts.js";
 import {field, fill, h, number, options, table, unpacked} from "./dom.js";
-import {givenOptions} from "./start.js";
+import {mergeCard} from "./merge.js";
+import {besideStudy, givenOptions, recordEdits, records} from "./recorded.js";
 
 const KINDS = [["outside the criteria", "circle", 3], ["not in a cluster", "x-thin-open", 6], ["in the cluster of a mode", "circle-open", 7], ["the mode itself", "diamond", 10]];
 
 export async function show(box, app) {
-  const files = app.folder.records.map((one) => one.path).filter((path) => !path.endsWith(".json"));
+  const files = app.folder.records.map((one) => one.path), measured = files.filter((path) => !path.endsWith(".json"));
   if (!files.length) { fill(box, h("h1", {}, "Modes of a record"), h("p", {}, "This folder holds no record yet: drop one on the start page.")); return; }
-  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "", record = [app.now?.table?.record].flat()[0];
-  const choice = h("select", {id: "record"}, options(files, record ? folder + record.path : files[0]));
+  const record = records(app)[app.record], own = record ? besideStudy(app) + record.path : "";
+  const choice = h("select", {id: "record"}, options(measured, measured.includes(own) ? own : measured[0]));
   const low = h("input", {inputmode: "decimal", placeholder: "all"}), high = h("input", {inputmode: "decimal", placeholder: "all"});
   const rate = h("input", {inputmode: "decimal"}), channels = h("input", {spellcheck: "false"}), quantities = h("input", {spellcheck: "false"});
-  const result = h("div", {id: "survey"});
+  const result = h("div", {id: "survey"}), stored = h("div", {id: "saved"}), page = h("div");
   const options_ = () => {
     const given = {...givenOptions(app, choice.value)};
     if (rate.value) { given.sampling_rate = Number(rate.value); }
@@ -26,15 +28,23 @@ export async function show(box, app) {
   const form = h("form", {class: "card", onsubmit: (event) => { event.preventDefault(); app.doing(button, () => find()); }},
     h("div", {class: "row end"}, field("Record", choice), field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button),
     h("details", {}, h("summary", {}, "What the file does not say about itself"), h("div", {class: "fields"}, field("Samples a second, Hz", rate), field("Channels, as in 1X, 2X", channels), field("Quantities, as in acceleration", quantities))));
-  fill(box, h("h1", {}, "Modes of a record"), form, result);
+  let taken = null;
+  const model = besideCard(app, () => taken), merging = mergeCard(app, options_, band, (found, folder) => keep(found, folder));
+  const keep = (found, folder) => {
+    merging.draw();
+    savedModes(stored, page, app, found, folder);
+    if (app.study) { model.compare(found.path).catch(app.fail); } else { model.draw(found.path); }
+  };
+  fill(box, h("h1", {}, "Modes of a record"), measured.length ? form : null, result, stored, model.box, merging.box, page);
   const find = async () => {
     fill(result, h("p", {class: "muted"}, "Looking at all orders… this takes from a second to some minutes."));
-    try { picture(result, app, await post("survey", {record: choice.value, options: options_(), band: band()}), choice.value, options_(), band()); }
+    const now = (modes) => { taken = modes; model.draw(); };
+    try { picture(result, app, await post("survey", {record: choice.value, options: options_(), band: band()}), choice.value, options_(), band(), now, keep); }
     catch (error) { fill(result, h("div", {class: "card bad"}, error.message)); }
   };
 }
 
-function picture(box, app, found, record, given, band) {
+function picture(box, app, found, record, given, band, now, keep) {
   const place = h("div", {class: "plot tall", id: "stabilization"}), list = h("section", {class: "card"});
   const f = unpacked(found.poles.frequency, "f64"), order = unpacked(found.poles.order, "f32"), kind = unpacked(found.poles.kind, "u8"), ratio = unpacked(found.poles.damping, "f32");
   const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], mode: k}));
@@ -65,22 +75,27 @@ function picture(box, app, found, record, given, band) {
     const save = h("button", {class: "main", type: "button", disabled: !taken.length || !app.folder.writable, onclick: () => app.doing(save, async () => {
       const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band});
       await app.reload();
-      shapes(saved, name.value);
+      keep(saved, name.value);
     })}, `Save ${taken.length} modes`);
     fill(list, h("h2", {}, "Modes taken"),
       table(["Hz", "std", "damping ratio", "std", ""], taken.map((one) => [number(one.frequency, 6), number(one.std ?? NaN, 2), number(one.damping, 3), number(one.damping_std ?? NaN, 2), h("button", {class: "small", type: "button", "aria-label": `Leave the mode at ${number(one.frequency, 5)} Hz`, onclick: () => pick(one.frequency, one.damping)}, "Leave")]), [0, 1, 2, 3]),
-      h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save), h("div", {id: "saved"}));
-  };
-  const shapes = (saved, folder) => {
-    const place_ = list.querySelector("#saved"), here = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
-    const use = app.study && saved.path.startsWith(here) ? h("button", {type: "button", onclick: () => app.doing(use, async () => {
-      const edits = app.now.table.record ? [{remove: ["record"]}] : [];
-      edits.push({set: ["record", "path"], to: JSON.stringify(saved.path.slice(here.length))}, {set: ["record", "modes", "form"], to: '"output"'});
-      if (await app.edit(edits, "The modes are now the record of this study")) { app.go("structure"); }
-    })}, `Use as the record of ${app.study}`) : null;
-    fill(place_, h("div", {class: "card good"}, h("p", {}, `${saved.frequency.length} modes are saved in ${saved.path}.`), use, h("p", {class: "note"}, "The page below shows their shapes in motion, AutoMAC and complexity.")),
-      saved.page ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(saved.page), title: `Modes in ${folder}`}) : null);
-    app.say(`${saved.path}: saved`);
+      h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save));
+    const own = taken.filter((one) => one.mode >= 0); // what is taken by hand has a shape once it is saved
+    now(own.length ? {frequency: own.map((one) => one.frequency), damping: own.map((one) => one.damping), shapes: own.map((one) => found.shapes[one.mode]), channels: found.channels} : null);
   };
   draw().catch(app.fail);
+}
+
+// Modes that were written: what they can be used for, and their page.
+function savedModes(place, page, app, saved, folder) {
+  const here = besideStudy(app), edits = recordEdits(app, {path: JSON.stringify(saved.path.slice(here.length))}, {modes: {form: '"output"'}});
+  const can = app.study && saved.path.startsWith(here) && app.folder.writable;
+  const use = (which, words) => { const button = h("button", {type: "button", onclick: () => app.doing(button, async () => {
+    if (await app.edit(which, `The modes are now ${words.toLowerCase().includes("beside") ? "another" : "the"} record of this study`)) { app.go("structure"); }
+  })}, words); return button; };
+  fill(place, h("div", {class: "card good"}, h("p", {}, `${saved.frequency.length} modes are saved in ${saved.path}.`),
+    can ? h("div", {class: "row"}, use(edits.instead, `Use as the record of ${app.study}`), edits.beside ? use(edits.beside, `Use beside the records of ${app.study}`) : null) : null,
+    saved.page ? h("p", {class: "note"}, "The page at the end shows their shapes in motion, AutoMAC and complexity.") : null));
+  fill(page, saved.page ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(saved.page), title: `Modes in ${folder}`}) : null);
+  app.say(`${saved.path}: saved`);
 }

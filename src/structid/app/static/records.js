@@ -1,32 +1,84 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "./api.js";
 import {chart, colours} from "./charts.js";
-import {field, fill, h, options, typed, unitText, unpacked} from "./dom.js";
-import {facts, givenOptions} from "./start.js";
-import {recordPath} from "./structure.js";
+import {field, fill, h, options, table, toml, typed, unitText, unpacked} from "./dom.js";
+import {fileOf, givenOptions, recordName, recordPath, records} from "./recorded.js";
+import {facts, use} from "./start.js";
+import {priorWords, priorWritten} from "./unknowns.js";
 
 export async function show(box, app) {
-  const files = app.folder.records.map((one) => one.path), folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
-  const record = [app.now?.table?.record].flat()[0], own = record ? folder + [record.path, ...(record.repeats || [])].filter(Boolean)[0] : "";
+  const files = app.folder.records.map((one) => one.path), all = records(app), own = all.length ? fileOf(app, all[app.record]) : "";
   if (!files.length) { fill(box, h("h1", {}, "Records"), h("p", {}, "This folder holds no record yet: drop one on the start page.")); return; }
   const choice = h("select", {id: "record", onchange: () => look()}, options(files, files.includes(own) ? own : files[0]));
-  const what = h("section", {class: "card"}), histories = h("section", {class: "card", hidden: true}), responses = h("section", {class: "card", hidden: true});
-  fill(box, h("h1", {}, "Records"), h("div", {class: "row"}, field("Record", choice)), what, histories, responses);
+  const what = h("section", {class: "card"}, h("p", {class: "muted"}, "Reading…")), errors = h("section", {class: "card", id: "channel-errors", hidden: true});
+  const histories = h("section", {class: "card", hidden: true}), responses = h("section", {class: "card", hidden: true});
+  const ofStudy = app.study ? studyRecords(app, (path) => { choice.value = path; look(); }) : null;
+  fill(box, h("h1", {}, "Records"), ofStudy && ofStudy.box, h("div", {class: "row"}, field("File", choice)), what, histories, responses, errors);
   const look = async () => {
     const path = choice.value, given = givenOptions(app, path);
+    const number_ = all.findIndex((one, k) => fileOf(app, one) === path && (k === app.record || fileOf(app, all[app.record]) !== path));
+    if (number_ >= 0) { app.record = number_; }
+    if (ofStudy) { ofStudy.draw(number_); }
     fill(what, h("p", {class: "muted"}, "Reading…"));
-    histories.hidden = responses.hidden = true;
+    histories.hidden = responses.hidden = errors.hidden = true;
     try {
       const found = await post("facts", {record: path, options: given});
       if (choice.value !== path) { return; }
-      fill(what, facts(found));
+      fill(what, facts(found), app.study && number_ < 0 ? use(app, path, found, given) : null);
       const jobs = [];
+      if (number_ >= 0) { errors.hidden = false; channelErrors(errors, app, found); }
       if (found.kind === "time histories") { histories.hidden = false; jobs.push(time(histories, app, path, given, found)); }
-      if (app.study && path === own && found.kind !== "modes") { responses.hidden = false; jobs.push(lines(responses, app)); }
+      if (number_ >= 0 && found.kind !== "modes") { responses.hidden = false; jobs.push(lines(responses, app)); }
       await Promise.all(jobs);
     } catch (error) { fill(what, h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message), h("p", {class: "note"}, "On the start page, say what the file does not say about itself.")); }
   };
   await look();
+}
+
+// The records that the study has: each shown by a click, or taken out.
+function studyRecords(app, look) {
+  const box = h("section", {class: "card", id: "study-records"}), all = records(app);
+  const draw = (number) => fill(box, h("h2", {}, all.length === 1 ? "Record of the study" : "Records of the study"), all.length ? h("ul", {class: "plain"}, all.map((one, k) => {
+    const name = recordName(one, k), out = h("button", {class: "small", type: "button", disabled: !app.folder.writable, "aria-label": `Take out record ${name}`, onclick: () => app.doing(out, async () => {
+      if (await app.edit([{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}], `Record ${name} is taken out of the study; its file stays`)) { app.go("records"); }
+    })}, "Take out");
+    return h("li", {}, h("div", {class: "row"}, h("button", {class: "small", type: "button", "aria-pressed": k === number ? "true" : "false", "aria-label": `${k === number ? "Shown" : "Show"} record ${name}`, onclick: () => { app.record = k; look(fileOf(app, one)); }}, k === number ? "Shown" : "Show"),
+      h("span", {}, name, one.modes ? h("span", {class: "muted"}, " modes") : null), out));
+  })) : h("p", {class: "muted"}, "None yet."), h("p", {class: "note"}, "To add one, choose its file below."));
+  draw(-1);
+  return {box, draw};
+}
+
+const PROPERTIES = [["gain", "gain (1)"], ["delay", "delay, s"], ["polarity", "polarity, + or −"]];
+
+// Sensors and load cells that may be wrong: [[record.channel_error]] of the shown record.
+function channelErrors(box, app, found) {
+  const record = records(app)[app.record], list = record.channel_error || [], isModes = found.kind === "modes", away = !app.folder.writable;
+  const say = async (edits, words) => { if (await app.edit(edits, words)) { channelErrors(box, app, found); } };
+  const rows = list.map((one, k) => {
+    const channels = ["outputs", "inputs"].flatMap((end) => (one[end] === undefined ? [] : [[one[end]].flat().map((name) => (name === "all" ? `all ${end === "outputs" ? "sensors" : "loads"}` : name)).join(", ")])).join(", ");
+    const out = h("button", {class: "small", type: "button", disabled: away, "aria-label": `Remove the ${one.property} of ${channels}`, onclick: () => app.doing(out, () => say([{remove: [...recordPath(app), "channel_error", k]}], `The ${one.property} of ${channels} counts as known`))}, "Remove");
+    return [one.property, channels || "all channels", one.each || one.property === "polarity" ? "one each" : "in common", one.start ?? "", priorWords(one.prior), out];
+  });
+  const called = (name) => { const bare = name.replace(/[+-]$/, ""); return (record.relabel || {})[bare] ?? name; };
+  const ends = found.channels.filter((one) => !isModes || one.role !== "load").slice(0, 300).map((one) => [`${one.role === "load" ? "inputs" : "outputs"} ${called(one.name)}`, `${one.role === "load" ? "load " : ""}${called(one.name)}`]);
+  const all = [["outputs all", "all sensors"], ...(isModes ? [] : [["inputs all", "all loads"]])];
+  const property = h("select", {id: "error-property"}, options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES)), channels = h("select", {id: "error-channels", multiple: true, size: Math.min(6, ends.length + all.length)}, options([...all, ...ends], "outputs all"));
+  const each = h("input", {type: "checkbox", id: "error-each", checked: true}), prior = h("input", {id: "error-prior", spellcheck: "false", placeholder: "as in 1 ± 2.5 %"});
+  const add = h("button", {class: "main", type: "button", disabled: away, onclick: () => app.doing(add, async () => {
+    const chosen = [...channels.selectedOptions].map((one) => one.value.split(" ")), entry = {property: JSON.stringify(property.value)};
+    if (!chosen.length) { throw new Error("Choose the channels that may be wrong"); }
+    for (const end of ["outputs", "inputs"]) {
+      const names = chosen.filter(([which]) => which === end).map(([, name]) => name);
+      if (names.length) { entry[end] = names.includes("all") ? '"all"' : toml(names); }
+    }
+    if (property.value !== "polarity") { if (each.checked) { entry.each = "true"; } if (prior.value.trim()) { entry.prior = priorWritten(prior.value); } }
+    await say([{add: [...recordPath(app), "channel_error"], table: entry}], `The ${property.value} of these channels is sought`);
+  })}, "Add");
+  property.addEventListener("change", () => { prior.disabled = each.disabled = property.value === "polarity"; });
+  fill(box, h("h2", {}, "Channels that may be wrong"), h("p", {class: "note"}, "A reading is polarity × gain × the truth, late by the delay. What is listed here is sought with the structure, and told with its interval."),
+    rows.length ? table(["error", "channels", "", "start", "prior", ""], rows) : h("p", {class: "muted"}, "All channels count as right."),
+    h("div", {class: "row end"}, field("Error", property), field("Channels", channels), field("Prior, mean ± std", prior), h("label", {class: "check"}, each, "one for each channel"), add));
 }
 
 async function time(box, app, record, given, found) {
@@ -75,7 +127,7 @@ async function lines(box, app) {
   const place = h("div", {class: "plot tall", id: "responses"}), shown = new Set([0]), bandPlace = h("div");
   fill(box, h("h2", {}, "Responses"), h("p", {class: "muted"}, "Computing…"));
   let told = null;
-  try { told = await post("responses", {study: app.study, outputs: []}); } catch (error) { fill(box, h("h2", {}, "Responses"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); return; }
+  try { told = await post("responses", {study: app.study, outputs: [], number: app.record}); } catch (error) { fill(box, h("h2", {}, "Responses"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); return; }
   const mode = h("select", {id: "drag"}, options([["zoom", "zooms"], ["band", "sets the band"], ["exclude", "leaves lines out"]]));
   mode.addEventListener("change", () => draw());
   fill(box, h("h2", {}, `Responses: ${told.kind}, ${unitText(told.unit)}`), channelList(told.pairs.map((one) => `${one.output} / ${one.input}`), shown, () => draw()),

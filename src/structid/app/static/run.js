@@ -3,7 +3,7 @@ import {get, post} from "./api.js";
 import {chart, colours} from "./charts.js";
 import {bytes, clock, field, fill, h, quantity, table} from "./dom.js";
 
-export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], killed: ["ended from outside", "bad"]};
+export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
 const LIVE = ["running", "paused", "stopping"];
 
 export async function show(box, app) {
@@ -66,7 +66,7 @@ class Card {
     this.state.className = "state " + kind;
     this.bar.hidden = !live;
     if (one.last?.total) { this.bar.value = one.last.done / one.last.total; } else { this.bar.removeAttribute("value"); }
-    this.words.textContent = live ? one.last?.words || "reading and checking" : "";
+    this.words.textContent = live ? one.last?.words || "reading and checking" : one.state === "disk_full" ? `Free some space${one.can_resume ? ", then resume it where it was" : ", then start it again"}: nothing is half written, and what stood in ${one.results} before is untouched.` : "";
     const act = (label, action, main = false) => { const button = h("button", {class: main ? "main" : "", type: "button", onclick: () => app.doing(button, action)}, label); return button; };
     fill(this.buttons, live && one.state !== "paused" ? act("Pause", () => post(`runs/${one.id}/pause`, {})) : null, one.state === "paused" ? act("Go on", () => post(`runs/${one.id}/continue`, {}), true) : null, live ? act("Stop", () => post(`runs/${one.id}/stop`, {})) : null,
       one.can_resume ? act("Resume where it was", () => post("runs", {study: one.study, results: one.results, resume: true}), true) : null, one.has_results && !live ? h("a", {class: "button", href: `#results/${encodeURIComponent(one.study)}`}, "Results") : null);

@@ -30,7 +30,7 @@ export class Scene {
     this.over = stage.querySelector("canvas.over");
     this.picked = picked;
     this.azimuth = -55; this.elevation = 22; this.zoom = 1; this.moved = [0, 0];
-    this.sensors = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0;
+    this.sensors = []; this.findings = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0;
     this.canvas.scene = this;
     this.listen();
     new ResizeObserver(() => this.ask()).observe(stage);
@@ -262,6 +262,7 @@ export class Scene {
       const [x, y] = this.seen(held.node);
       c.beginPath(); c.moveTo(x, y + 2); c.lineTo(x - sign, y + 2 + 1.7 * sign); c.lineTo(x + sign, y + 2 + 1.7 * sign); c.closePath(); c.fill();
     }
+    this.findings.forEach((one, k) => { if (one.shown) { this.finding(c, one, k, colour, boxes); } });
     const words = [];
     for (const one of this.sensors) {
       const row = one.node === null ? undefined : this.row.get(one.node);
@@ -292,9 +293,34 @@ export class Scene {
     this.axes(c, height, ink);
   }
 
+  // Elements and nodes of a finding, with its number at the first of them.
+  finding(c, one, number, colour, boxes) {
+    c.strokeStyle = colour("--bad"); c.lineWidth = 4; c.globalAlpha = 0.75;
+    let first = null;
+    for (const nodes of one.outlines) {
+      const ends = nodes.map((label) => this.row.get(label)).filter((row) => row !== undefined).map((row) => this.seen(row));
+      if (!ends.length) { continue; }
+      first ??= [0, 1].map((k) => ends.reduce((sum, end) => sum + end[k], 0) / ends.length);
+      c.beginPath(); ends.forEach(([x, y]) => c.lineTo(x, y)); if (ends.length > 2) { c.closePath(); } c.stroke();
+    }
+    c.globalAlpha = 1; c.lineWidth = 3;
+    for (const label of one.nodes) {
+      const row = this.row.get(label);
+      if (row === undefined) { continue; }
+      const [x, y] = this.seen(row);
+      first ??= [x, y];
+      c.beginPath(); c.moveTo(x - 6, y - 6); c.lineTo(x + 6, y + 6); c.moveTo(x + 6, y - 6); c.lineTo(x - 6, y + 6); c.stroke();
+    }
+    if (!first) { return; }
+    const [x, y] = [first[0], first[1] + 22];
+    boxes.push([x - 12, y - 12, x + 12, y + 12]);
+    c.fillStyle = colour("--bad"); c.beginPath(); c.arc(x, y, 10, 0, 7); c.fill();
+    c.fillStyle = colour("--paper"); c.textAlign = "center"; c.fillText(String(number + 1), x, y + 4); c.textAlign = "start";
+  }
+
   word(c, text, x, y, fill, boxes, width, dropped = false) {
     const w = c.measureText(text).width;
-    x = Math.max(2, Math.min(x, width - w - 2));
+    x = Math.max(2, x + w > width - 2 ? x - w - 12 : x); // at the other side where there is no room
     for (let k = 0; k < 4; k += 1) { // moved away from what is there, or left out
       const box = [x - 2, y - 11, x + w + 2, y + 4];
       if (!boxes.some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) { boxes.push(box); c.fillStyle = fill; c.fillText(text, x, y); return; }

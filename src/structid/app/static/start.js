@@ -1,57 +1,92 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put} from "./api.js";
 import {bytes, field, fill, h, number, options, table} from "./dom.js";
+import {besideStudy, givenOptions, LISTS, MAPPING, recordEdits, records} from "./recorded.js";
 
 export async function show(box, app) {
   await app.reload();
   document.getElementById("study").value = app.study;
-  const {studies, records, models, writable} = app.folder;
+  const {studies, records, models, writable} = app.folder, made = await fresh(app);
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
     h("div", {class: "columns"},
-      h("section", {class: "card"}, h("h2", {}, "Studies in this folder"),
+      h("div", {}, h("section", {class: "card"}, h("h2", {}, "Studies in this folder"),
         studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
           h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
           h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
-          : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder.")),
-      await fresh(app)),
+          : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder.")), recent(app)),
+      made.box),
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
-      records.length + models.length ? h("ul", {class: "plain"}, [...records, ...models].map((one) => row(app, one, records.includes(one))))
+      records.length + models.length ? h("ul", {class: "plain"}, records.map((one) => row(one, lookButton(app, one))), models.map((one) => row(one, h("button", {class: "small", type: "button", disabled: !writable, "aria-label": `New study from it: ${one.path}`, onclick: () => made.from(one.path)}, "New study from it"))))
         : h("p", {class: "muted"}, "None yet.")));
 }
 
-function row(app, one, isRecord) {
-  const place = h("div");
-  const button = h("button", {class: "small", type: "button", onclick: () => app.doing(button, () => understood(app, one.path, place))}, "What is it?");
-  return h("li", {"data-record": one.path}, h("div", {class: "row"}, h("strong", {}, one.path), h("span", {class: "muted"}, bytes(one.bytes)), isRecord ? button : null), place);
+function row(one, button) {
+  return h("li", {"data-record": one.path}, h("div", {class: "row"}, h("strong", {}, one.path), h("span", {class: "muted"}, bytes(one.bytes)), button), h("div"));
 }
 
+function lookButton(app, one) {
+  const button = h("button", {class: "small", type: "button", "aria-label": `What is it? ${one.path}`, onclick: () => app.doing(button, () => understood(app, one.path, button.closest("li").lastChild))}, "What is it?");
+  return button;
+}
+
+// Folders that were open before, each with the command that opens it.
+function recent(app) {
+  return app.folder.recent.length ? h("details", {class: "card", id: "recent"}, h("summary", {}, `Recent folders (${app.folder.recent.length})`), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, h("strong", {}, one.folder.split(/[\\/]/).at(-1)),
+    h("div", {class: "row"}, h("code", {}, one.command), h("button", {class: "small", type: "button", "aria-label": `Copy the command for ${one.folder}`, onclick: () => navigator.clipboard.writeText(one.command).then(() => app.say("The command is copied: paste it in a terminal"), app.fail)}, "Copy")))))) : null;
+}
+
+const MESH = /\.(msh|bdf|nas|fem|dat|inp|vtu|vtk)$/i;
+
+// New studies by a template; `from` begins one on a mesh or a matrix of the folder.
 async function fresh(app) {
-  const templates = await get("templates"), inputs = h("div", {class: "fields"}), words = h("p", {class: "note"});
-  const name = h("input", {name: "path", required: true, spellcheck: "false"});
+  const templates = await get("templates"), inputs = h("div", {class: "fields"}), words = h("p", {class: "note"}), told = h("p", {class: "note", "aria-live": "polite"});
+  const name = h("input", {name: "path", required: true, spellcheck: "false"}), files = h("datalist", {id: "input-files"}), groups = h("datalist", {id: "mesh-groups"});
   const kind = h("select", {name: "template", onchange: () => draw()}, options(templates.map((one) => one.name)));
-  const draw = () => {
-    const one = templates.find((each) => each.name === kind.value);
+  const input = (ask) => inputs.querySelector(`[name=${ask}]`);
+  const draw = (given = {}) => {
+    const one = templates.find((each) => each.name === kind.value), isMesh = kind.value === "mesh";
     fill(words, one.words);
-    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, h("input", {name: ask.name, value: String(ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null}))));
+    fill(told);
+    fill(files, [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))].filter((each) => MESH.test(each.path) === isMesh).map((each) => h("option", {value: each.path})));
+    fill(groups);
+    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
+      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ["path", "length_unit"].includes(ask.name) ? () => look() : null}))));
     const taken = app.folder.studies.map((each) => each.path);
-    let count = 1, wanted = `${one.name}.toml`;
-    while (taken.includes(wanted)) { count += 1; wanted = `${one.name}_${count}.toml`; }
+    let count = 1, wanted = `${given.name || one.name}.toml`;
+    while (taken.includes(wanted)) { count += 1; wanted = `${given.name || one.name}_${count}.toml`; }
     name.value = wanted;
+  };
+  const look = async () => { // what the mesh holds, in the unit that is said
+    try {
+      const folder = name.value.slice(0, name.value.lastIndexOf("/") + 1), mesh = await post("mesh", {path: folder + input("path").value, length_unit: input("length_unit").value});
+      fill(groups, ["none", ...mesh.groups].map((each) => h("option", {value: each})));
+      fill(told, `${mesh.nodes} nodes; ${mesh.cells.map(([cell, count]) => `${count} × ${cell}`).join(", ")}. It measures ${mesh.size.map((x) => number(x, 3)).join(" × ")} m with this unit. Groups: ${mesh.groups.join(", ") || "none"}.`);
+    } catch (error) { fill(told, error.message); }
+  };
+  const from = (path) => {
+    const isMesh = MESH.test(path), stem = path.slice(path.lastIndexOf("/") + 1).replace(/\.[^.]*$/, ""), folder = path.slice(0, path.lastIndexOf("/") + 1);
+    kind.value = isMesh ? "mesh" : "own-matrices";
+    draw({name: folder + stem, ...(isMesh ? {path} : {mass: path, stiffness: path})});
+    if (folder) { app.say("The new study lies beside the file; its inputs are named from there."); for (const one of inputs.querySelectorAll("[list=input-files]")) { one.value = one.value.startsWith(folder) ? one.value.slice(folder.length) : one.value; } }
+    if (isMesh) { look(); }
+    box.scrollIntoView({block: "nearest"});
+    (input("held") || input("mass")).focus();
   };
   draw();
   const button = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
   const form = h("form", {onsubmit: (event) => {
     event.preventDefault();
-    const numbers = Object.fromEntries([...inputs.querySelectorAll("input")].map((input) => [input.name, input.value]));
+    const numbers = Object.fromEntries([...inputs.querySelectorAll("input")].map((one) => [one.name, one.value]));
     app.doing(button, async () => {
       const {path} = await post("init", {template: kind.value, path: name.value, numbers});
       await app.reload();
       app.go("structure", path);
     });
-  }}, h("div", {class: "row"}, field("Template", kind), field("File", name)), words, inputs, button);
-  return h("section", {class: "card"}, h("h2", {}, "New study"), form);
+  }}, h("div", {class: "row"}, field("Template", kind), field("File", name)), words, inputs, told, files, groups, button);
+  const box = h("section", {class: "card", id: "new-study"}, h("h2", {}, "New study"), form);
+  return {box, from};
 }
 
 function drop(app) {
@@ -76,20 +111,6 @@ function drop(app) {
     }
   };
   return place;
-}
-
-const MAPPING = [
-  ["sampling_rate", "Samples a second, Hz"], ["channels", "Channels, as in 2Y, 3Y"], ["quantities", "Quantities, as in force, acceleration"], ["units", "Units, as in N, g"],
-  ["columns", "Columns of a CSV, as in acc_1, acc_2"], ["time_column", "Its column of times"], ["array", "Array by name"], ["frequency_array", "Array of frequencies"], ["coherence_array", "Array of coherences"], ["outputs", "Sensors of the FRFs"], ["inputs", "Loads of the FRFs"], ["kind", "receptance, mobility or accelerance"], ["unit", "Unit of the FRFs"],
-];
-const LISTS = ["columns", "channels", "quantities", "units", "outputs", "inputs"];
-
-// What the record of the open study says of the same file.
-export function givenOptions(app, path) {
-  const record = [app.now?.table?.record].flat()[0];
-  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
-  if (!record || folder + record.path !== path) { return {}; }
-  return Object.fromEntries(Object.entries(record).filter(([key]) => MAPPING.some(([name]) => name === key) || ["start", "stop", "longest_gap", "csv"].includes(key)));
 }
 
 const written = (value) => (Array.isArray(value) ? `[${value.map(written).join(", ")}]` : JSON.stringify(value));
@@ -121,20 +142,24 @@ export function facts(found) {
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }
 
-function use(app, path, found, given) {
-  const folder = app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "";
+export function use(app, path, found, given) {
+  const folder = besideStudy(app);
   if (!path.startsWith(folder)) { return h("p", {class: "note"}, "The study lies in another folder than this record."); }
-  const name = path.slice(folder.length), has = app.now?.table && "record" in app.now.table;
+  const name = path.slice(folder.length);
   const segment = h("input", {value: String(found.segment || 1024), name: "segment_length", inputmode: "numeric"});
   const isTime = found.kind === "time histories";
-  const button = h("button", {class: "main", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
-    const edits = has ? [{remove: ["record"]}] : [];
-    edits.push({set: ["record", "path"], to: JSON.stringify(name)});
-    for (const [key, value] of Object.entries(given)) { if (key !== "csv") { edits.push({set: ["record", key], to: written(value)}); } }
-    for (const [key, value] of Object.entries(given.csv || {})) { edits.push({set: ["record", "csv", key], to: written(value)}); }
-    if (isTime) { edits.push({set: ["record", "frf", "segment_length"], to: String(Math.round(Number(segment.value)))}); }
-    if (found.kind === "modes") { edits.push({set: ["record", "modes", "form"], to: '"output"'}); }
-    if (await app.edit(edits, `${name} is now the record of ${app.study}`)) { app.go("structure"); }
-  })}, has ? `Use in ${app.study} in place of its record` : `Use in ${app.study}`);
-  return h("div", {class: "row end"}, isTime ? field("FRFs are averaged over segments of so many samples", segment) : null, button);
+  const edits = () => {
+    const keys = {path: JSON.stringify(name), ...Object.fromEntries(Object.entries(given).filter(([key]) => key !== "csv").map(([key, value]) => [key, written(value)]))}, tables = {};
+    if (given.csv) { tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)])); }
+    if (isTime) { tables.frf = {segment_length: String(Math.round(Number(segment.value)))}; }
+    if (found.kind === "modes") { tables.modes = {form: '"output"'}; }
+    return recordEdits(app, keys, tables);
+  };
+  const made = (which, words, told) => { const button = h("button", {class: which === "instead" ? "main" : "", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
+    if (await app.edit(edits()[which], told)) { app.record = Infinity; app.go("structure"); }
+  })}, words); return button; };
+  const n = records(app).length;
+  return h("div", {class: "row end"}, isTime ? field("FRFs are averaged over segments of so many samples", segment) : null,
+    made("instead", n > 1 ? `Use in ${app.study} in place of record ${app.record + 1}` : n ? `Use in ${app.study} in place of its record` : `Use in ${app.study}`, n > 1 ? `${name} is a record of ${app.study} now` : `${name} is now the record of ${app.study}`),
+    n ? made("beside", n > 1 ? `Use beside its ${n} records` : "Use beside its record", `${name} is another record of ${app.study} now`) : null);
 }

@@ -1,6 +1,7 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get, post} from "./api.js";
 import {field, fill, h, number, options, quantity, table, toml} from "./dom.js";
+import {recordPath, recordPicker, records} from "./recorded.js";
 import {Scene} from "./scene.js";
 
 const WAYS = [["+X", [1, 0, 0]], ["−X", [-1, 0, 0]], ["+Y", [0, 1, 0]], ["−Y", [0, -1, 0]], ["+Z", [0, 0, 1]], ["−Z", [0, 0, -1]]];
@@ -12,12 +13,13 @@ export async function show(box, app) {
     h("div", {class: "bar"}, h("button", {class: "small", type: "button", onclick: () => scene.home()}, "Show all")),
     h("div", {class: "hint"}, "Drag to turn, Shift and drag to move, wheel to zoom, click a node"));
   const sets = h("section", {class: "card"}), node = h("section", {class: "card", id: "node"}), sensors = h("section", {class: "card", id: "sensors"});
+  const places = h("section", {class: "card doubt", id: "marked", hidden: true});
   const checked = h("section", {class: "card", id: "checked"}, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
-  fill(box, h("h1", {}, app.now.table?.title || app.study), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, checked), h("div", {class: "side-part"}, node, sensors, sets)));
+  fill(box, h("h1", {}, app.now.table?.title || app.study), recordPicker(app), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, places, checked), h("div", {class: "side-part"}, node, sensors, sets)));
   const state = {app, channels: [], chosen: null, node: null, failed: ""};
   const scene = new Scene(stage, (label) => { state.node = label; drawNode(); });
   state.scene = scene;
-  const told = await get("scene", {study: app.study});
+  const told = await get("scene", {study: app.study, number: app.record});
   scene.set(told);
   if (!scene.gl) { app.say("This browser has no WebGL 2; the structure is drawn by lines only.", true); }
   drawSets();
@@ -28,7 +30,7 @@ export async function show(box, app) {
   async function refresh() {
     try {
       state.failed = "";
-      if (told.has_record) { state.channels = (await get("channels", {study: app.study})).channels; }
+      if (told.has_record) { state.channels = (await get("channels", {study: app.study, number: app.record})).channels; }
       else { state.channels = planned(app); }
     } catch (error) { state.failed = error.message; }
     scene.sensors = state.channels.map((one) => ({...one, chosen: one.name === state.chosen}));
@@ -46,7 +48,18 @@ export async function show(box, app) {
   }
 
   await refresh();
-  showCheck(checked, app);
+  const mark = (findings) => { marked(places, scene, findings); };
+  mark(told.findings);
+  showCheck(checked, app, mark);
+}
+
+// What is doubtful in places: a number in the picture, the words beside it.
+function marked(place, scene, findings) {
+  scene.findings = findings.map((one) => ({...one, shown: true}));
+  scene.ask();
+  place.hidden = !findings.length;
+  fill(place, h("h2", {}, "Marked in the picture"), h("ul", {class: "plain marked"}, scene.findings.map((one, k) => h("li", {},
+    h("label", {class: "check"}, h("input", {type: "checkbox", checked: true, onchange: (event) => { one.shown = event.target.checked; scene.ask(); }}), h("b", {class: "tag"}, String(k + 1)), h("span", {}, one.words))))));
 }
 
 // Sensors and loads of a test that is still to come.
@@ -128,15 +141,14 @@ function nodePanel(place, state, told, refresh) {
   fill(place, parts);
 }
 
-export const recordPath = (app) => (Array.isArray(app.now.table.record) ? ["record", 0] : ["record"]);
-const sensorsOf = (app) => [app.now.table.record].flat()[0].sensors || {};
+const sensorsOf = (app) => records(app)[app.record].sensors || {};
 
 function declaredKey(app, chosen) {
   const bare = chosen.name.replace(/[+-]$/, "");
   return Object.keys(sensorsOf(app)).find((key) => key.replace(/^load /, "").replace(/[+-]$/, "") === bare);
 }
 
-async function showCheck(place, app) {
+async function showCheck(place, app, mark) {
   const study = app.study;
   try {
     if (!app.now.table.record) {
@@ -146,6 +158,7 @@ async function showCheck(place, app) {
     }
     const found = await get("check", {study});
     if (app.study !== study) { return; }
+    mark(found.findings);
     fill(place, h("h2", {}, "What check says"),
       h("p", {}, h("span", {class: "state " + (found.determined ? "good" : "bad")}, found.determined ? "data and priors determine every parameter" : "the data do not determine every parameter")),
       found.records.map((words) => h("p", {}, words)),

@@ -13,6 +13,18 @@ export async function show(box, app) {
 const shown = (value) => (value === undefined ? "" : Array.isArray(value) ? value.map(shown).join(", ") : typeof value === "number" ? String(value) : String(value));
 const literal = (text) => { const value = text.trim(); return /^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$/.test(value) ? (value.startsWith(".") ? "0" + value : value.endsWith(".") ? value + "0" : value) : null; };
 
+const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text} is no number`); } return found; };
+
+// A prior as it is shown, and as the study has it: mean ± std, in the unit or in per cent.
+export const priorWords = (prior) => (prior ? `${shown(prior.mean)} ± ${prior.std !== undefined ? shown(prior.std) : typed(100 * prior.relative_std) + " %"}` : "");
+
+export function priorWritten(text) {
+  const found = /^\s*([^\s±]+?)\s*(?:±|\+-|\s)\s*([^\s±%]+)\s*(%?)$/.exec(text);
+  if (!found) { throw new Error("A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %"); }
+  const spread = numeric(found[2]);
+  return `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`;
+}
+
 function draw(place, app, changed) {
   const list = app.now.table.unknown || [];
   const cell = (words, label, save) => {
@@ -21,21 +33,17 @@ function draw(place, app, changed) {
     return input;
   };
   const change = (k, key, value, remove = value === "") => app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
-  const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text} is no number`); } return found; };
   fill(place, h("h2", {}, `Unknowns (${list.length} entries)`), list.length ? table(["property", "elements", "predicted std", "each", "start", "bounds", "prior", "fixed", ""], list.map((one, k) => {
     const name = `${one.property} of ${shown(one.elements)}`;
     const has = (key) => one[key] !== undefined;
     const flag = (key) => h("input", {type: "checkbox", checked: Boolean(one[key]), disabled: !app.folder.writable, "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`, onchange: (event) => app.doing(event.target, async () => { if (await change(k, key, "true", !event.target.checked)) { changed(); } })});
-    const prior = one.prior ? `${shown(one.prior.mean)} ± ${one.prior.std !== undefined ? shown(one.prior.std) : typed(100 * one.prior.relative_std) + " %"}` : "";
+    const prior = priorWords(one.prior);
     return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
       cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
       cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),
       cell(prior, `prior: ${name}`, (text) => {
         if (!text) { return has("prior") ? change(k, "prior", "") : false; }
-        const found = /^\s*([^\s±]+?)\s*(?:±|\+-|\s)\s*([^\s±%]+)\s*(%?)$/.exec(text);
-        if (!found) { throw new Error("A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %"); }
-        const spread = numeric(found[2]);
-        return change(k, "prior", `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`);
+        return change(k, "prior", priorWritten(text));
       }), flag("fixed"),
       h("button", {class: "small", type: "button", disabled: !app.folder.writable, "aria-label": `Remove ${name}`, onclick: (event) => app.doing(event.target, async () => { if (await app.edit([{remove: ["unknown", k]}], `${name} is no unknown any more`)) { changed(); } })}, "Remove")];
   })) : h("p", {class: "muted"}, "None yet."), h("p", {class: "note"}, "A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %; bounds as low, high. Fields, ties and what varies from record to record are written in the study file."));

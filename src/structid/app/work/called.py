@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from structid.app.folder import OpenFolder
@@ -38,23 +38,43 @@ def _warm(_: OpenFolder) -> Any:
     return {}
 
 
-def _scene(opened: OpenFolder, study: str) -> Any:
+def _scene(opened: OpenFolder, study: str, number: int = 0) -> Any:
     from structid.app.work.scene import scene
 
-    return scene(opened.inside(study))
+    return scene(opened.inside(study), number)
 
 
-def _channels(opened: OpenFolder, study: str) -> Any:
-    from structid.app.work.scene import placed_channels, require_record
+def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
+    from structid.app.work.model import read_model, read_record_section
+    from structid.app.work.scene import placed_channels
     from structid.app.work.signals import channels, options_of
 
     path = opened.inside(study)
-    section = require_record(path)
+    section = read_record_section(path, number)
     names = section.table.get("path") or (section.table.get("repeats") or [""])[0]
     file = (path.parent / str(names)).resolve()
     if not file.is_file():
         raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
-    return {"record": names, "channels": placed_channels(path, channels(file, options_of(dict(section.table))))}
+    found = channels(file, options_of(dict(section.table)))
+    return {"record": names, "channels": placed_channels(read_model(path, number), found)}
+
+
+def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Any:
+    from structid.study.templates import TEMPLATES, MeshTemplate, template_with, write_study
+
+    if template not in TEMPLATES:
+        raise InputError(f"there is no template {template!r}")
+    made = template_with(TEMPLATES[template], numbers)
+    if isinstance(made, MeshTemplate):  # the one that reads a file
+        opened.inside(str(PurePosixPath(path).parent / made.path))
+    write_study(made, opened.inside(path))
+    return {"path": path}
+
+
+def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Any:
+    from structid.app.work.scene import mesh_facts
+
+    return mesh_facts(opened.inside(path), length_unit)
 
 
 def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
@@ -79,30 +99,34 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
     return {}
 
 
-def _responses(opened: OpenFolder, study: str, outputs: list[str]) -> Any:
+def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Any:
     from structid.app.work.signals import responses
     from structid.study.schema.records.record import load_record
     from structid.study.schema.study import load_study
 
     read = load_study(opened.inside(study), work=LOOKING)
-    if read.record.modes is not None:
-        raise InputError("the record of this study holds modes and no responses")
-    return {**responses(load_record(read.record), outputs), "band": read.options.band, "exclude": read.options.exclude}
+    record = read.setups[number].record
+    if record.modes is not None:
+        raise InputError("this record holds modes and no responses")
+    return {**responses(load_record(record), outputs), "band": read.options.band, "exclude": read.options.exclude}
 
 
 def _check(opened: OpenFolder, study: str) -> Any:
     import numpy as np
 
+    from structid.app.work.scene import told_findings
     from structid.study.run.check import check_study
     from structid.study.schema.study import load_study
 
-    found = check_study(load_study(opened.inside(study), work=LOOKING))
+    read = load_study(opened.inside(study), work=LOOKING)
+    found = check_study(read)
     relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
     rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
     return {
         "determined": found.determined,
         "records": found.records,
         "warnings": found.warnings,
+        "findings": told_findings(read.structure, found.places),
         "facts": [one.title + fact for one in found.beside for fact in one.facts],
         "channels": [[one.channel, one.role, one.seen] for one in found.channels],
         "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in found.modes],
@@ -167,6 +191,24 @@ def _pick(
     return {**save(opened.inside(record), options_of(options), frequencies, folder, band), "path": f"{out}/modes.json"}
 
 
+def _merge(opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None) -> Any:
+    from structid.app.work.picked import merge
+    from structid.app.work.signals import options_of
+
+    paths = [opened.inside(record) for record in records]
+    return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
+
+
+def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Any:
+    from structid.app.work.beside import beside, posted_modes
+    from structid.app.work.model import read_model
+    from structid.modal.files.files import read_modes
+
+    results = opened.inside(at) if at else None
+    modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)
+    return beside(read_model(opened.inside(study), number), modes, results)
+
+
 def _schema(_: OpenFolder) -> Any:
     from structid.study.json_schema import study_schema
 
@@ -192,6 +234,8 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "warm": _warm,
     "scene": _scene,
     "channels": _channels,
+    "init": _init,
+    "mesh": _mesh,
     "facts": _facts,
     "histories": _histories,
     "overview": _overview,
@@ -201,6 +245,8 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "plan": _plan,
     "survey": _survey,
     "pick": _pick,
+    "merge": _merge,
+    "beside": _beside,
     "schema": _schema,
     "line": _line,
 }

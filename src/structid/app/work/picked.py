@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from structid.app.work.scene import packed
+from structid.errors import InputError
+from structid.modal import ModalRecord
+from structid.modal.files.files import read_modes
+from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file
+from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file, modes_of_setups
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
+from structid.report.modes.page import modes_page
 from structid.similarity import mac
 from structid.similarity.shapes import most_real
 from structid.study.results.folder import staged_folder
-from structid.study.results.modes import write_modes_results
+from structid.study.results.modes import write_merged, write_modes_results
 
 _MOST_LINES = 3000
 
@@ -57,8 +63,6 @@ def save(
     NoModesError, InputError
         As `modes_of_file`.
     """
-    from structid.report.modes.page import modes_page
-
     chosen = ModesOptions(frequencies=tuple(frequencies), band=None if band is None else (band[0], band[1]))
     found = modes_of_file(path, chosen, read)
     with staged_folder(folder, MODES_PAGE) as staged:
@@ -67,19 +71,58 @@ def save(
     return _modes(found)
 
 
+def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Any]:
+    """Modes of set-ups with common reference sensors, written as ``structid modes A B``, or ``--merge``, writes them.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Records, whose modes are found first, or files of modes.
+
+    Raises
+    ------
+    InputError
+        If there are records and files of modes, fewer than two, or set-ups that have no sensor or no mode in common.
+    """
+    saved = [path for path in paths if path.suffix.lower() == ".json"]
+    if saved and len(saved) < len(paths):
+        other = next(path.name for path in paths if path not in saved)
+        raise InputError(
+            f"{other} is a record and {saved[0].name} holds modes; save the modes of each record, merge these"
+        )
+    if saved:
+        merging = merged_setups([read_modes(path) for path in paths])
+        with staged_folder(folder, MODES_PAGE) as staged:
+            write_merged(merging.modes, staged)
+        return {**_told(merging.modes), "setups": merging.frequency.T, "spread": merging.frequency_spread}
+    if len(paths) < 2:
+        raise InputError("choose two records or more, or two files of modes; one needs no merging")
+    found = modes_of_setups(paths, ModesOptions(band=None if band is None else (band[0], band[1])), read)
+    with staged_folder(folder, MODES_PAGE) as staged:
+        write_modes_results(found, staged)
+        modes_page(found).write(staged)
+    return _modes(found)
+
+
 def _modes(found: ModesResult) -> dict[str, Any]:
-    modes = found.modes
-    std = found.std
+    return {
+        **_told(found.modes),
+        "method": found.identification.method,
+        "warnings": list(found.warnings),
+        "steps": list(found.steps),
+    }
+
+
+def _told(modes: ModalRecord) -> dict[str, Any]:
+    std = modes.std
     n = modes.n_modes
     return {
-        "method": found.identification.method,
         "frequency": modes.frequency,
-        "frequency_std": std[:n] if std is not None else [None] * n,
+        "frequency_std": std[:n],
         "damping": modes.damping_ratio,
-        "damping_std": std[n : 2 * n] if std is not None else [None] * n,
+        "damping_std": std[n:],
         "likeness": mac(modes.mode_shapes, modes.mode_shapes),
         "channels": [str(dof) for dof in modes.channels],
         "shapes": most_real(modes.mode_shapes).T,
-        "warnings": list(found.warnings),
-        "steps": list(found.steps),
+        "warnings": list(modes.warnings),
     }

@@ -3,43 +3,42 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.app.work.looking import LOOKING
+from structid.app.work.model import ReadModel, read_model
 from structid.arrays import IntArray
 from structid.dof import Dof, parse_dof, parse_dofs
-from structid.errors import InputError
+from structid.identification.before.places import PlacedFinding, structure_findings
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.elements import ElementSet
 from structid.structure.mesh_point import MeshPoint
+from structid.structure.meshes import read_mesh
 from structid.structure.supports import RigidLink
 from structid.study.schema.kinds import as_list
-from structid.study.schema.model.structure import read_structure
-from structid.study.schema.root import read_root
-from structid.study.schema.section import Section
 
 #: Sides of cells beyond which only those between different directions or sets would help; none are drawn.
 _MOST_MARKED = 4000
+#: Degrees of freedom beyond which `check` alone looks for loose parts: here it would keep the picture waiting.
+_MOST_JUDGED = 60_000
 
 
-def scene(path: Path) -> dict[str, Any]:
-    """The structure of the study at `path`, its first record's changes made.
+def scene(path: Path, number: int = 0) -> dict[str, Any]:
+    """The structure of the study at `path`, the changes of its record `number` (from 0) made.
 
     Raises
     ------
     InputError
         If the file or its structure cannot be used.
     """
-    root, files = read_root(path, work=LOOKING)
-    record = _first_record(root)
-    changes = record.section("structure") if record is not None else None
-    structure = read_structure(root.inner("structure"), files, changes, record)
+    model = read_model(path, number)
+    root, structure = model.root, model.structure
     labels = np.array(list(structure.nodes), dtype=np.int64)
     places = np.zeros((len(labels), 3), dtype=np.float32)
     places[:, : structure.dimension] = np.array(list(structure.nodes.values()))
@@ -78,24 +77,45 @@ def scene(path: Path) -> dict[str, Any]:
             key: [str(dof) for dof in parse_dofs(as_list(plan.get(f"installed_{key}", [])))]
             for key in ("sensors", "loads")
         },
-        "has_record": record is not None,
+        "has_record": model.record is not None,
+        "findings": told_findings(structure, structure_findings(structure, structure.values))
+        if structure.n_dofs <= _MOST_JUDGED
+        else [],
     }
+
+
+def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Any]]:
+    """Findings as the page marks them: words, nodes by their labels, elements by the labels around them."""
+    return [
+        {
+            "words": one.words,
+            "nodes": list(one.nodes[:_MOST_MARKED]),
+            "outlines": [
+                outline
+                for element in structure.elements
+                if element.name in one.elements
+                for outline in _outlines(element, one.elements[element.name])
+            ],
+        }
+        for one in findings
+    ]
+
+
+def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
+    """Labels around the elements `rows`: of lines their ends, of solids those of each face."""
+    found: list[list[int]] = []
+    for nodes in element.nodes[rows[:_MOST_MARKED]]:
+        own = nodes[nodes >= 0]
+        if isinstance(element, Solid):
+            found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
+        else:
+            found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
+    return found
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     """`values` as bytes in letters, as the page unpacks them."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
-
-
-def first_record(path: Path) -> Section | None:
-    """``[record]`` of the study at `path`, the first of several; None where there is none."""
-    return _first_record(read_root(path, work=LOOKING)[0])
-
-
-def _first_record(root: Section) -> Section | None:
-    if isinstance(root.table.get("record"), list):
-        return next(iter(root.sections("record")), None)
-    return root.section("record")
 
 
 def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Any]:
@@ -183,15 +203,12 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Any]]
     return [{"node": node, "directions": directions} for node, directions in held.items()][:_MOST_MARKED]
 
 
-def placed_channels(path: Path, channels: list[tuple[str, str]]) -> list[dict[str, Any]]:
-    """Where each channel (name, role) of the first record reads the structure of the study at `path`.
+def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Any]]:
+    """Where each channel (name, role) of the model's record reads its structure.
 
     ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
     """
-    root, files = read_root(path, work=LOOKING)
-    record = _first_record(root)
-    changes = record.section("structure") if record is not None else None
-    structure = read_structure(root.inner("structure"), files, changes, record)
+    structure = model.structure
     aimed = {tie.channel: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
     by_place = {
         (name.startswith("load "), parse_dof(name.removeprefix("load ")).place): tie for name, tie in aimed.items()
@@ -221,15 +238,18 @@ def _unit(dof: Dof) -> list[float]:
     return [float(dof.sign) if k == dof.axis % 3 else 0.0 for k in range(3)]
 
 
-def require_record(path: Path) -> Section:
-    """``[record]`` of the study at `path`.
+def mesh_facts(path: Path, length_unit: str) -> dict[str, Any]:
+    """Nodes, cells, size in m and groups of the mesh at `path`.
 
     Raises
     ------
     InputError
-        If it has none yet.
+        If it cannot be read.
     """
-    found = first_record(path)
-    if found is None:
-        raise InputError("the study has no record yet: drop a record file on the start page, and use it in this study")
-    return found
+    mesh = read_mesh(path, length_unit)
+    return {
+        "nodes": len(mesh.labels),
+        "size": np.ptp(mesh.positions, axis=0),
+        "cells": [[block.kind, len(block.nodes)] for block in mesh.blocks],
+        "groups": [name for name, rows in mesh.groups.items() if any(map(len, rows))] + list(mesh.node_groups),
+    }

@@ -15,7 +15,7 @@ from structid.app.work.called import called
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
 _KEPT = 24
-_THINKING = {"check", "needs", "plan", "survey", "pick", "overview"}
+_THINKING = {"check", "needs", "plan", "survey", "pick", "merge", "beside", "overview"}
 _LOST = '{"error":"the process that worked on this was ended, by lack of memory or by hand; try again"}'
 
 

@@ -30,6 +30,7 @@ def init(
     Examples:
       structid init beam
       structid init bridge crossing.toml --set spans=4 --set length=25
+      structid init mesh plate.toml --set path=plate.msh --set length_unit=mm --set held=clamp
       structid init own-matrices model.toml --set mass=M.npz --set stiffness=K.npz
     """
     if template not in TEMPLATES:

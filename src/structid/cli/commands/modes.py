@@ -10,14 +10,14 @@ import typer
 from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
 from structid.cli.tables import show
 from structid.errors import InputError
-from structid.modal.files.files import read_modes, write_modes
+from structid.modal.files.files import read_modes
 from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
 from structid.records.io import ReadOptions, read_geometry
 from structid.report.modes.text import merged_text, modes_text
 from structid.study.results.folder import staged_folder
-from structid.study.results.modes import write_modes_results
+from structid.study.results.modes import write_merged, write_modes_results
 
 
 def modes(
@@ -91,7 +91,6 @@ def _merge(
     places = None if geometry is None else read_geometry(geometry)
     folder = out if out is not None else Path(f"{paths[0].stem}_modes")
     with staged_folder(folder, "modes.json") as staged:
-        for suffix in ("json", "csv", "uff"):
-            write_modes(staged / f"modes.{suffix}", merging.modes, places)
+        write_merged(merging.modes, staged, places)
     show(merged_text([path.name for path in paths], merging))
     typer.echo(str(folder / "modes.json"))

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from structid.modal.files.files import modal_fields, write_modes
+from structid.modal.modal_record import ModalRecord
 from structid.modal.survey.survey import ModesResult
-from structid.records import FrfRecord
+from structid.records import FrfRecord, Geometry
 from structid.study.results.folder import json_text
 
 
@@ -24,6 +25,12 @@ def write_modes_results(result: ModesResult, folder: Path) -> None:
     directions = [dof.unsigned for dof in result.modes.channels]
     if len(set(directions)) == len(directions):
         write_modes(folder / "modes.uff", result.modes, result.geometry)
+
+
+def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = None) -> None:
+    """Write the merged modes of files of modes as modes.json, modes.csv and modes.uff into the existing `folder`."""
+    for suffix in ("json", "csv", "uff"):
+        write_modes(folder / f"modes.{suffix}", modes, geometry)
 
 
 def modes_summary(result: ModesResult) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from structid.estimation.diagnostics.identifiability import identifiability
 from structid.estimation.posterior_draws import counted_draws, drawn_covariance
 from structid.estimation.uncertainty import relative_jacobian
 from structid.identification.before.mesh import MeshErrors
+from structid.identification.before.places import PlacedFinding, coarse_elements, structure_findings
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.regularizing import coupled, unit_penalties
@@ -106,6 +107,8 @@ class CheckResult:
         Each record beside its initial model.
     mesh : MeshErrors or str
         Of the first set-up's structure; in words why it was not judged, "" where it has no elements with a size.
+    places : tuple of PlacedFinding
+        What is doubtful about that structure, and where.
     """
 
     study: Study
@@ -121,6 +124,7 @@ class CheckResult:
     warnings: tuple[str, ...]
     beside: tuple[RecordCheck, ...]
     mesh: MeshErrors | str
+    places: tuple[PlacedFinding, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,6 +176,9 @@ def check_study(study: Study) -> CheckResult:
         )
     ]
     mesh = checked_mesh(ready.setups[0], ready.problems[0])
+    own = ready.setups[0].structure
+    findings = structure_findings(own, values)
+    coarse = None if isinstance(mesh, str) else coarse_elements(own, values, mesh)
     row = np.zeros((1, len(problem.names)))
     gradient = study.structure.mass_gradient(options.direction, values) @ study.parameters.design
     row[0, places(problem.names, study.parameters.names)] = gradient
@@ -190,6 +197,7 @@ def check_study(study: Study) -> CheckResult:
         total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
         warnings=(
             *ready.channel_warnings,
+            *(one.words for one in findings),
             *([] if isinstance(mesh, str) or not mesh.words else [mesh.words]),
             *(one.title + words for one in beside for words in one.warnings),
             *ready.warnings,
@@ -202,6 +210,7 @@ def check_study(study: Study) -> CheckResult:
         ),
         beside=tuple(beside),
         mesh=mesh,
+        places=(*findings, *([] if coarse is None else [coarse])),
     )
 
 

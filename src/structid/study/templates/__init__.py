@@ -1,6 +1,7 @@
 """New studies from a few numbers: one template a kind of structure, a line each in `TEMPLATES`."""
 
 from structid.study.templates.frames import BeamTemplate, BridgeTemplate, FrameTemplate, ShearBuildingTemplate
+from structid.study.templates.mesh import MeshTemplate
 from structid.study.templates.others import OwnMatricesTemplate, PlateTemplate
 from structid.study.templates.template import Template, asked_of, template_with, write_study
 
@@ -11,7 +12,8 @@ TEMPLATES: dict[str, type[Template]] = {
     "frame": FrameTemplate,
     "shear-building": ShearBuildingTemplate,
     "plate": PlateTemplate,
+    "mesh": MeshTemplate,
     "own-matrices": OwnMatricesTemplate,
 }
 
-__all__ = ["TEMPLATES", "Template", "asked_of", "template_with", "write_study"]
+__all__ = ["TEMPLATES", "MeshTemplate", "Template", "asked_of", "template_with", "write_study"]

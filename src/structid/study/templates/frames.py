@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 from structid.errors import InputError
@@ -43,7 +44,7 @@ class BeamTemplate(Template):
     bending_stiffness: float = asked("bending stiffness E I", "N m^2", 25.0)
     support: str = asked("clamped, simple or free", "", "clamped")
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         if self.support not in _SUPPORTS:
             raise InputError(f"support must be one of {', '.join(_SUPPORTS)}, got {self.support!r}")
         words, held = _SUPPORTS[self.support]
@@ -73,7 +74,7 @@ class BridgeTemplate(Template):
     mass: float = asked("mass", "kg/m", 12000.0)
     bending_stiffness: float = asked("bending stiffness E I", "N m^2", 4.0e10)
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         total = self.spans * self.elements
         places = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
         piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
@@ -107,7 +108,7 @@ class FrameTemplate(Template):
     girder_mass: float = asked("mass of a girder with its floor", "kg/m", 900.0)
     girder_bending_stiffness: float = asked("bending stiffness of a girder", "N m^2", 4.0e7)
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         floors = range(self.storeys + 1)
         places = {10 * f + 1: [0.0, f * self.height] for f in floors}
         places |= {10 * f + 2: [self.width, f * self.height] for f in floors}
@@ -151,7 +152,7 @@ class ShearBuildingTemplate(Template):
     mass: float = asked("mass of a floor", "kg", 5000.0)
     stiffness: float = asked("stiffness of a storey", "N/m", 1.6e6)
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         places = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
         floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
         lower = ", ".join(f'"{k}X"' for k in range(self.storeys))

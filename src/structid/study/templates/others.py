@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 from structid.errors import InputError
@@ -25,7 +26,7 @@ class PlateTemplate(Template):
     density: float = asked("density", "kg/m^3", 2700.0)
     clamped: str = asked("clamped edges: one (X = 0), all or none", "", "one")
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         if self.clamped not in _EDGES:
             raise InputError(f"clamped must be one of {', '.join(_EDGES)}, got {self.clamped!r}")
         nx, ny = self.elements_along, self.elements_across
@@ -77,7 +78,7 @@ class OwnMatricesTemplate(Template):
     stiffness: str = asked("file of the stiffness matrix", "", "K.npz")
     dofs: str = asked("file that says what the rows stand for", "", "dofs.txt")
 
-    def text(self) -> str:
+    def text(self, folder: Path) -> str:
         return f"""title = "Matrices of another program"
 
 [structure.matrices]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -25,8 +26,8 @@ class Template(ABC):
     words: ClassVar[str] = ""
 
     @abstractmethod
-    def text(self) -> str:
-        """The study file."""
+    def text(self, folder: Path) -> str:
+        """The study file, for `folder`, where the files are that it names."""
 
 
 def asked(words: str, unit: str, default: Any) -> Any:
@@ -91,13 +92,14 @@ def write_study(template: Template, path: Path) -> Path:
     Raises
     ------
     FileError
-        If there is a file of that name already, or it cannot be written.
+        If there is a file of that name already, it cannot be written, or a file that the template reads is damaged.
     """
     if path.exists():
         raise FileError(f"{path}: is there already; give another name, or remove it first")
+    text = template.text(path.parent)
     made_folder(path.parent)
     with atomic_write(path) as temporary:
-        temporary.write_text(template.text(), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 
@@ -114,4 +116,6 @@ def number(value: float) -> str:
 
 def unknown(property: str, elements: str, each: bool = False) -> str:
     """An ``[[unknown]]`` table."""
-    return f'\n[[unknown]]\nproperty = "{property}"\nelements = "{elements}"\n' + ("each = true\n" if each else "")
+    return f'\n[[unknown]]\nproperty = "{property}"\nelements = {json.dumps(elements, ensure_ascii=False)}\n' + (
+        "each = true\n" if each else ""
+    )

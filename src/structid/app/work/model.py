@@ -1,0 +1,68 @@
+"""A study's structure and record as the page asks for them: of one record of several, before anything is computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.app.work.looking import LOOKING
+from structid.errors import InputError
+from structid.structure import Structure
+from structid.study.schema.model.structure import read_structure
+from structid.study.schema.root import read_root
+from structid.study.schema.section import Section
+
+
+@dataclass(frozen=True)
+class ReadModel:
+    """A study's structure as it was under one of its records.
+
+    Attributes
+    ----------
+    root : Section
+        The study.
+    record : Section or None
+        ``[record]``, or one of several; None where there is none yet.
+    structure : Structure
+        With the changes that the record makes.
+    """
+
+    root: Section
+    record: Section | None
+    structure: Structure
+
+
+def read_model(path: Path, number: int = 0) -> ReadModel:
+    """The structure of the study at `path` under its record `number`, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If the file or its structure cannot be used, or there are records but none of this number.
+    """
+    root, files = read_root(path, work=LOOKING)
+    record = _record(root, number)
+    changes = record.section("structure") if record is not None else None
+    return ReadModel(root, record, read_structure(root.inner("structure"), files, changes, record))
+
+
+def read_record_section(path: Path, number: int = 0) -> Section:
+    """``[record]`` of the study at `path`, or of several the one of this number, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = _record(read_root(path, work=LOOKING)[0], number)
+    if found is None:
+        raise InputError("the study has no record yet: drop a record file on the start page, and use it in this study")
+    return found
+
+
+def _record(root: Section, number: int) -> Section | None:
+    single = not isinstance(root.table.get("record"), list)
+    listed = [root.section("record")] if single else list(root.sections("record"))
+    if not 0 <= number < max(len(listed), 1):
+        raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
+    return listed[number] if listed else None

@@ -1,0 +1,110 @@
+"""The template of a study on a mesh from a file: its groups become element sets; what holds it is to be filled in."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.structure.meshes import Mesh, read_mesh
+from structid.structure.meshes.checks import orphan_nodes
+from structid.structure.meshes.mesh import CELL_DIMENSIONS
+from structid.study.templates.template import NO_RECORD, Template, asked, number, unknown
+
+_FLAT = 1e-9
+#: Directions that a support holds, by the table of the elements.
+_HELD = {"plate": ["Z", "RX", "RY"], "shell": ["X", "Y", "Z", "RX", "RY", "RZ"], "solid": ["X", "Y", "Z"]}
+_FREE = "none"
+
+
+@dataclass(frozen=True)
+class MeshTemplate(Template):
+    """Plate, shells or solids on a mesh, an element set a group."""
+
+    words: ClassVar[str] = "A mesh from a file: a flat one bends as a plate, others are shells or solids; a set a group"
+    path: str = asked("file of the mesh", "", "mesh.msh")
+    length_unit: str = asked("unit of its coordinates: m, cm, mm, um, in or ft", "", "m")
+    held: str = asked("group that is held; none where it is free", "", _FREE)
+    youngs_modulus: float = asked("Young's modulus", "Pa", 7.0e10)
+    density: float = asked("density", "kg/m^3", 2700.0)
+    thickness: float = asked("thickness, of plates and shells", "m", 0.003)
+
+    def text(self, folder: Path) -> str:
+        mesh = read_mesh(folder / self.path, self.length_unit)
+        if mesh.dimension < 2:
+            raise InputError(
+                f"{self.path}: has no cells of two or three dimensions; declare its beams in the study file"
+            )
+        flat = bool(np.ptp(mesh.positions[:, 2]) <= _FLAT * np.ptp(mesh.positions, axis=0).max())
+        table = "solid" if mesh.dimension == 3 else "plate" if flat else "shell"
+        sets = _sets(mesh)
+        names = [_name(group) for group in sets]
+        entries = "".join(self._entry(table, name, group) for name, group in zip(names, sets, strict=True))
+        orphans = ', orphan_nodes = "drop"' if orphan_nodes(mesh).size else ""
+        unknowns = "".join(unknown("youngs_modulus", name) for name in names) + _damping(names)
+        direction = '\n[method]\ntotal_mass_direction = "Z"\n' if table == "plate" else ""
+        return f"""title = {json.dumps(f"Mesh {Path(self.path).stem}", ensure_ascii=False)}
+
+[structure]
+mesh = {{ path = "{self.path}", length_unit = "{self.length_unit}"{orphans} }}
+{self._support(mesh, table)}{entries}{unknowns}{direction}{NO_RECORD}"""
+
+    def _entry(self, table: str, name: str, group: str) -> str:
+        own = f"group = {json.dumps(group, ensure_ascii=False)}\n" if group else ""
+        thickness = "" if table == "solid" else f"thickness = {number(self.thickness)}  # m\n"
+        return f"""
+[[structure.{table}]]
+name = {json.dumps(name, ensure_ascii=False)}
+{own}youngs_modulus = {number(self.youngs_modulus)}  # Pa
+density = {number(self.density)}  # kg/m^3
+{thickness}poisson = 0.33
+loss_factor = 0.01
+"""
+
+    def _support(self, mesh: Mesh, table: str) -> str:
+        """``[[structure.support]]`` of what is held, or as a comment where nothing is."""
+        others = [name for name in (*mesh.groups, *mesh.node_groups) if name not in _sets(mesh)]
+        if self.held != _FREE:
+            mesh.group_nodes(self.held)  # it may not be there
+        words = f"; groups of the mesh besides its sets: {', '.join(map(_name, others[:20]))}" if others else ""
+        lines = [
+            "[[structure.support]]",
+            f"group = {json.dumps(self.held if self.held != _FREE else (others or ['clamp'])[0], ensure_ascii=False)}",
+            f"directions = {json.dumps(_HELD[table])}",
+        ]
+        if self.held != _FREE:
+            return "\n" + "\n".join(lines) + "\n"
+        return "\n" + "\n".join([f"# Nothing holds it yet{words}", *(f"# {line}" for line in lines)]) + "\n"
+
+
+def _sets(mesh: Mesh) -> list[str]:
+    """Groups that share the cells of the mesh's dimension without overlap; [""], all cells, where groups do not."""
+    free = [np.ones(len(block.nodes), dtype=bool) for block in mesh.blocks]
+    top = [CELL_DIMENSIONS.get(block.kind, 3) == mesh.dimension for block in mesh.blocks]
+    chosen = []
+    for group, rows in mesh.groups.items():
+        own = [(k, part) for k, part in enumerate(rows) if len(part)]
+        if own and all(top[k] and free[k][part].all() for k, part in own):
+            chosen.append(group)
+            for k, part in own:
+                free[k][part] = False
+    left = any(is_top and part.any() for is_top, part in zip(top, free, strict=True))
+    return [""] if left or not chosen else chosen
+
+
+def _name(group: str) -> str:
+    """The name of a group as an element set may have it."""
+    return re.sub(r"[^\w .+-]", "_", group) or "all"
+
+
+def _damping(names: list[str]) -> str:
+    """One loss factor for all sets."""
+    if len(names) == 1:
+        return unknown("loss_factor", names[0])
+    listed = json.dumps(names, ensure_ascii=False)
+    return f'\n[[unknown]]\nproperty = "loss_factor"\nelements = {listed}\nname = "material"\n'
