@@ -23,13 +23,13 @@ from structid.report.page import plotly_part
 _SECTIONS = (
     "warnings",
     "summary",
-    "assumed",
     "parameters",
     "structure",
     "responses",
     "residuals",
     "correlation",
     "modes",
+    "assumed",
     "convergence",
     "provenance",
 )
