@@ -20,8 +20,10 @@ def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) ->
     design = unknown.design.tocsr()
     if not part.is_product:
         return design[part.value]
-    slopes = [design[rows].multiply(slope[:, None]) for rows, slope in part.partial_slopes(values)]
-    return sparse.csr_array(sum(slopes[1:], slopes[0]))
+    places, counts = part.places, np.diff(design.indptr)
+    moved = [number for number, place in enumerate(places) if counts[place].any()]
+    slopes = [design[places[number]].multiply(part.slope(values, number)[:, None]) for number in moved]
+    return sparse.csr_array(sum(slopes, sparse.csr_array((part.blocks.n_elements, design.shape[1]))))
 
 
 _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fix it"}
@@ -30,8 +32,13 @@ _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fi
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
 
-    A thickness, the place of a node, and bending and shear stiffness of a beam that shears.
+    A thickness, the place of a node, bending and shear stiffness of a beam that shears, and modal damping.
     """
+    if structure.damping_ratio is not None:
+        raise InputError(
+            "modal damping (`damping_ratio` of all modes) is not linear in masses and stiffnesses, and these equations of motion"
+            " are; fit spectra or output error, or FRFs, or take viscous elements in its place"
+        )
     changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
     factors = np.zeros(len(changing), dtype=bool)
     for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
@@ -121,6 +128,7 @@ def weighted_elements(
     the two laws then share one part. Parts that enter alike are of one kind.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
+    counts = np.diff(design.indptr)
     found: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
     members: list[tuple[int, IntArray]] = []
     variable: list[FloatArray] = []
@@ -128,12 +136,12 @@ def weighted_elements(
         for member in group.members:
             item = structure.contributions[member]
             factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
-            other = 0 if item.factor is None else design[item.factor][group.rows].nnz
+            other = 0 if item.factor is None else counts[item.factor][group.rows].sum()
             if item.scale is not None:
                 factor = factor * item.scale.of(weights)[group.rows]
-                other += sum(design[place][group.rows].nnz for place in item.scale.places)
+                other += sum(counts[place][group.rows].sum() for place in item.scale.places)
             simple = np.ptp(factor) == 0 and not other
-            key = (number, item.value.start, -1 if simple else member)
+            key = (number, int(np.r_[item.value][0]), -1 if simple else member)
             if key not in found:
                 slope = design[item.value] if simple else weight_slope(item, unknown, weights)
                 found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])

@@ -47,8 +47,8 @@ class Factor(Protocol):
         """The factors, (n_elements,)."""
         ...
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Their derivatives with respect to the values at each of `places`, (n_elements,) each."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """Their derivatives with respect to the values at one of `places`, (n_elements,)."""
         ...
 
 
@@ -85,12 +85,12 @@ class ShearFactor:
         ) ** self.power
         return shares
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`."""
         bending, shear = values[self.bending], values[self.shear]
         whole = shear + self.ratio * bending
         common = self.ratio / whole**2 / self.nominal * self.power * (shear / whole / self.nominal) ** (self.power - 1)
-        return (-common * shear, common * bending)
+        return common * (-shear, bending)[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +116,12 @@ class Monomial:
         first, *others = self._powers(values)
         return math.prod(others, start=first)
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`."""
-        powers, found = self._powers(values), []
-        for own, (place, reference, exponent) in enumerate(self._parts):
-            slope = exponent * (values[place] / reference) ** (exponent - 1) / reference
-            found.append(math.prod((*powers[:own], *powers[own + 1 :]), start=slope))
-        return tuple(found)
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`."""
+        powers = self._powers(values)
+        at, reference, exponent = self._parts[place]
+        slope = exponent * (values[at] / reference) ** (exponent - 1) / reference
+        return math.prod((*powers[:place], *powers[place + 1 :]), start=slope)
 
     @property
     def _parts(self) -> list[tuple[slice, FloatArray | float, int]]:
@@ -156,10 +155,10 @@ class LengthFactor:
         powers: FloatArray = self.lengthening.ratio(values) ** self.power
         return powers
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`, 1/m."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`, 1/m."""
         steep = self.power * self.lengthening.ratio(values) ** (self.power - 1) / self.lengthening.lengths
-        return tuple(steep * slope for slope in self.lengthening.slopes)
+        return steep * self.lengthening.slopes[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +167,13 @@ class Contribution:
 
     The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
     (stiffness times loss factor), times what `scale` gives where the element has a thickness, shears or has an end that
-    slides. `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
+    slides, or where it is an entry of a modal damping. `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
     by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
     """
 
     law: str
     blocks: ElementMatrices
-    value: slice
+    value: Place
     factor: slice | None = None
     scale: Factor | None = None
 
@@ -201,17 +200,14 @@ class Contribution:
         mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
         return mask
 
-    def partial_slopes(self, values: FloatArray) -> list[tuple[Place, FloatArray]]:
-        """Derivative of the weights with respect to each of the values that make them up: where they stand, and it."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """Derivative of the weights with respect to the values at one of `places`, (n_elements,)."""
         factor = 1.0 if self.factor is None else values[self.factor]
+        own, before = values[self.value], 1 if self.factor is None else 2
+        if self.scale is not None and place >= before:
+            return own * factor * self.scale.slope(values, place - before)
         scale = 1.0 if self.scale is None else self.scale.of(values)
-        own = values[self.value]
-        slopes = [np.broadcast_to(factor * scale, own.shape)]
-        if self.factor is not None:
-            slopes.append(own * scale)
-        if self.scale is not None:
-            slopes += [own * factor * slope for slope in self.scale.slopes(values)]
-        return list(zip(self.places, slopes, strict=True))
+        return np.broadcast_to(factor * scale, own.shape) if place == 0 else own * scale
 
 
 def weighed(
@@ -266,9 +262,9 @@ def rigid_mass(
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
             if scale is not None:
-                for place, slope in zip(scale.places, scale.slopes(values), strict=True):
+                for number, place in enumerate(scale.places):
                     rows = np.arange(len(values))[place]
-                    np.add.at(gradient, rows, unit * values[item.values] * slope)
+                    np.add.at(gradient, rows, unit * values[item.values] * scale.slope(values, number))
         if gradient.any():
             break
     return total, gradient
