@@ -114,20 +114,23 @@ def test_rigid_bodies_and_massless_motions_are_not_damped():
 
 def test_what_modal_damping_cannot_be_of_is_named(monkeypatch):
     for wrong in (-0.1, 1.0, np.nan):
-        with pytest.raises(InputError, match="`damping_ratio` must be at least 0 and less than 1, as 0.01 for 1 %"):
+        with pytest.raises(InputError, match=r"`damping_ratio` must be at least 0 and less than 1, as 0.01 for 1 %"):
             beam(wrong)
     with pytest.raises(InputError, match="needs masses and stiffnesses"):
         Structure({1: 0.0}, [PointMass("m", 1, 1.0)], active=["X"], damping_ratio=0.01)
     with pytest.raises(InputError, match="two element sets are called 'all modes'"):
         Structure({1: 0.0}, [PointMass("all modes", 1, 1.0)], active=["X"], damping_ratio=0.01)
-    loose = Structure({1: 0.0, 2: 1.0}, [PointMass("m", [1, 2], [1.0, 0.0]), Spring("k", "1X", stiffness=1.0)], active=["X"], damping_ratio=0.01)  # fmt: skip
+    sets = [PointMass("m", [1, 2], [1.0, 0.0]), Spring("k", "1X", stiffness=1.0)]
+    loose = Structure({1: 0.0, 2: 1.0}, sets, active=["X"], damping_ratio=0.01)
     with pytest.raises(SingularModelError, match="mass or stiffness in every motion"):
         loose.matrix("viscous")
     base = Base("table", "0Y")
     with pytest.raises(InputError, match="base 'table' drives the structure, and modal damping"):
         beam(bases=[base]).let_go((base,))
     monkeypatch.setattr(module, "_MOST_DOFS", 9)
-    with pytest.raises(InputError, match="up to 9 degrees of freedom.* and the structure has 10 .*components, or use loss"):
+    with pytest.raises(
+        InputError, match=r"up to 9 degrees of freedom.* and the structure has 10 .*components, or use loss"
+    ):
         beam()
     group = MatrixGroup("all", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]])
     assert Structure({1: 0.0, 2: 1.0}, [group], active=["X"], damping_ratio=0.01).n_dofs == 2

@@ -133,8 +133,8 @@ class ModalDamping:
 
     def _state(self, values: FloatArray) -> ModalState:
         mass, stiffness = (self._matrix(law, values) for law in ("inertia", "elastic"))
-        heavy = np.diag(mass) > 0
-        shift = float((np.diag(stiffness)[heavy] / np.diag(mass)[heavy]).min(initial=np.inf))
+        weighs = np.diag(mass) > 0
+        shift = float((np.diag(stiffness)[weighs] / np.diag(mass)[weighs]).min(initial=np.inf))
         shift = shift if 0 < shift < np.inf else 1.0
         both = mass + stiffness / shift
         try:
@@ -144,11 +144,8 @@ class ModalDamping:
                 "modal damping needs mass or stiffness in every motion, none of them negative; hold what is loose in `fixed`, or"
                 " give it some"
             ) from error
-        heavy, stiff = (
-            np.einsum("ij,ij->j", shapes, matrix @ shapes) * scale
-            for matrix, scale in ((mass, 1.0), (stiffness, 1 / shift))
-        )
-        heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in (heavy, stiff))
+        squares = [np.einsum("ij,ij->j", shapes, matrix @ shapes) for matrix in (mass, stiffness / shift)]
+        heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in squares)
         return ModalState(shapes, both @ shapes, heavy, stiff * np.sqrt(shift))
 
     def _matrix(self, law: str, values: FloatArray) -> FloatArray:
@@ -200,7 +197,9 @@ def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_do
     """
     own = tuple(part for part in parts if part.law in ("inertia", "elastic"))
     if {part.law for part in own} != {"inertia", "elastic"}:
-        raise InputError("modal damping needs masses and stiffnesses; leave `damping_ratio` out, or add what is missing")
+        raise InputError(
+            "modal damping needs masses and stiffnesses; leave `damping_ratio` out, or add what is missing"
+        )
     rows, columns = np.triu_indices(n_dofs)
     damping = ModalDamping(own, n_values, locked(rows, np.int64), locked(columns, np.int64))
     if n_dofs > _MOST_DOFS or len(rows) * len(damping.places) > _MOST_SLOPES:

@@ -79,7 +79,8 @@ def structure_table() -> Table:
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
         "damping_ratio": Key(
-            held_by(DampingRatio), "Viscous damping of all modes, the property `damping_ratio` of `all modes`; 0.01 is 1 %"
+            held_by(DampingRatio),
+            "Viscous damping of all modes, the property `damping_ratio` of `all modes`; 0.01 is 1 %",
         ),
         "base": Key(
             _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
