@@ -200,5 +200,5 @@ def test_equations_that_are_linear_in_the_parameters_refuse_it():
     made = sought(structure)
     record = excited(structure, made)
     for method in ("weak", "instrumental"):
-        with pytest.raises(InputError, match="modal damping .* is not linear in masses and stiffnesses"):
+        with pytest.raises(InputError, match=r"modal damping .* is not linear in masses and stiffnesses"):
             identify_time(structure, made, record, TimeOptions(method=method))

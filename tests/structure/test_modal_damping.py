@@ -72,11 +72,17 @@ def test_every_mode_has_the_damping_ratio_and_more_where_elements_damp():
     assert (structure_modes(both, both.values, 4).damping_ratio > 0.02 + 0.005 - 1e-9).all()  # and half the loss factor
 
 
-@pytest.mark.parametrize(
-    "structure",
-    [beam(), strip(), beam(held=()), beam(mass=0.0), beam(shear=None, sliding=[2]), strip(components=[Component("all", "plate", 500.0, "6Z")])],
-    ids=["beam", "plate with thicknesses", "free beam", "massless turns", "a node that slides", "component"],
-)  # fmt: skip
+SLOPES = {
+    "beam": beam(),
+    "plate with thicknesses": strip(),
+    "free beam": beam(held=()),
+    "massless turns": beam(mass=0.0),
+    "a node that slides": beam(shear=None, sliding=[2]),
+    "component": strip(components=[Component("all", "plate", 500.0, "6Z")]),
+}
+
+
+@pytest.mark.parametrize("structure", SLOPES.values(), ids=SLOPES.keys())
 def test_slopes_are_differences_of_the_matrix(structure):
     part, values = structure.contributions[-1], structure.values
     largest = np.abs(part.weights(values)).max()

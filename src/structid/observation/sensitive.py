@@ -47,8 +47,8 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
         if (factors[item.values] & changing[item.values]).any():
             remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
             raise InputError(
-                f"{item.label} must be known in the time domain, where matrices are linear in the parameters; {remedy}, or"
-                f" identify the {item.term.property.replace('_', ' ')} from FRFs with `identify`"
+                f"{item.label} must be known here, where equations of motion are linear in the parameters; {remedy}, or"
+                f" identify the {item.term.property.replace('_', ' ')} from FRFs, spectra or output error"
             )
 
 

@@ -167,7 +167,9 @@ class Contribution:
 
     The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
     (stiffness times loss factor), times what `scale` gives where the element has a thickness, shears or has an end that
-    slides, or where it is an entry of a modal damping. `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
+    slides, or where it is an entry of a modal damping.
+
+    `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
     by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
     """
 

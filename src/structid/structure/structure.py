@@ -270,8 +270,8 @@ class Structure(Shown, StructurePlots):
         """The same structure with the supports of `bases` free, those of one base still moving alike."""
         if self.damping_ratio is not None:
             raise InputError(
-                f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion against"
-                " supports at rest; use loss factors of twice the damping ratio, or measure forces"
+                f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
+                " against supports at rest; use loss factors of twice the damping ratio, or measure forces"
             )
         if bases not in self._let_go:
             supports = {dof.unsigned for base in bases for dof in base.supports}
