@@ -17,13 +17,7 @@ from structid.unknowns import Parameters
 
 def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
     """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
-    design = unknown.design.tocsr()
-    if not part.is_product:
-        return design[part.value]
-    places, counts = part.places, np.diff(design.indptr)
-    moved = [number for number, place in enumerate(places) if counts[place].any()]
-    slopes = [design[places[number]].multiply(part.slope(values, number)[:, None]) for number in moved]
-    return sparse.csr_array(sum(slopes, sparse.csr_array((part.blocks.n_elements, design.shape[1]))))
+    return part.change(values, unknown.design.tocsr())
 
 
 _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fix it"}
@@ -109,12 +103,12 @@ class WeightedParts:
 
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
     """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
-    design, marks = unknown.design.tocsr(), np.zeros(len(unknown.offset), dtype=bool)
+    counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
         for place in item.places[1:]:
             marks[place] = True
-            if design[place].nnz:
+            if counts[place].any():
                 marks[item.value] = True
     return np.flatnonzero(marks)
 
@@ -139,7 +133,7 @@ def weighted_elements(
             other = 0 if item.factor is None else counts[item.factor][group.rows].sum()
             if item.scale is not None:
                 factor = factor * item.scale.of(weights)[group.rows]
-                other += sum(counts[place][group.rows].sum() for place in item.scale.places)
+                other += item.scale.touched(counts > 0)[group.rows].sum()
             simple = np.ptp(factor) == 0 and not other
             key = (number, int(np.r_[item.value][0]), -1 if simple else member)
             if key not in found:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
@@ -51,9 +52,19 @@ class Factor(Protocol):
         """Their derivatives with respect to the values at one of `places`, (n_elements,)."""
         ...
 
+    def touched(self, changing: np.ndarray) -> np.ndarray:
+        """Whether each changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
+        return mask
+
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """Their derivatives with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        slopes = ((place, self.slope(values, number)) for number, place in enumerate(self.places))
+        return sum_of(design[place].multiply(slope[:, None]) for place, slope in slopes)
+
 
 @dataclass(frozen=True, eq=False)
-class ShearFactor:
+class ShearFactor(Factor):
     """The share G / (G + ratio E) of `ShearShare` over the nominal one, to a power; the element matrices hold the nominal.
 
     Attributes
@@ -94,12 +105,12 @@ class ShearFactor:
 
 
 @dataclass(frozen=True, eq=False)
-class Monomial:
+class Monomial(Factor):
     """A product of powers of values over their references, a number an element; element matrices hold the references.
 
     Attributes
     ----------
-    places : tuple of slice
+    at : tuple of slice
         Where the values stand among the values of the structure.
     references : tuple of (n_elements,) float array or float
         Nominal thicknesses, for one.
@@ -107,9 +118,14 @@ class Monomial:
         Of a thickness 1 for membrane stiffness and mass, 3 for bending.
     """
 
-    places: tuple[slice, ...]
+    at: tuple[slice, ...]
     references: tuple[FloatArray | float, ...]
     exponents: tuple[int, ...]
+
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """See `Factor.places`."""
+        return self.at
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
@@ -125,14 +141,14 @@ class Monomial:
 
     @property
     def _parts(self) -> list[tuple[slice, FloatArray | float, int]]:
-        return list(zip(self.places, self.references, self.exponents, strict=True))
+        return list(zip(self.at, self.references, self.exponents, strict=True))
 
     def _powers(self, values: FloatArray) -> list[FloatArray]:
         return [(values[place] / reference) ** exponent for place, reference, exponent in self._parts]
 
 
 @dataclass(frozen=True, eq=False)
-class LengthFactor:
+class LengthFactor(Factor):
     """(length / nominal length) to a power, a number an element; the element matrices hold the nominal one.
 
     Attributes
@@ -199,8 +215,21 @@ class Contribution:
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
-        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
-        return mask
+        places = (self.value,) if self.factor is None else (self.value, self.factor)
+        mask: np.ndarray = np.any([changing[place] for place in places], axis=0)
+        return mask if self.scale is None else mask | self.scale.touched(changing)
+
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """Derivative of the weights with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        if not self.is_product:
+            return design[self.value]
+        own, factor = values[self.value], 1.0 if self.factor is None else values[self.factor]
+        parts = [design[self.value].multiply(self.slope(values, 0)[:, None])]
+        if self.factor is not None:
+            parts.append(design[self.factor].multiply(self.slope(values, 1)[:, None]))
+        if self.scale is not None:
+            parts.append(self.scale.change(values, design).multiply((own * factor)[:, None]))
+        return sum_of(parts)
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
         """Derivative of the weights with respect to the values at one of `places`, (n_elements,)."""
@@ -210,6 +239,12 @@ class Contribution:
             return own * factor * self.scale.slope(values, place - before)
         scale = 1.0 if self.scale is None else self.scale.of(values)
         return np.broadcast_to(factor * scale, own.shape) if place == 0 else own * scale
+
+
+def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
+    """Their sum."""
+    first, *others = matrices
+    return sparse.csr_array(sum(others, first))
 
 
 def weighed(

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError, SingularModelError
 from structid.structure.blocks import Blocks
-from structid.structure.contribution import Contribution
+from structid.structure.contribution import Contribution, Factor
 from structid.structure.elements.element import Term
 
 #: What stands for the modes where properties name element sets.
 ALL_MODES = "all modes"
 #: Largest model; and most entries of the matrix times values of masses and stiffnesses.
-_MOST_DOFS, _MOST_SLOPES = 1200, 50_000_000
+_MOST_DOFS, _MOST_SLOPES = 1200, 1_000_000_000
 #: Part of what a motion takes along in stiffness or mass below which it has none: a rigid body's, or one without mass.
 _NOTHING = 1e-13
 
@@ -73,8 +73,8 @@ class ModalState:
 
 
 @dataclass(frozen=True, eq=False)
-class ModalDamping:
-    """Entries of the damping matrix for a damping ratio of 1 in all modes; a `Factor`.
+class ModalDamping(Factor):
+    """Entries of the damping matrix for a damping ratio of 1 in all modes.
 
     With modes K Phi = M Phi Omega^2, Phi' M Phi = I, it is M Phi (2 Omega) Phi' M = 2 M (M^-1 K)^(1/2), twice the geometric
     mean S = M # K of mass and stiffness. S solves S M^-1 S = K, so that its change between modes k and l is
@@ -106,26 +106,42 @@ class ModalDamping:
     @cached_property
     def places(self) -> tuple[IntArray, ...]:
         """See `Factor.places`; every value stands by itself."""
-        return tuple(np.broadcast_to(np.int64(value), self.rows.shape) for value in self._carriers)
+        return tuple(np.broadcast_to(value, self.rows.shape) for value in self._values)
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`; N s/m, N m s and so on."""
         found: FloatArray = self.at(values).matrix[self.rows, self.columns]
         return found
 
+    def touched(self, changing: np.ndarray) -> np.ndarray:
+        """See `Factor.touched`."""
+        return np.full(self.rows.shape, changing[self._values].any())
+
     def slope(self, values: FloatArray, place: int) -> FloatArray:
         """See `Factor.slope`."""
-        state, change = self.at(values), np.zeros(self._shape)
-        for number, own, elements in list(self._carriers.values())[place]:
-            part = self.parts[number]
-            matrix = part.blocks.take(elements).assemble(part.slope(values, own)[elements])
-            change += state.shares[part.law] * (state.shapes.T @ (matrix @ state.shapes))
-        whole: FloatArray = 2 * (state.duals @ change @ state.duals.T)
-        return whole[self.rows, self.columns]
+        alone = sparse.csr_array(([1.0], ([self._values[place]], [0])), (self.n_values, 1))
+        return self.change(values, alone).toarray()[:, 0]
+
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """See `Factor.change`."""
+        state = self.at(values)
+        changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
+        touched = np.flatnonzero(np.sum([np.diff(change.indptr) for _, change in changes], axis=0))
+        found = np.empty((len(touched), len(self.rows)))
+        for row, column in zip(found, touched.tolist(), strict=True):
+            total = np.zeros(self._shape)
+            for part, change in changes:
+                own = slice(change.indptr[column], change.indptr[column + 1])
+                if own.start < own.stop:
+                    matrix = part.blocks.take(change.indices[own]).assemble(change.data[own])
+                    total += state.shares[part.law] * (state.shapes.T @ (matrix @ state.shapes))
+            row[:] = 2 * (state.duals @ total @ state.duals.T)[self.rows, self.columns]
+        place = np.tile(np.arange(len(self.rows)), len(touched)), np.repeat(touched, len(self.rows))
+        return sparse.coo_array((found.ravel(), place), (len(self.rows), design.shape[1])).tocsr()
 
     def at(self, values: FloatArray) -> ModalState:
         """The modes at these values of the structure; the last ones are kept."""
-        key = values[list(self._carriers)].tobytes()
+        key = values[self._values].tobytes()
         if key not in self._known:
             self._known.clear()
             self._known[key] = self._state(values)
@@ -161,17 +177,10 @@ class ModalDamping:
         return n_dofs, n_dofs
 
     @cached_property
-    def _carriers(self) -> dict[int, list[tuple[int, int, IntArray]]]:
-        """By each value that masses and stiffnesses have: part, which of its places, and the elements that it weighs."""
-        found: dict[int, list[tuple[int, int, IntArray]]] = {}
-        for number, part in enumerate(self.parts):
-            for own, place in enumerate(part.places):
-                at = np.arange(self.n_values)[place]
-                order = np.argsort(at, kind="stable")
-                several, first = np.unique(at[order], return_index=True)
-                for value, elements in zip(several.tolist(), np.split(order, first[1:]), strict=True):
-                    found.setdefault(value, []).append((number, own, elements))
-        return found
+    def _values(self) -> IntArray:
+        """Where the values stand that masses and stiffnesses have."""
+        every = np.arange(self.n_values)
+        return np.unique(np.concatenate([every[place] for part in self.parts for place in part.places]))
 
     @cached_property
     def _known(self) -> dict[bytes, ModalState]:
