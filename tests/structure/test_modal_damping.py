@@ -18,6 +18,7 @@ from structid import (
 )
 from structid.errors import SingularModelError
 from structid.identification.fits.model_modes import structure_modes
+from structid.report.identification.tables import structure_facts
 from structid.structure import modal_damping as module
 
 LINE = {i: 0.5 * i for i in range(6)}
@@ -140,3 +141,8 @@ def test_what_modal_damping_cannot_be_of_is_named(monkeypatch):
         beam()
     group = MatrixGroup("all", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]])
     assert Structure({1: 0.0, 2: 1.0}, [group], active=["X"], damping_ratio=0.01).n_dofs == 2
+
+
+def test_a_report_says_it():
+    assert ("Damping ratio of all modes", "0.02") in structure_facts(beam())
+    assert not any("Damping" in label for label, _ in structure_facts(beam(None)))

@@ -135,7 +135,7 @@ def weighted_elements(
                 factor = factor * item.scale.of(weights)[group.rows]
                 other += item.scale.touched(counts > 0)[group.rows].sum()
             simple = np.ptp(factor) == 0 and not other
-            key = (number, int(np.r_[item.value][0]), -1 if simple else member)
+            key = (number, item.first, -1 if simple else member)
             if key not in found:
                 slope = design[item.value] if simple else weight_slope(item, unknown, weights)
                 found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])

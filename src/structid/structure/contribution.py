@@ -196,6 +196,11 @@ class Contribution:
     scale: Factor | None = None
 
     @property
+    def first(self) -> int:
+        """Where the first of its values stands."""
+        return int(np.r_[self.value][0])
+
+    @property
     def is_product(self) -> bool:
         """Whether the weight is a product of several values."""
         return self.factor is not None or self.scale is not None
