@@ -72,6 +72,19 @@ def make_seeds(folder: Path) -> list[Seed]:
     return found
 
 
+LISTING = """                R E A L   E I G E N V A L U E S
+        1         1        6.168503E+03        7.853982E+01        1.250000E+01        1.000000E+00        6.168503E+03
+          CYCLES =  1.250000E+01         R E A L   E I G E N V E C T O R   N O .          1
+             1      G      1.000000E+00   5.000000E-01   0.0            0.0            0.0            0.0
+             2      G     -2.500000E-01   5.000000E-01   0.0            0.0            0.0            0.0
+"""
+PUNCHED = """$EIGENVECTOR
+$REAL OUTPUT
+$EIGENVALUE =  6.1685028E+03  MODE =     1
+         1       G      1.000000E+00      5.000000E-01      0.000000E+00
+-CONT-                  0.000000E+00      0.000000E+00      0.000000E+00
+"""
+
 _Made = Iterator[tuple[str, str, Path, tuple[Mutation, ...]]]
 
 
@@ -432,6 +445,10 @@ def _modes(folder: Path) -> _Made:
     for suffix in (".json", ".csv", ".uff"):
         path = _place(folder, f"modes/modes{suffix}", f"a{suffix}")
         _write_modes(path)
+        yield f"modes/modes{suffix}", "modes", path, TEXT
+    for suffix, text in ((".f06", LISTING), (".pch", PUNCHED)):
+        path = _place(folder, f"modes/modes{suffix}", f"a{suffix}")
+        path.write_text(text)
         yield f"modes/modes{suffix}", "modes", path, TEXT
 
 

@@ -5,8 +5,8 @@
 Writes studies of the undamaged and the damaged states to OUT (with `--write` that is all) and runs the commands. FOLDER holds the
 records and matrices of the benchmark; see `iasc_asce.py`, whose frame is the model. Each row is one way to look at the frame:
 
-- `forced`: faces and columns, the histories and the forces that drove them, which run straight between samples; a loss factor of
-  twice the damping ratio, sought as well. Cases 1, 3 and 4.
+- `forced`: faces and columns, the histories and the forces that drove them, which run straight between samples; the damping
+  ratio of all modes is sought as well. Cases 1, 3 and 4.
 - `ambient`: the same frame and masses, the accelerations alone: modes by `structid modes`, which are the record of the study.
 - `condensed`: cases 2 and 5. The drawn frame of 120 degrees of freedom brought to the 12 of the floors (Guyan), less its
   braces, as matrices, and the braces of each face as springs that are sought. Modes of the accelerations alone.
@@ -59,11 +59,10 @@ def table(kind: str, **keys: object) -> str:
     return "\n".join([f"[[{kind}]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items()), ""])
 
 
-def springs(name: str, at: int, direction: str, stiffness: float, loss_factor: float) -> str:
+def springs(name: str, at: int, direction: str, stiffness: float) -> str:
     """From each floor to the one below, at the node `at` of each."""
     first, second = [f"{f - 10 + at}{direction}" for f in FLOORS], [f"{f + at}{direction}" for f in FLOORS]
-    more = {"loss_factor": loss_factor} if loss_factor else {}
-    return table("structure.spring", name=name, first=first, second=second, stiffness=stiffness, **more)
+    return table("structure.spring", name=name, first=first, second=second, stiffness=stiffness)
 
 
 def nodes_and_floors(heavy: bool) -> str:
@@ -95,11 +94,11 @@ def masses(heavy: bool) -> str:
 
 def study(row: str, case: int, pattern: int, folder: Path, out: Path) -> Path:
     """The study file of one state."""
-    heavy, loss = case in (4, 5), 0.02 if row == "forced" else 0.0
+    heavy, forced = case in (4, 5), row == "forced"
     axes = "y" if case in (1, 2) else "xy"
     fixed = ["10"] if row == "storeys" else [f"{10 + k} X Y RZ" for k in range(5)]
     head = f'title = "IASC-ASCE case {case}, pattern {pattern}: {row}"\n\n[structure]\nactive = ["X", "Y", "RZ"]\n'
-    text = head + f"fixed = {json.dumps(fixed)}\n\n"
+    text = head + f"fixed = {json.dumps(fixed)}\n{'damping_ratio = 0.01' if forced else ''}\n\n"
     if row == "condensed":
         condensed(folder, case, out)
         text += f"[structure.matrices]\ndofs = {json.dumps([f'{f}{d}' for f in FLOORS for d in ('X', 'Y', 'RZ')])}\n\n"
@@ -107,7 +106,7 @@ def study(row: str, case: int, pattern: int, folder: Path, out: Path) -> Path:
         text += table("structure.matrix_group", name="frame", mass=f"c{case}_mass.npy", stiffness=f"c{case}_bare.npy")
     else:
         text += nodes_and_floors(heavy) + masses(heavy)
-    sought, names = [], []
+    sought = []
     if row == "storeys":
         turning = sum(BRACES[a] + 2 * COLUMNS[a] / 3 for a in "xy") * HALF**2
         kinds = [("storey x", 0, "X", STOREY["x"]), ("storey y", 0, "Y", STOREY["y"]), ("turning", 0, "RZ", turning)]
@@ -122,16 +121,15 @@ def study(row: str, case: int, pattern: int, folder: Path, out: Path) -> Path:
             kinds += [(f"middle columns {a}", 0, a.upper(), COLUMNS[a] / 3) for a in "xy"]
             kinds += [("turning columns", 0, "RZ", TURNING)]
     for name, at, direction, stiffness in kinds:
-        text += springs(name, at, direction, stiffness, loss)
-        names.append(name)
+        text += springs(name, at, direction, stiffness)
         if name in sought:
             own: dict[str, object] = {"property": "stiffness", "elements": name, "each": True}
-            prior = f'prior = {{ mean = {stiffness}, relative_std = 0.5, kind = "lognormal" }}\n' if loss else ""
+            prior = f'prior = {{ mean = {stiffness}, relative_std = 0.5, kind = "lognormal" }}\n' if forced else ""
             text += (
                 table("unknown", **own, **({"positive": False} if row == "condensed" else {})).rstrip() + f"\n{prior}\n"
             )
-    if row == "forced":
-        text += table("unknown", property="loss_factor", elements=names)
+    if forced:
+        text += table("unknown", property="damping_ratio", elements="all modes")
         text += histories(folder, case, pattern, out)
     else:
         text += f'[record]\npath = "c{case}_p{pattern}_modes/modes.json"\n\n[record.modes]\n'

@@ -7,11 +7,23 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid import InputError, ModalRecord, correlated_modes, frac, from_matrices, load_study
+from short_record_cases import chain, unknowns
+from structid import (
+    InputError,
+    ModalRecord,
+    TimeRecord,
+    correlated_modes,
+    frac,
+    from_matrices,
+    load_study,
+    simulated_time_record,
+    write_record,
+)
 from structid.correlation.correlating import before_and_after, correlate
 from structid.correlation.summary import correlation_summary, expanded_record
 from structid.dynamics.modes import modes
 from structid.modal.files.files import read_modes
+from structid.observation import TimeOptions
 from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from study_cases import write_chain
@@ -170,3 +182,58 @@ def test_modes_of_another_code_are_those_of_its_matrices():
     moving = part.pairing.mac.max(axis=0) > 0
     assert part.pairing.mac[:, moving] == pytest.approx(dense_mac(shapes, part.seen[:, moving]), abs=1e-12)
     assert part.self_orthogonality is not None
+
+
+MIXED = """
+[structure]
+active = ["X"]
+fixed = ["0X"]
+[structure.nodes]
+0 = 0.0
+1 = 1.0
+2 = 2.0
+3 = 3.0
+4 = 4.0
+[[structure.point_mass]]
+name = "m"
+nodes = [1, 2, 3, 4]
+mass = 2.0
+[[structure.spring]]
+name = "k"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+stiffness = 1000.0
+[[structure.dashpot]]
+name = "c"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+viscous_damping = 0.7
+[[unknown]]
+property = "stiffness"
+elements = "k"
+[record]
+path = "mixed.npz"
+"""
+
+
+@pytest.mark.parametrize("way", ["[record.time]\nrelative_noise = 0.001\n", "[record.frf]\nsegment_length = 4000\n"])
+def test_every_sensor_of_a_record_of_mixed_quantities_is_held_beside_the_model(tmp_path, way):
+    (tmp_path / "mixed.toml").write_text(MIXED + way)
+    structure, n = chain(), 4000
+    values = np.column_stack([np.random.default_rng(0).standard_normal(n), np.zeros((n, 4))])
+    places, kinds = (
+        ("4X", "1X", "2X", "3X-", "4X"),
+        ("force", "displacement", "velocity", "acceleration", "acceleration"),
+    )
+    blank = TimeRecord(40.0, np.concatenate([values, np.zeros_like(values)]), places, kinds)
+    record = simulated_time_record(structure, unknowns(structure), blank, TimeOptions(force="first"))
+    write_record(tmp_path / "mixed.npz", record)
+    (part,) = correlate(load_study(tmp_path / "mixed.toml")).responses
+    assert part.record.kind == "accelerance"
+    assert [str(dof) for dof in part.record.outputs] == ["1X+", "2X+", "3X-", "4X+"]
+    band = (part.record.frequency > 1) & (part.record.frequency < 6)
+    ratio = part.record.values[band, :, 0] / part.model[band, :, 0]
+    assert np.median(ratio.real, axis=0) == pytest.approx(
+        1, abs=0.05
+    )  # resonances leak; no factor of i omega is missing
+    assert np.median(ratio.imag, axis=0) == pytest.approx(0, abs=0.05)

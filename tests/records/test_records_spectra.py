@@ -150,7 +150,8 @@ def test_variance_is_none_without_enough_averages(rng):
         ({"estimator": "H3"}, "H1, H2 or Hv"), ({"inputs": ["1X", "3X"]}, "coherent"),
         ({"inputs": ["1X", "4X"], "estimator": "H2"}, "H2 takes one input"), ({"inputs": ["6X"]}, "no power"),
         ({"inputs": ["1X", "4X"], "segment_length": 400}, "at least as many segments"),
-        ({"outputs": ["2X", "7X"]}, "one quantity"), ({"outputs": ["8X"]}, "choose one with `quantity`"),
+        ({"outputs": ["2X", "9X"]}, r"9X\+ is none"), ({"quantity": "force"}, "displacement, velocity"),
+        ({"outputs": ["8X"]}, "choose one with `quantity`"),
     ],
 )  # fmt: skip
 def test_refuses(rng, changes, word):
@@ -171,3 +172,35 @@ def test_unlike_repeats_are_refused(rng):
         frf_from_time([first, record(rng.normal(size=(65, 2)))], ["1X"], ["2X"])
     with pytest.raises(InputError, match="at least one"):
         frf_from_time([], ["1X"], ["2X"])
+
+
+def test_displacements_velocities_and_accelerations_side_by_side_become_one_kind(rng):
+    """A period of steady state: what each sensor reads is the other's derivative, line by line."""
+    x, n = rng.normal(size=256), 256
+    s = 2j * np.pi * np.fft.rfftfreq(n, 1 / RATE)
+    moved = np.fft.rfft(x) / (s**2 + 3 * s + 2000.0)
+    moved[-1] = 0  # the last line of a series has no phase
+    columns = [np.tile(np.fft.irfft(s**order * moved, n), 3) for order in range(3)]
+    channels, quantities = ("1X", "2X", "3X", "4X"), ("force", "displacement", "velocity", "acceleration")
+    times = record(np.tile(x, 3), *columns, channels=channels, quantities=quantities)
+    settings = {"segment_length": n, "overlap": 0.0, "window": "boxcar"}
+    for wanted, kind, order in (
+        ("velocity", "mobility", 1),
+        (None, "receptance", 0),
+        ("acceleration", "accelerance", 2),
+    ):
+        frf = frf_from_time(times, ["1X"], channels[1:], quantity=wanted, **settings)
+        expected = (s**order / (s**2 + 3 * s + 2000.0))[1:-1, None]
+        assert frf.kind == kind
+        np.testing.assert_allclose(frf.values[:-1, :, 0], np.repeat(expected, 3, axis=1), rtol=1e-8)
+
+
+def test_variance_follows_the_kind(rng):
+    x = rng.normal(size=64 * 30)
+    noisy = [x + rng.normal(size=x.size), x + rng.normal(size=x.size)]
+    times = record(x, *noisy, channels=("1X", "2X", "3X"), quantities=("force", "acceleration", "velocity"))
+    both = frf_from_time(times, ["1X"], ["2X", "3X"], segment_length=64, quantity="acceleration")
+    alone = frf_from_time(times, ["1X"], ["3X"], segment_length=64).as_kind("accelerance")
+    np.testing.assert_allclose(both.values[:, 1:], alone.values, rtol=1e-12)
+    np.testing.assert_allclose(both.variance[:, 1:], alone.variance, rtol=1e-12)
+    np.testing.assert_allclose(both.coherence[:, 1:], alone.coherence, rtol=1e-12)

@@ -205,7 +205,7 @@ def test_slopes_follow_every_value_that_a_share_depends_on():
 def test_methods_that_are_linear_in_the_parameters_refuse_bending_beside_shear():
     structure = portal(2)
     for wanted in ("bending_stiffness", "shear_stiffness"):
-        with pytest.raises(InputError, match=rf"{wanted}\[up\] must be known in the time domain.* leave the shear out"):
+        with pytest.raises(InputError, match=rf"{wanted}\[up\] must be known here.* leave the shear out"):
             require_linear_weights(structure, parameters(structure, [Unknown(wanted, "up")]))
     require_linear_weights(structure, parameters(structure, [Unknown("mass", "up")]))
 

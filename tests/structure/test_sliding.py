@@ -154,9 +154,9 @@ def test_the_place_stays_between_its_neighbours():
         parameters(structure, [Unknown("position", "node 2", start=2.5)])
 
 
-def test_methods_in_time_need_the_place():
+def test_methods_that_are_linear_in_the_parameters_need_the_place():
     structure = beam_on_a_roller(1.0)
-    with pytest.raises(InputError, match=r"position\[node 2\] must be known in the time domain.*fix it"):
+    with pytest.raises(InputError, match=r"position\[node 2\] must be known here.*fix it"):
         require_linear_weights(structure, parameters(structure, [Unknown("position", "node 2")]))
     require_linear_weights(structure, parameters(structure, [Unknown("mass", "strip")]))
 

@@ -8,9 +8,19 @@ import pytest
 from typer.testing import CliRunner
 
 from short_record_cases import RATE, SENSORS, chain, record, unknowns
-from structid import FrfRecord, InputError, TimeRecord, simulated_record, write_record
+from structid import (
+    FrfRecord,
+    InputError,
+    TimeRecord,
+    Unknown,
+    parameters,
+    simulated_record,
+    simulated_time_record,
+    write_record,
+)
 from structid.cli.app import app
 from structid.dynamics.transient import sampled_transient
+from structid.observation import TimeOptions
 from structid.study.run.run import run_study
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -237,3 +247,45 @@ def test_output_error_refuses_a_band(tmp_path):
     path, _ = write_study(tmp_path, text)
     with pytest.raises(InputError, match="takes one record, all of it"):
         run_study(load_study(path))
+
+
+DASHPOTS = CHAIN[CHAIN.index("[[structure.dashpot]]") : CHAIN.index('[[unknown]]\nproperty = "mass"')]
+MODAL = (
+    CHAIN.replace(DASHPOTS, "")
+    .replace('active = ["X"]', 'active = ["X"]\ndamping_ratio = 0.02')
+    .replace(
+        'property = "viscous_damping"\nelements = "c"\neach = true',
+        'property = "damping_ratio"\nelements = "all modes"',
+    )
+)
+
+
+@pytest.mark.parametrize("fit", ["spectra", "output_error"])
+def test_a_damping_ratio_of_all_modes_is_found_from_histories(tmp_path, fit):
+    structure = load_study(write_study(tmp_path, MODAL)[0]).setups[0].structure
+    sought = [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)]
+    truth = parameters(structure, [*sought, Unknown("damping_ratio", "all modes", start=0.03)])
+    rng = np.random.default_rng(5)
+    values = np.column_stack([rng.standard_normal(1200), np.zeros((1200, 3))])
+    blank = TimeRecord(RATE, values, ("4X", "1X", "2X", "4X"), ("force", *["acceleration"] * 3))
+    clean = simulated_time_record(structure, truth, blank, TimeOptions(force="first"))
+    noise = 0.02 * clean.values[:, 1:].std() * rng.standard_normal((1200, 3))
+    noisy = replace(clean, values=clean.values + np.column_stack([np.zeros(1200), noise]))
+    std = float(0.02 * clean.values[:, 1:].std())
+    lines = f'fit = "{fit}"\nhold = "first"\n'
+    text = MODAL.replace("relative_noise = 0.01", lines + f"noise = [0.0, {std}, {std}, {std}]")
+    write_study(tmp_path, text if fit == "spectra" else text.replace("[method]\nband = [0.1, 12.0]\n", ""), noisy)
+    ran = CliRunner().invoke(app, ["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 0, ran.output
+    summary = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    found = {one["name"]: (one["value"], one["std"]) for one in summary["parameters"]}
+    for name, true in zip(truth.names, truth.start.tolist(), strict=True):
+        value, deviation = found[name]
+        assert abs(value - true) < 4 * deviation, name
+    assert found["damping_ratio[all modes]"][1] < 0.001
+
+
+def test_a_damping_ratio_in_per_cent_or_of_massless_structures_is_refused_with_its_place(tmp_path):
+    path, _ = write_study(tmp_path, MODAL.replace("damping_ratio = 0.02", "damping_ratio = 2.0"))
+    with pytest.raises(InputError, match=r"study.toml.*\[structure\] damping_ratio.* at least 0 and less than 1"):
+        load_study(path)

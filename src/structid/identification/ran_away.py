@@ -13,7 +13,7 @@ from structid.observation import RecordProblem
 #: Times its start, or parts of it, from where on a value is no longer taken for an answer. Starts that were 50 times off
 #: are found again, and what has no effect ends at the reach of the search, a million times the start.
 _FAR = 1e3
-_DAMPINGS = ("viscous_damping", "loss_factor", "friction")
+_DAMPINGS = ("viscous_damping", "loss_factor", "friction", "damping_ratio")
 
 
 def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:

@@ -222,7 +222,7 @@ class DenseSlopes:
     ----------
     structure : Structure
     slots : tuple of (int, tuple of int)
-        Contributions whose weights change with a parameter, and which of their `partial_slopes` do.
+        Contributions whose weights change with a parameter, and by which of their `places`.
     forces : DenseForces
         Its maps are not filled in.
     operators : tuple of (n n_dofs, n_slopes) sparse arrays
@@ -238,8 +238,7 @@ class DenseSlopes:
         """The forces where the structure has these `values`."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
-            partial = self.structure.contributions[member].partial_slopes(values)
-            slopes += [partial[k][1] for k in used]
+            slopes += [self.structure.contributions[member].slope(values, k) for k in used]
         stacked, n_dofs = np.concatenate(slopes), self.structure.n_dofs
         maps = tuple(
             (law, chosen, (operator @ stacked).reshape(-1, n_dofs))

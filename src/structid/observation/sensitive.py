@@ -17,11 +17,7 @@ from structid.unknowns import Parameters
 
 def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
     """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
-    design = unknown.design.tocsr()
-    if not part.is_product:
-        return design[part.value]
-    slopes = [design[rows].multiply(slope[:, None]) for rows, slope in part.partial_slopes(values)]
-    return sparse.csr_array(sum(slopes[1:], slopes[0]))
+    return part.change(values, unknown.design.tocsr())
 
 
 _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fix it"}
@@ -30,8 +26,13 @@ _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fi
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
 
-    A thickness, the place of a node, and bending and shear stiffness of a beam that shears.
+    A thickness, the place of a node, bending and shear stiffness of a beam that shears, and modal damping.
     """
+    if structure.damping_ratio is not None:
+        raise InputError(
+            "modal damping (`damping_ratio` of all modes) is not linear in masses and stiffnesses, and these equations of motion"
+            " are; fit spectra or output error, or FRFs, or take viscous elements in its place"
+        )
     changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
     factors = np.zeros(len(changing), dtype=bool)
     for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
@@ -40,8 +41,8 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
         if (factors[item.values] & changing[item.values]).any():
             remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
             raise InputError(
-                f"{item.label} must be known in the time domain, where matrices are linear in the parameters; {remedy}, or"
-                f" identify the {item.term.property.replace('_', ' ')} from FRFs with `identify`"
+                f"{item.label} must be known here, where equations of motion are linear in the parameters; {remedy}, or"
+                f" identify the {item.term.property.replace('_', ' ')} from FRFs, spectra or output error"
             )
 
 
@@ -102,12 +103,12 @@ class WeightedParts:
 
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
     """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
-    design, marks = unknown.design.tocsr(), np.zeros(len(unknown.offset), dtype=bool)
+    counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
         for place in item.places[1:]:
             marks[place] = True
-            if design[place].nnz:
+            if counts[place].any():
                 marks[item.value] = True
     return np.flatnonzero(marks)
 
@@ -121,6 +122,7 @@ def weighted_elements(
     the two laws then share one part. Parts that enter alike are of one kind.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
+    counts = np.diff(design.indptr)
     found: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
     members: list[tuple[int, IntArray]] = []
     variable: list[FloatArray] = []
@@ -128,12 +130,12 @@ def weighted_elements(
         for member in group.members:
             item = structure.contributions[member]
             factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
-            other = 0 if item.factor is None else design[item.factor][group.rows].nnz
+            other = 0 if item.factor is None else counts[item.factor][group.rows].sum()
             if item.scale is not None:
                 factor = factor * item.scale.of(weights)[group.rows]
-                other += sum(design[place][group.rows].nnz for place in item.scale.places)
+                other += item.scale.touched(counts > 0)[group.rows].sum()
             simple = np.ptp(factor) == 0 and not other
-            key = (number, item.value.start, -1 if simple else member)
+            key = (number, item.first, -1 if simple else member)
             if key not in found:
                 slope = design[item.value] if simple else weight_slope(item, unknown, weights)
                 found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])

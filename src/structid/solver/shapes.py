@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +13,13 @@ from structid.dof import DIRECTIONS
 from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.modal.files.files import read_modes
-from structid.structure.importers.fixed_fields import FieldError, real_numbers
+from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, f06_modes, numbers, punch_modes
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.
-FRD, F06 = (".frd",), (".f06",)
+FRD, NASTRAN = (".frd",), (*F06_SUFFIXES, *PUNCH_SUFFIXES)
 #: Six and seven digits.
-_ROUNDING = {".frd": 5e-6, ".f06": 5e-7}
+_ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
-_F06_TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
-_F06_VECTOR = re.compile(r"E I G E N V E C T O R")
-_REAL = r"[-+]?\d*\.\d*(?:[EDed]?[-+]\d+)?"
-_F06_MODE = re.compile(rf"^\s*(\d+)\s+(\d+)((?:\s+{_REAL}){{5}})\s*$")
-_F06_NODE = re.compile(rf"^\s*(\d+)\s+(?:\d+|G)\s+({_REAL}(?:\s+{_REAL}){{5}})\s*$")
 _FRD_WIDTH, _FRD_FIRST = 12, 13
 
 
@@ -60,7 +54,7 @@ def read_shapes(path: Path) -> Shapes:
     Parameters
     ----------
     path : Path
-        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06``, or what `structid.modal.files.files.read_modes` reads.
+        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or what `structid.modal.files.files.read_modes` reads.
 
     Raises
     ------
@@ -68,12 +62,16 @@ def read_shapes(path: Path) -> Shapes:
         If the file is missing, cut short, or holds no modes.
     """
     suffix = path.suffix.lower()
-    if suffix not in (*FRD, *F06):
+    if suffix not in (*FRD, *NASTRAN):
         return _of_record(path)
     require_readable(path)
     with damage_told(path, "a file of modes", _RUN_AGAIN):
         lines = path.read_text(encoding="latin-1").splitlines()
-        frequency, modes = (_frd if suffix in FRD else _f06)(path, lines)
+        if suffix in FRD:
+            frequency, modes = _frd(path, lines)
+        else:
+            printed = (f06_modes if suffix in F06_SUFFIXES else punch_modes)(path, lines)
+            frequency, modes = [one.frequency for one in printed], [(one.nodes, one.values) for one in printed]
     if not modes:
         raise FileError(f"{path}: holds no modes; {_RUN_AGAIN}")
     nodes = modes[0][0]
@@ -124,41 +122,10 @@ def _frd(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntA
             fields = [
                 row[_FRD_FIRST + k * _FRD_WIDTH : _FRD_FIRST + (k + 1) * _FRD_WIDTH] for row in rows for k in range(3)
             ]
-            modes.append((np.array([int(row[3:_FRD_FIRST]) for row in rows]), _numbers(path, fields).reshape(-1, 3)))
+            modes.append((np.array([int(row[3:_FRD_FIRST]) for row in rows]), numbers(path, fields).reshape(-1, 3)))
     if not any(line.startswith(" 9999") for line in lines[-3:]):
         raise FileError(f"{path}: has no last line 9999; the file is cut short, {_RUN_AGAIN}")
     return frequency, modes
-
-
-def _f06(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntArray, FloatArray]]]:
-    """Nastran: the table of real eigenvalues, and one table a vector with six components a grid point."""
-    frequency: list[float] = []
-    modes: list[tuple[list[int], list[str]]] = []
-    state = ""
-    for line in lines:
-        if _F06_TABLE.search(line):
-            state = "table"
-        elif _F06_VECTOR.search(line):
-            state = "vector"
-            modes.append(([], []))
-        elif state == "table" and (found := _F06_MODE.match(line)):
-            frequency.append(float(found[3].split()[2].replace("D", "E")))
-        elif state == "vector" and (found := _F06_NODE.match(line)):
-            modes[-1][0].append(int(found[1]))
-            modes[-1][1].extend(found[2].split())
-        elif "FATAL" in line:
-            raise FileError(f"{path}: {' '.join(line.split())[:100]}; correct the deck")
-    return frequency, [(np.array(nodes), _numbers(path, fields).reshape(-1, 6)) for nodes, fields in modes]
-
-
-def _numbers(path: Path, fields: Sequence[str]) -> FloatArray:
-    table = np.array([field.encode("latin-1") for field in fields], dtype="S24")
-    width = table.dtype.itemsize
-    letters = np.frombuffer(table.tobytes(), dtype=np.uint8).reshape(-1, width)
-    try:
-        return real_numbers(np.where(letters == 0, np.uint8(ord(" ")), letters))
-    except FieldError as error:
-        raise FileError(f"{path}: {error.text[:30]!r} is no number; the file is damaged, {_RUN_AGAIN}") from error
 
 
 def require_same_dofs(first: Shapes, other: Shapes, words: str) -> None:

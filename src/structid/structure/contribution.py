@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
@@ -47,13 +48,23 @@ class Factor(Protocol):
         """The factors, (n_elements,)."""
         ...
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Their derivatives with respect to the values at each of `places`, (n_elements,) each."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """Their derivatives with respect to the values at one of `places`, (n_elements,)."""
         ...
+
+    def touched(self, changing: np.ndarray) -> np.ndarray:
+        """Whether each changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
+        return mask
+
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """Their derivatives with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        slopes = ((place, self.slope(values, number)) for number, place in enumerate(self.places))
+        return sum_of(design[place].multiply(slope[:, None]) for place, slope in slopes)
 
 
 @dataclass(frozen=True, eq=False)
-class ShearFactor:
+class ShearFactor(Factor):
     """The share G / (G + ratio E) of `ShearShare` over the nominal one, to a power; the element matrices hold the nominal.
 
     Attributes
@@ -85,21 +96,21 @@ class ShearFactor:
         ) ** self.power
         return shares
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`."""
         bending, shear = values[self.bending], values[self.shear]
         whole = shear + self.ratio * bending
         common = self.ratio / whole**2 / self.nominal * self.power * (shear / whole / self.nominal) ** (self.power - 1)
-        return (-common * shear, common * bending)
+        return common * (-shear, bending)[place]
 
 
 @dataclass(frozen=True, eq=False)
-class Monomial:
+class Monomial(Factor):
     """A product of powers of values over their references, a number an element; element matrices hold the references.
 
     Attributes
     ----------
-    places : tuple of slice
+    at : tuple of slice
         Where the values stand among the values of the structure.
     references : tuple of (n_elements,) float array or float
         Nominal thicknesses, for one.
@@ -107,33 +118,37 @@ class Monomial:
         Of a thickness 1 for membrane stiffness and mass, 3 for bending.
     """
 
-    places: tuple[slice, ...]
+    at: tuple[slice, ...]
     references: tuple[FloatArray | float, ...]
     exponents: tuple[int, ...]
+
+    @property
+    def places(self) -> tuple[slice, ...]:
+        """See `Factor.places`."""
+        return self.at
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
         first, *others = self._powers(values)
         return math.prod(others, start=first)
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`."""
-        powers, found = self._powers(values), []
-        for own, (place, reference, exponent) in enumerate(self._parts):
-            slope = exponent * (values[place] / reference) ** (exponent - 1) / reference
-            found.append(math.prod((*powers[:own], *powers[own + 1 :]), start=slope))
-        return tuple(found)
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`."""
+        powers = self._powers(values)
+        at, reference, exponent = self._parts[place]
+        slope = exponent * (values[at] / reference) ** (exponent - 1) / reference
+        return math.prod((*powers[:place], *powers[place + 1 :]), start=slope)
 
     @property
     def _parts(self) -> list[tuple[slice, FloatArray | float, int]]:
-        return list(zip(self.places, self.references, self.exponents, strict=True))
+        return list(zip(self.at, self.references, self.exponents, strict=True))
 
     def _powers(self, values: FloatArray) -> list[FloatArray]:
         return [(values[place] / reference) ** exponent for place, reference, exponent in self._parts]
 
 
 @dataclass(frozen=True, eq=False)
-class LengthFactor:
+class LengthFactor(Factor):
     """(length / nominal length) to a power, a number an element; the element matrices hold the nominal one.
 
     Attributes
@@ -156,10 +171,10 @@ class LengthFactor:
         powers: FloatArray = self.lengthening.ratio(values) ** self.power
         return powers
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """See `Factor.slopes`, 1/m."""
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`, 1/m."""
         steep = self.power * self.lengthening.ratio(values) ** (self.power - 1) / self.lengthening.lengths
-        return tuple(steep * slope for slope in self.lengthening.slopes)
+        return steep * self.lengthening.slopes[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +183,22 @@ class Contribution:
 
     The weight of element e is ``values[value][e]``, times ``values[factor][e]`` for structural damping
     (stiffness times loss factor), times what `scale` gives where the element has a thickness, shears or has an end that
-    slides. `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
+    slides, or where it is an entry of a modal damping.
+
+    `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
     by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
     """
 
     law: str
     blocks: ElementMatrices
-    value: slice
+    value: Place
     factor: slice | None = None
     scale: Factor | None = None
+
+    @property
+    def first(self) -> int:
+        """Where the first of its values stands."""
+        return int(np.r_[self.value][0])
 
     @property
     def is_product(self) -> bool:
@@ -198,20 +220,36 @@ class Contribution:
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
-        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
-        return mask
+        places = (self.value,) if self.factor is None else (self.value, self.factor)
+        mask: np.ndarray = np.any([changing[place] for place in places], axis=0)
+        return mask if self.scale is None else mask | self.scale.touched(changing)
 
-    def partial_slopes(self, values: FloatArray) -> list[tuple[Place, FloatArray]]:
-        """Derivative of the weights with respect to each of the values that make them up: where they stand, and it."""
-        factor = 1.0 if self.factor is None else values[self.factor]
-        scale = 1.0 if self.scale is None else self.scale.of(values)
-        own = values[self.value]
-        slopes = [np.broadcast_to(factor * scale, own.shape)]
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """Derivative of the weights with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        if not self.is_product:
+            return design[self.value]
+        own, factor = values[self.value], 1.0 if self.factor is None else values[self.factor]
+        parts = [design[self.value].multiply(self.slope(values, 0)[:, None])]
         if self.factor is not None:
-            slopes.append(own * scale)
+            parts.append(design[self.factor].multiply(self.slope(values, 1)[:, None]))
         if self.scale is not None:
-            slopes += [own * factor * slope for slope in self.scale.slopes(values)]
-        return list(zip(self.places, slopes, strict=True))
+            parts.append(self.scale.change(values, design).multiply((own * factor)[:, None]))
+        return sum_of(parts)
+
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """Derivative of the weights with respect to the values at one of `places`, (n_elements,)."""
+        factor = 1.0 if self.factor is None else values[self.factor]
+        own, before = values[self.value], 1 if self.factor is None else 2
+        if self.scale is not None and place >= before:
+            return own * factor * self.scale.slope(values, place - before)
+        scale = 1.0 if self.scale is None else self.scale.of(values)
+        return np.broadcast_to(factor * scale, own.shape) if place == 0 else own * scale
+
+
+def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
+    """Their sum."""
+    first, *others = matrices
+    return sparse.csr_array(sum(others, first))
 
 
 def weighed(
@@ -266,9 +304,9 @@ def rigid_mass(
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
             if scale is not None:
-                for place, slope in zip(scale.places, scale.slopes(values), strict=True):
+                for number, place in enumerate(scale.places):
                     rows = np.arange(len(values))[place]
-                    np.add.at(gradient, rows, unit * values[item.values] * slope)
+                    np.add.at(gradient, rows, unit * values[item.values] * scale.slope(values, number))
         if gradient.any():
             break
     return total, gradient

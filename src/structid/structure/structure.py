@@ -21,6 +21,7 @@ from structid.structure.contribution import Contribution, Property, rigid_mass, 
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
 from structid.structure.inside import NumberedTerms, numbered_terms
+from structid.structure.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
 from structid.structure.sliding import Lengthening, Slide, lengthening, slides
 from structid.structure.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
@@ -57,6 +58,9 @@ class Structure(Shown, StructurePlots):
         ``position[node 2]``: the distance in m from the neighbour at which the first of them begins.
     components : sequence of Component
         Parts that are reduced to their interface and a few modes.
+    damping_ratio : float, optional
+        Viscous damping of all modes, with whatever masses and stiffnesses they come to have, beside that of the elements. It is
+        the property ``damping_ratio[all modes]``, and makes matrices full: up to 1200 degrees of freedom.
 
     Raises
     ------
@@ -73,6 +77,7 @@ class Structure(Shown, StructurePlots):
     bases: tuple[Base, ...] = ()
     sliding: tuple[int, ...] = ()
     components: tuple[Component, ...] = ()
+    damping_ratio: float | None = None
 
     def __init__(
         self,
@@ -85,6 +90,7 @@ class Structure(Shown, StructurePlots):
         bases: Iterable[Base] = (),
         sliding: Iterable[int] = (),
         components: Iterable[Component] = (),
+        damping_ratio: float | None = None,
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -102,6 +108,7 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "bases", tuple(bases))
         object.__setattr__(self, "sliding", tuple(dict.fromkeys(int(node) for node in sliding)))
         object.__setattr__(self, "components", tuple(components))
+        object.__setattr__(self, "damping_ratio", None if damping_ratio is None else float(damping_ratio))
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
@@ -114,6 +121,7 @@ class Structure(Shown, StructurePlots):
             f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
             f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
         )
+        words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
         names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
         rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
         return Overview(words, ("element set", "type", "properties"), rows)
@@ -141,7 +149,9 @@ class Structure(Shown, StructurePlots):
             for term in every[name]:
                 found.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
-        found += [Property(one.name, one.term, slice(start + i, start + i + 1)) for i, one in enumerate(self._slides)]
+        single = [(one.name, one.term) for one in self._slides]
+        single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
+        found += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
         return tuple(found)
 
     @cached_property
@@ -222,7 +232,11 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom with the values that weigh them."""
-        return weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+        found = weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+        if self.damping_ratio is None or not self.n_dofs:
+            return found
+        place = self.properties[-1].values.start
+        return (*found, modal_damping(found, place, len(self.values), self.n_dofs))
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
         """The bases that inputs at `dofs` move, each once; () where all of them are forces.
@@ -254,6 +268,11 @@ class Structure(Shown, StructurePlots):
 
     def let_go(self, bases: tuple[Base, ...]) -> Structure:
         """The same structure with the supports of `bases` free, those of one base still moving alike."""
+        if self.damping_ratio is not None:
+            raise InputError(
+                f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
+                " against supports at rest; use loss factors of twice the damping ratio, or measure forces"
+            )
         if bases not in self._let_go:
             supports = {dof.unsigned for base in bases for dof in base.supports}
             fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
@@ -328,6 +347,7 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 def _require_names(structure: Structure) -> None:
     names = [e.name for e in structure.elements] + [one.name for one in structure.components]
     names += [f"node {label}" for label in structure.sliding]
+    names += [] if structure.damping_ratio is None else [ALL_MODES]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two element sets are called {name!r}; give each a name of its own")

@@ -90,7 +90,7 @@ def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) 
     sets = {item.values.start: item.element for item in structure.properties}
     for own in structure.contributions:
         if own.law == "elastic":
-            name, part = sets[own.value.start], own.weights(values) * own.blocks.bilinear(shape, shape)[:, 0, 0]
+            name, part = sets[own.first], own.weights(values) * own.blocks.bilinear(shape, shape)[:, 0, 0]
             energy[name] = energy.get(name, 0.0) + part
     told = np.concatenate(list(energy.values()))
     order = np.argsort(told)[::-1]

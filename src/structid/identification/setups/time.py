@@ -52,6 +52,7 @@ _FEWEST = 16
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
 _FORCE: Quantity = "force"
+_SUPPORT: Quantity = "support_acceleration"
 #: Distance of the label of a joint force's node from those of the structure, which may get some more.
 _FAR = 1000
 #: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
@@ -148,7 +149,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
         """
         problem: RecordProblem
-        if self.own_estimator and "support_acceleration" in self.record.quantities:
+        if self.own_estimator and _SUPPORT in self.record.quantities:
             raise InputError(f"{self.own_estimator} takes no motion of supports; take fit = 'spectra' for this record")
         if self.settings.fit == "output_error":
             self.channel_errors(self.channel_unknowns)
@@ -310,16 +311,19 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
 
 def averaged_frfs(record: TimeRecord) -> FrfRecord:
-    """FRFs of estimator Hv from four segments, of all forces and of the kind of motion that most channels hold.
+    """FRFs of estimator Hv from four segments, of all forces and motions, as the kind that most channels hold.
 
     They begin and end where a force rises above its noise: beyond, no peak is a resonance.
     """
-    of_kind: dict[Quantity, list[Dof]] = {}
-    for dof, kind in zip(record.channels, record.quantities, strict=True):
-        of_kind.setdefault(kind, []).append(dof)
-    loads = [dof for kind in LOADS for dof in of_kind.pop(kind, [])]
-    most: Quantity = max(of_kind, key=lambda kind: len(of_kind[kind]), default="acceleration")
-    sensors = of_kind.get(most, ())
+    pairs = list(zip(record.channels, record.quantities, strict=True))
+    loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
+    motions = [(dof, quantity) for dof, quantity in pairs if quantity not in LOADS]
+    if _SUPPORT in record.quantities:  # per motion of a support
+        motions = [one for one in motions if one[1] == "acceleration"]
+    kinds = [quantity for _, quantity in motions]
+    most: Quantity = max(dict.fromkeys(kinds), key=kinds.count, default="acceleration")
+    places = [dof for dof, _ in motions]
+    sensors = [dof for dof in dict.fromkeys(places) if (dof, most) in motions or places.count(dof) == 1]
     length = max(len(record.values) // _SEGMENTS, 1)
     made = frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
     driven = _driven(record, length)

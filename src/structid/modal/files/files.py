@@ -12,13 +12,15 @@ import numpy as np
 from structid.errors import FileError
 from structid.files import atomic_write, damage_told, require_readable
 from structid.modal.files.csv import modes_csv, read_modes_csv
+from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
 from structid.modal.files.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import modal_phase_collinearity
 from structid.records.io import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
-_SUFFIXES = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
+_WRITTEN = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
+_READ = (*_WRITTEN, *F06_SUFFIXES, *PUNCH_SUFFIXES)
 
 
 def read_modes(path: str | Path) -> ModalRecord:
@@ -28,7 +30,7 @@ def read_modes(path: str | Path) -> ModalRecord:
     ----------
     path : str or Path
         ``.json`` as written by `write_modes` or by the command ``structid modes``; ``.uff``, ``.unv`` or ``.uf`` with
-        datasets 55; ``.csv`` with one row a mode.
+        datasets 55; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with real eigenvectors of Nastran.
 
     Raises
     ------
@@ -40,16 +42,18 @@ def read_modes(path: str | Path) -> ModalRecord:
     -----
     JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations or warnings; each
     sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps standard deviations
-    but not how errors move together: they count as independent.
+    but not how errors move together: they count as independent. Of Nastran's files translations are read, not rotations,
+    whose size beside translations goes with the unit of length; they hold no damping and no deviations.
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    _require_known(path, suffix)
+    _require_known(path, suffix, _READ)
     require_readable(path)
     readers: dict[str, Callable[[Path], ModalRecord]] = {
         **dict.fromkeys(JSON_SUFFIXES, _read_json),
         **dict.fromkeys(UFF_SUFFIXES, read_modes_uff),
         **dict.fromkeys(CSV_SUFFIXES, read_modes_csv),
+        **dict.fromkeys((*F06_SUFFIXES, *PUNCH_SUFFIXES), read_modes_nastran),
     }
     with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):
         return readers[suffix](path)
@@ -70,7 +74,7 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    _require_known(path, suffix)
+    _require_known(path, suffix, _WRITTEN)
     if suffix in JSON_SUFFIXES:
         content = _json_text(modal_fields(modes)).encode("utf-8")
     else:
@@ -79,9 +83,9 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
         temporary.write_bytes(content)
 
 
-def _require_known(path: Path, suffix: str) -> None:
-    if suffix not in _SUFFIXES:
-        raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(_SUFFIXES)}")
+def _require_known(path: Path, suffix: str, known: tuple[str, ...]) -> None:
+    if suffix not in known:
+        raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(known)}")
 
 
 def modal_fields(modes: ModalRecord) -> dict[str, Any]:

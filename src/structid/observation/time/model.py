@@ -13,7 +13,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.dof import Dof
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.errors import InputError, SingularModelError
-from structid.observation.sensitive import require_linear_weights
+from structid.observation.sensitive import weight_slope
 from structid.observation.time.options import Hold, Oscillation
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -184,7 +184,7 @@ class TimeModel:
         scale = np.sqrt(np.maximum(squares, 0.0))
         scale = np.where(scale * self.step > 1e-3, scale, 1e-3 / self.step)
         n_params = self.unknown.n_params if derivatives else 0
-        change = {law: self._modal_change(law, shapes) for law in _LAWS} if derivatives else {}
+        change = {law: self._modal_change(law, shapes, properties) for law in _LAWS} if derivatives else {}
         n, modal_damping, load = len(squares), shapes.T @ damping @ shapes, shapes.T @ self.load_columns
         rate = np.zeros((2 * n, 2 * n))
         rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
@@ -201,17 +201,19 @@ class TimeModel:
             coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
         return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
 
-    def _modal_change(self, law: str, shapes: FloatArray) -> FloatArray:
+    def _modal_change(self, law: str, shapes: FloatArray, properties: FloatArray) -> FloatArray:
         """Derivative of a matrix with respect to each parameter between modes, (n_modes, n_params, n_modes)."""
         n, n_params = len(shapes), self.unknown.n_params
         total = np.zeros((n_params, n * n))
-        design = self.unknown.design.tocsr()
         for part in self.structure.contributions:
             if part.law != law:
                 continue
-            rows = design[part.value]
+            rows = weight_slope(part, self.unknown, properties)
             used = np.flatnonzero(np.diff(rows.indptr))
-            if len(used):
+            if len(used) > n_params:  # as modal damping has, an element an entry
+                changes = (part.blocks.assemble(column) for column in rows.toarray().T)
+                total += np.stack([(shapes.T @ (matrix @ shapes)).ravel() for matrix in changes])
+            elif len(used):
                 forms = part.blocks.take(used).bilinear(shapes, shapes).reshape(len(used), -1)
                 total += rows[used].T @ forms
         return np.swapaxes(total.reshape(n_params, n, n), 0, 1)
@@ -337,7 +339,6 @@ class LinearSystem:
 
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where friction or loss factors take part: they have no linear equation of motion in time."""
-    require_linear_weights(structure, unknown)
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():

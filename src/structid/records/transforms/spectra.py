@@ -10,7 +10,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.records.record import FrfKind, FrfRecord, Quantity, TimeRecord
+from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord
 
 Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]
@@ -51,7 +51,7 @@ def frf_from_time(
     inputs : iterable of str or Dof
         Force channels, or accelerations of supports, which give transmissibility.
     outputs : iterable of str or Dof
-        Motion channels, all of one quantity.
+        Motion channels. Displacements, velocities and accelerations side by side become one kind, by powers of i omega.
     estimator : {"H1", "H2", "Hv"}
         H1 and Hv take any number of inputs, H2 one.
     segment_length : int, optional
@@ -63,7 +63,7 @@ def frf_from_time(
     detrend : {"constant", "linear", "none"}
         What is taken off each segment before the window. Without ``"none"`` the line at 0 Hz is left out.
     quantity : str, optional
-        Which quantity to use where a channel has several at an output.
+        Which to use where a place has several; the kind of the FRFs. By default that of most outputs.
 
     Returns
     -------
@@ -94,27 +94,33 @@ def frf_from_time(
     require_alike(repeats, segment_length)
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
-    measured = _quantity(repeats[0], sensors, quantity)
+    measured = _quantities(repeats[0], sensors, quantity)
+    most: Quantity = max(dict.fromkeys(measured), key=measured.count) if quantity is None else quantity
     driven = _are_supports(repeats[0], loads)
-    if driven and measured != "acceleration":
-        raise InputError(f"transmissibility is of accelerations, but the outputs measure {measured}; leave them out")
+    others = [one for one in measured if one != "acceleration"]
+    if driven and others:
+        raise InputError(f"transmissibility is of accelerations, but outputs measure {others[0]}; leave them out")
     role: Quantity = "support_acceleration" if driven else "force"
-    columns = _columns(repeats[0], loads, role), _columns(repeats[0], sensors, measured)
+    columns = _columns(repeats[0], loads, [role] * len(loads)), _columns(repeats[0], sensors, measured)
     weights = window_weights(window, length)
     spectra, count = _averaged(repeats, columns, weights, step, detrend)
     averages = effective_averages(weights, step, [segment_count(r, length, step) for r in repeats])
     frequency = np.fft.rfftfreq(length, 1 / repeats[0].sampling_rate)
-    if detrend != "none":
+    if detrend != "none" or len(set(measured)) > 1:
         frequency = frequency[1:]
         spectra = Spectra(spectra.inputs[1:], spectra.cross[1:], spectra.outputs[1:])
     _require_separable(spectra, count, loads, frequency)
     values, coherence, variance = estimated(spectra, estimator, averages)
+    orders = [DERIVATIVES[_KINDS[most]] - DERIVATIVES[_KINDS[one]] for one in measured]
+    if any(orders):
+        factor = (2j * np.pi * frequency[:, None, None]) ** np.array(orders)[:, None]
+        values, variance = values * factor, None if variance is None else variance * np.abs(factor) ** 2
     return FrfRecord(
         frequency=frequency,
         values=values,
         outputs=sensors,
         inputs=loads,
-        kind="transmissibility" if driven else _KINDS[measured],
+        kind="transmissibility" if driven else _KINDS[most],
         variance=variance,
         coherence=coherence,
         averages=max(round(averages), 1),
@@ -132,31 +138,35 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
     return any(driven)
 
 
-def _quantity(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> Quantity:
-    """The one quantity that every output has, other than force."""
+def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> list[Quantity]:
+    """The quantity that each output has, other than force; the one that is wanted where it has several."""
     if not outputs:
         raise InputError("`outputs` must name at least one channel, got none")
-    present = set(zip(record.channels, (str(q) for q in record.quantities), strict=True))
-    shared = [q for q in _KINDS if all((dof, q) in present for dof in outputs)]
-    if wanted is not None and wanted in shared:
-        return wanted
-    if len(shared) == 1 and wanted is None:
-        return shared[0]  # type: ignore[return-value]  # a key of _KINDS
-    has = ", ".join(f"{dof} {q}" for dof, q in zip(record.channels, record.quantities, strict=True))
-    if len(shared) > 1:
-        raise InputError(f"`outputs` have {' and '.join(shared)}; choose one with `quantity`")
-    raise InputError(f"`outputs` must be motion channels of one quantity; the record has {has}")
+    if wanted is not None and wanted not in _KINDS:
+        raise InputError(f"`quantity` must be one of {', '.join(_KINDS)}, got {wanted!r}")
+    found: list[Quantity] = []
+    for output in outputs:
+        pairs = zip(record.channels, record.quantities, strict=True)
+        own = [quantity for dof, quantity in pairs if dof == output and quantity in _KINDS]
+        if not own:
+            has = ", ".join(f"{dof} {q}" for dof, q in zip(record.channels, record.quantities, strict=True))
+            raise InputError(f"`outputs` must be motion channels, and {output} is none; the record has {has}")
+        if len(own) > 1 and wanted not in own:
+            raise InputError(f"`outputs` have {' and '.join(own)} at {output}; choose one with `quantity`")
+        found.append(wanted if wanted is not None and wanted in own else own[0])
+    return found
 
 
-def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantity: str) -> list[int]:
+def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
     if not dofs:
         raise InputError("`inputs` must name at least one force channel, got none")
     present = list(zip(record.channels, record.quantities, strict=True))
-    missing = [str(dof) for dof in dofs if (dof, quantity) not in present]
+    pairs = list(zip(dofs, quantities, strict=True))
+    missing = [str(dof) for dof, quantity in pairs if (dof, quantity) not in present]
     if missing:
-        has = ", ".join(str(dof) for dof, q in present if q == quantity) or "none"
-        raise InputError(f"the record has no {quantity} channel {', '.join(missing)}; it has {has}")
-    return [present.index((dof, quantity)) for dof in dofs]  # type: ignore[arg-type]  # a Quantity
+        has = ", ".join(str(dof) for dof, q in present if q == quantities[0]) or "none"
+        raise InputError(f"the record has no {quantities[0]} channel {', '.join(missing)}; it has {has}")
+    return [present.index(pair) for pair in pairs]
 
 
 def _averaged(

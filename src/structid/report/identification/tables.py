@@ -231,6 +231,7 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
     positions = np.array(list(structure.nodes.values()))
     extent = f" {TIMES} ".join(exact(float(x), 4) for x in np.ptp(positions, axis=0))
     ties = [f"{tie.name} ({type(tie).__name__})" for tie in structure.ties]
+    ratio = structure.damping_ratio
     return (
         ("Nodes", f"{len(structure.nodes)} in {structure.dimension}-D, extent {extent} m"),
         ("Free degrees of freedom", str(structure.n_dofs)),
@@ -238,6 +239,7 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
         ("Fixed", _listed(d.place for d in structure.fixed)),
         ("Links and constraints", _listed(ties)),
         *(("Reduced", one.words) for one in structure.reductions),
+        *(() if ratio is None else (("Damping ratio of all modes", exact(ratio, 4)),)),
     )
 
 

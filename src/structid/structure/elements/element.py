@@ -27,6 +27,7 @@ Kind = Literal[
     "thickness",
     "position",
     "parameter",
+    "damping_ratio",
 ]
 Positions = Mapping[int, FloatArray]
 

@@ -7,7 +7,7 @@ import inspect
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
@@ -52,6 +52,7 @@ _TIES = {
     "constraint": Key(_CONSTRAINT, "One degree of freedom as a sum of others", listed=True),
 }
 _BASE = table_of(Base, supports=TEXTS)
+DampingRatio = Annotated[float, Limits(least=0, below=1)]
 #: Highest frequency of a component's modes, in parts of that of the band.
 _UP_TO = 3.0
 _COMPONENT = table_of(Component, elements=TEXTS, interface=TEXTS)
@@ -77,6 +78,10 @@ def structure_table() -> Table:
             _PIECES, "Equal pieces of which each bar, beam and space beam is made, one element still", default=1
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
+        "damping_ratio": Key(
+            held_by(DampingRatio),
+            "Viscous damping of all modes, the property `damping_ratio` of `all modes`; 0.01 is 1 %",
+        ),
         "base": Key(
             _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
         ),
@@ -187,7 +192,8 @@ def _built(
     try:
         drives, sliding = [base for _, base in bases], _flat(given.get("sliding", []))
         parts = [component for _, component in components]
-        return Structure(nodes, sets, fixed, links, active, given.get("subdivide", 1), drives, sliding, parts)
+        pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
+        return Structure(nodes, sets, fixed, links, active, pieces, drives, sliding, parts, ratio)
     except InputError as error:
         raise _placed(section, str(error), components, elements, ties, bases) from error
 
@@ -231,7 +237,7 @@ def _placed(
     for entry, name in named:
         if repr(name) in message:
             return entry.error(message)
-    for key in ("fixed", "active", "subdivide", "sliding", "nodes"):
+    for key in ("fixed", "active", "subdivide", "sliding", "damping_ratio", "nodes"):
         if f"`{key}`" in message and key in section.table:
             return section.error(message, key)
     return section.error(message)

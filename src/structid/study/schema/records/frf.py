@@ -32,7 +32,7 @@ FRF = table_of(
     quantity=choice(*_MOTIONS),
 ) | {
     "inputs": Key(TEXTS, "Force channels; all that the record has by default"),
-    "outputs": Key(TEXTS, "Motion channels, all of one quantity; all by default"),
+    "outputs": Key(TEXTS, "Motion channels; all by default"),
 }
 
 

@@ -1,0 +1,124 @@
+"""Modes that Nastran printed: listings page by page, punch files, and what is wrong with them."""
+
+import numpy as np
+import pytest
+
+from structid import InputError
+from structid.errors import FileError
+from structid.modal.files.files import read_modes, write_modes
+from structid.modal.files.nastran import read_modes_nastran
+from structid.solver.shapes import read_shapes
+
+NODES = [1, 2, 15, 101]
+FREQUENCY = [0.0, 12.5, 47.25]
+SHAPES = np.random.default_rng(7).standard_normal((3, 4, 6)) * 10.0 ** np.random.default_rng(8).integers(
+    -3, 3, (3, 4, 6)
+)
+SHAPES[:, 0] = 0.0  # held
+SHAPES[:, :, 2] = 0.0  # in the x-y plane
+
+
+def listing(nodes=NODES, frequency=FREQUENCY, shapes=SHAPES, page=2):
+    """As MSC Nastran prints SOL 103: a table of eigenvalues, and vectors over several pages."""
+    title = "1    FRAME WITH LINE 7                         NOVEMBER  23, 2026  MSC.NASTRAN  9/ 9/05   PAGE    10\n0\n"
+    text = title + "                                   R E A L   E I G E N V A L U E S\n"
+    text += "   MODE    EXTRACTION      EIGENVALUE            RADIANS             CYCLES         GENERALIZED      GENERALIZED\n"
+    text += "    NO.       ORDER                                                                  MASS             STIFFNESS\n"
+    for k, own in enumerate(frequency, 1):
+        omega = 2 * np.pi * own
+        five = "".join(f"{x:20.6E}" for x in (omega**2, omega, own, 1.0, omega**2))
+        text += f"{k:9d}{k:10d}{five}\n"
+    for k, (own, shape) in enumerate(zip(frequency, shapes, strict=True), 1):
+        for first in range(0, len(nodes), page):
+            text += title + f"      EIGENVALUE = {(2 * np.pi * own) ** 2:13.6E}\n"
+            text += f"          CYCLES = {own:13.6E}         R E A L   E I G E N V E C T O R   N O . {k:10d}\n \n"
+            text += "      POINT ID.   TYPE          T1             T2             T3             R1           R2           R3\n"
+            for node, values in zip(nodes[first : first + page], shape[first : first + page], strict=True):
+                # MSC prints zeros as 0.0
+                text += (
+                    f"{node:14d}      G   "
+                    + "".join("   0.0         " if v == 0 else f"{v:15.6E}" for v in values)
+                    + "\n"
+                )
+    return text
+
+
+def punched(nodes=NODES, frequency=FREQUENCY, shapes=SHAPES, kind="$REAL OUTPUT"):
+    """As VECTOR(PUNCH) = ALL writes it: two lines a point, each with its number in columns 73 to 80."""
+    lines = []
+    for k, (own, shape) in enumerate(zip(frequency, shapes, strict=True), 1):
+        lines += ["$TITLE   = FRAME", "$SUBTITLE=", "$LABEL   =", "$EIGENVECTOR", kind, "$SUBCASE ID =           1"]
+        lines.append(f"$EIGENVALUE = {(2 * np.pi * own) ** 2:14.7E}  MODE = {k:5d}")
+        for node, values in zip(nodes, shape, strict=True):
+            lines.append(f"{node:10d}       G" + "".join(f"{v:18.6E}" for v in values[:3]))
+            lines.append("-CONT-            " + "".join(f"{v:18.6E}" for v in values[3:]))
+    return "".join(f"{line:<72}{number:8d}\n" for number, line in enumerate(lines, 1))
+
+
+TEXTS = {"modes.f06": listing, "modes.pch": punched, "modes.pun": punched}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_translations_that_move_are_read_from_every_page(tmp_path, name):
+    (tmp_path / name).write_text(TEXTS[name]())
+    found = read_modes(tmp_path / name)
+    assert found.frequency == pytest.approx(FREQUENCY, rel=1e-6)
+    assert [str(dof) for dof in found.channels] == ["2X+", "2Y+", "15X+", "15Y+", "101X+", "101Y+"]
+    expected = SHAPES[:, 1:, :2].reshape(3, 6).T
+    largest = np.abs(expected).argmax(axis=0)
+    expected = expected / expected[largest, np.arange(3)]
+    assert found.mode_shapes == pytest.approx(expected, rel=2e-6, abs=1e-12)
+    assert np.isnan(found.damping_ratio).all()
+    assert (found.covariance, found.source) == (None, name)
+    # the loop of a solver takes rotations as well, in the unit of its deck
+    shapes = read_shapes(tmp_path / name)
+    assert shapes.dofs.tolist() == [[node, axis] for node in NODES for axis in range(1, 7)]
+    assert shapes.values == pytest.approx(SHAPES.reshape(3, 24).T, rel=1e-6, abs=1e-12)
+
+
+def test_modes_come_in_order_and_other_punched_tables_are_passed_over(tmp_path):
+    displacements = "$DISPLACEMENTS\n$REAL OUTPUT\n$SUBCASE ID =   1\n" + punched().split("\n", 8)[8].split("$TITLE")[0]
+    (tmp_path / "modes.pch").write_text(punched(frequency=FREQUENCY[::-1]) + displacements)
+    found = read_modes(tmp_path / "modes.pch")
+    assert found.frequency == pytest.approx(FREQUENCY)
+    assert found.mode_shapes[0, 0] / found.mode_shapes[1, 0] == pytest.approx(
+        SHAPES[2, 1, 0] / SHAPES[2, 1, 1], rel=2e-6
+    )
+
+
+def test_a_rigid_mode_below_zero_by_rounding_has_no_frequency(tmp_path):
+    (tmp_path / "modes.pch").write_text(
+        punched().replace("$EIGENVALUE =  0.0000000E+00", "$EIGENVALUE = -3.1000000E-07")
+    )
+    assert read_modes(tmp_path / "modes.pch").frequency[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.f06", "nothing\n", "holds no real modes; let the solver print"),
+        ("a.pch", "$DISPLACEMENTS\n", "holds no real modes"),
+        ("a.f06", listing() + " *** USER FATAL MESSAGE 9137\n", "USER FATAL MESSAGE 9137; correct the deck"),
+        ("a.f06", listing().replace("R E A L   E I G E N V A L U E S", ""), "holds 0 frequencies and 3 shapes, none of mode 1"),
+        ("a.f06", listing() + "  C O M P L E X   E I G E N V A L U E   S U M M A R Y\n", r"complex modes; print real ones \(SOL"),
+        ("a.pch", punched(kind="$REAL-IMAGINARY OUTPUT"), "line 5: holds complex modes"),
+        ("a.pch", "\n".join(punched().split("\n")[:-2]) + "\n", "a shape has 21 numbers at 4 points; the file is cut short"),
+        ("a.pch", "\n".join(punched().split("\n")[:-3]) + "\n", "mode 3 has other points than the first; the file is cut"),
+        ("a.pch", punched().replace("        15       G", "       1x5       G"), "line 12: '1x5' is no label of a point"),
+        ("a.f06", listing(shapes=0 * SHAPES), "a mode has no translation anywhere"),
+        ("a.pch", punched(nodes=[1, 2, 2, 101]), "a point is printed twice"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FileError, match=words):
+        read_modes(tmp_path / name)
+
+
+def test_nothing_is_written_as_nastran_does(tmp_path):
+    (tmp_path / "modes.pch").write_text(punched())
+    found = read_modes_nastran(tmp_path / "modes.pch")
+    with pytest.raises(
+        InputError, match=r"suffix '.f06' is of no format for modes; use one of .json .uff .unv .uf .csv"
+    ):
+        write_modes(tmp_path / "other.f06", found)
