@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 from structid.errors import InputError
@@ -34,12 +36,20 @@ class Field(NamedTuple):
     whole: str
 
 
-def _lines(text: str) -> Iterator[tuple[int, int, str]]:
-    """Number, first character and text of every line."""
-    start = 0
-    for number, line in enumerate(text.split("\n"), 1):
-        yield number, start, line.removesuffix("\r")
-        start += len(line) + 1
+#: A keyword with what is below it, comments too.
+_KEYWORD = re.compile(r"^[ \t]*\*(?!\*).*(?:\n(?![ \t]*\*(?!\*)).*)*", re.MULTILINE)
+
+
+def _blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
+    """Number, first character and text of every line of each match."""
+    number, counted = 1, 0
+    for found in pattern.finditer(text):
+        number, counted = number + text.count("\n", counted, found.start()), found.start()
+        start, lines = found.start(), []
+        for at, line in enumerate(found[0].split("\n"), number):
+            lines.append((at, start, line.removesuffix("\r")))
+            start += len(line) + 1
+        yield lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,49 +74,35 @@ class Card:
 
 def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
     """The cards of bulk data that are called `name`; an `InputError` where tabs move their columns."""
-    card: Card | None = None
-    row, half, is_open = 0, 0, False
-    for number, start, whole in _lines(text):
-        line = whole.partition("$")[0]
-        if not line.strip():
-            continue
-        is_free = "," in line
-        head = line.partition(",")[0] if is_free else line[:_SMALL]
-        is_large = "*" in head
-        if head[:1].isalpha():
-            if card is not None:
-                yield card
-            own = head.replace("*", " ").split()[0].upper()
-            card, row, half = Card(file, number, name, {}) if own == name else None, 0, 0
-        elif is_large and is_open:
-            half = 1
-        else:
-            row, half = row + ROW, 0
-        is_open = is_large and half == 0
-        if card is None:
-            continue
-        if "\t" in line and not is_free:
-            raise InputError(f"{file}, line {number}: tabs move the columns of this {name}; write blanks")
-        first = row + 2 + 4 * half
-        n_fields, width = (4, 2 * _SMALL) if is_large else (8, _SMALL)
-        at = start + (len(head) + 1 if is_free else _SMALL)
-        entries = line.split(",")[1:] if is_free else ()
-        for k in range(n_fields):
-            if is_free:
-                if k == len(entries):
-                    break
-                size = len(entries[k])
-                item = entries[k].strip()
-                card.fields[first + k] = Field(number, at, at + size, max(width, len(item)), item, whole)
-                at += size + 1
-            else:
-                end = min(at + width, start + len(line))
-                if at >= end:
-                    break
-                card.fields[first + k] = Field(number, at, end, width, text[at:end].strip(), whole)
-                at += width
-    if card is not None:
-        yield card
+    pattern = re.compile(rf"^{re.escape(name)}\b.*(?:\n(?![A-Z]).*)*", re.MULTILINE | re.IGNORECASE)
+    for lines in _blocks(pattern, text):
+        fields: dict[int, Field] = {}
+        row, half, is_open = -ROW, 0, False
+        for number, start, whole in lines:
+            line = whole.partition("$")[0]
+            if not line.strip():
+                continue
+            is_free = "," in line
+            if "\t" in line and not is_free:
+                raise InputError(f"{file}, line {number}: tabs move the columns of this {name}; write blanks")
+            is_large = "*" in (line.partition(",")[0] if is_free else line[:_SMALL])
+            row, half = (row, 1) if is_large and is_open else (row + ROW, 0)
+            is_open = is_large and half == 0
+            n_fields, width = (4, 2 * _SMALL) if is_large else (8, _SMALL)
+            for k, (at, text_of) in enumerate(_split(line, is_free, width)[:n_fields]):
+                size = max(width, len(text_of.strip())) if is_free else width
+                end = start + at + len(text_of)
+                fields[row + 2 + 4 * half + k] = Field(number, start + at, end, size, text_of.strip(), whole)
+        yield Card(file, lines[0][0], name, fields)
+
+
+def _split(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
+    """First character and text of the fields of a line behind its name."""
+    if not is_free:
+        return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
+    words = line.split(",")
+    ends = accumulate(len(word) + 1 for word in words)
+    return list(zip(ends, words[1:], strict=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,20 +132,9 @@ def called(words: str) -> tuple[str, dict[str, str]]:
 
 def keywords_in(file: str, text: str) -> Iterator[Keyword]:
     """All keywords of an input file of Abaqus or CalculiX; lines that go on behind a comma are joined, comments left out."""
-    found: Keyword | None = None
-    begun, pending = 1, ""
-    for number, start, line in _lines(text):
-        bare = line.strip()
-        if not bare or bare.startswith("**"):
-            continue
-        if pending or bare.startswith("*"):
-            if not pending and found is not None:
-                yield found
-            begun = begun if pending else number
-            pending += bare
-            found = Keyword(file, begun, *called(pending), [])
-            pending = pending if bare.endswith(",") else ""
-        elif found is not None:
-            found.data.append((number, start, line))
-    if found is not None:
-        yield found
+    for lines in _blocks(_KEYWORD, text):
+        told = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]
+        words, below = told[0][2].strip(), told[1:]
+        while words.endswith(",") and below:
+            words, below = words + below[0][2].strip(), below[1:]
+        yield Keyword(file, told[0][0], *called(words), below)
