@@ -133,3 +133,17 @@ def test_calculix_modes_are_read_whole_or_not_at_all(tmp_path):
         (tmp_path / "cut.frd").write_bytes(content[:cut])
         with pytest.raises(FileError, match=r"cut\.frd"):
             read_shapes(tmp_path / "cut.frd")
+
+
+@needs_ccx
+def test_modes_that_calculix_did_not_find_are_no_finished_run(tmp_path):
+    path = study(tmp_path, "modes")
+    deck = tmp_path / "plate.inp"
+    assert "*FREQUENCY\n8\n" in deck.read_text()
+    deck.write_text(deck.read_text().replace("*FREQUENCY\n8\n", "*FREQUENCY\n16\n"))  # too many for 72 equations
+    plate_record(own_plate(tmp_path, LEFT, RIGHT), tmp_path / "measured.csv")
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    words = " ".join(done.stderr.split())
+    assert done.exit_code == 2, words
+    assert "plate.frd: nothing moves in mode 1; the solver found no such mode" in words, words
+    assert not list(tmp_path.glob("study.runs/*/run.json"))

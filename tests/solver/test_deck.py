@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from structid.errors import InputError
-from structid.solver.deck import Deck, DeckParameter, number_text, read_deck
+from structid.solver.deck import Deck, DeckParameter, deck_texts, number_text
 
 E = DeckParameter("E", 2.1e11)
 
@@ -71,7 +71,9 @@ def test_a_deck_whose_marks_are_wrong_is_refused_with_the_line(text, message):
 def test_values_beyond_bounds_and_binary_decks_are_refused(tmp_path):
     with pytest.raises(InputError, match="`at` of 'E' must lie within `bounds`, 1 to 3, got 4"):
         DeckParameter("E", 2.0, bounds=(1.0, 3.0), at=4.0)
+    with pytest.raises(InputError, match="letters, digits and _, as in E_left, got 'E-left'"):
+        DeckParameter("E-left", 2.0)
     path = tmp_path / "m.inp"
     path.write_bytes(b"{{E}}\0\1")
     with pytest.raises(InputError, match="binary"):
-        read_deck([path], [E])
+        deck_texts([path])

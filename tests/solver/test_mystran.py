@@ -14,6 +14,8 @@ from structid.dof import parse_dof
 from structid.dynamics.modes import modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import write_modes
+from structid.solver.deck import number_text
+from structid.solver.shapes import read_shapes
 from structid.structure import SpaceBeam, Structure
 
 RUN = CliRunner()
@@ -43,8 +45,11 @@ ENDDATA
 """
 
 
+OUTPUT = "OUTPUT4 KAA,MAA,,,//-1/21 $\n"
+
+
 def study(folder, gives):
-    output = "OUTPUT4 KAA,MAA,,,//-1/21 $\n" if gives == "matrices" else ""
+    output = OUTPUT if gives == "matrices" else ""
     (folder / "beam.bdf").write_text(deck("{{E1}}", "{{E2:8}}", output))
     dofs = [f"{node}{d}" for node in range(2, 6) for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
     files = 'modes = "{stem}.F06"'
@@ -123,3 +128,48 @@ def test_the_matrices_are_those_of_structids_own_beams(tmp_path):
     full, given = own.matrix("elastic").toarray(), structure.matrix("elastic").toarray()
     order = [own.dofs.index(dof) for dof in structure.dofs]
     np.testing.assert_allclose(given, full[np.ix_(order, order)], atol=1e-9 * abs(full).max())
+
+
+@needs_mystran
+@pytest.mark.parametrize("gives", ["matrices", "modes"])
+def test_fields_of_cards_in_small_and_large_field_give_what_braces_give(tmp_path, gives):
+    output = OUTPUT if gives == "matrices" else ""
+
+    def cards(first: str, second: str) -> str:
+        small = f"MAT1    1       {first:8}        0.3     7800.\n"
+        large = f"{'MAT1*':8}{'2':>16}{second:16}{'':16}{'0.3':16}*\n{'*':8}{'2700.':16}\n"
+        own = deck("0.", "0.", output)
+        return own.replace("MAT1,1,0.,,0.3,7800.\n", small).replace("MAT1,2,0.,,0.3,2700.\n", large)
+
+    dofs = tuple(map(parse_dof, SENSORS))
+    shapes = np.random.default_rng(0).standard_normal((len(SENSORS), 1))
+    found = {}
+    for name in ("braces", "cards"):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_modes(folder / "measured.csv", ModalRecord(np.array([9.3]), np.full(1, np.nan), shapes, dofs))
+        path = study(folder, gives)
+        if name == "braces":
+            (folder / "beam.bdf").write_text(deck("{{E1:8}}", "{{E2}}", output))
+        else:
+            (folder / "beam.bdf").write_text(cards("2.1E11", "7.+10"))
+            text = path.read_text()
+            for k, value in ((1, 2.1e11), (2, 0.7e11)):
+                assert f"value = {value!r}\n" in text
+                text = text.replace(f"value = {value!r}\n", f'mark = {{ card = "MAT1", id = {k}, field = 3 }}\n')
+            path.write_text(text)
+        done = RUN.invoke(cli.app, ["check", str(path)])
+        assert done.exit_code in (0, 1), done.stderr
+        found[name] = {
+            tuple(json.loads(one.read_text())["values"].values()): one.parent
+            for one in folder.glob("*.runs/*/run.json")
+        }
+    assert set(found["cards"]) == set(found["braces"])
+    for values, folder in found["cards"].items():
+        text, other = (folder / "beam.bdf").read_text(), found["braces"][values]
+        assert text == cards(number_text(values[0], 8), number_text(values[1], 16))
+        if gives == "matrices":
+            assert (folder / "beam.OU1").read_bytes() == (other / "beam.OU1").read_bytes()
+        else:
+            frequency, expected = (read_shapes(one / "beam.F06").frequency for one in (folder, other))
+            np.testing.assert_array_equal(frequency, expected)

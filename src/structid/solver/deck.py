@@ -12,8 +12,9 @@ from pathlib import Path
 from structid.declared import Positive
 from structid.errors import FileError, InputError
 
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 #: ``{{name}}`` in a deck, or ``{{name:8}}`` for a field of eight characters.
-_MARK = re.compile(r"\{\{\s*([A-Za-z_][A-Za-z0-9_]*)\s*(?::\s*(\d+)\s*)?\}\}")
+_MARK = re.compile(r"\{\{\s*(" + _NAME.pattern + r")\s*(?::\s*(\d+)\s*)?\}\}")
 _ANY_MARK = re.compile(r"\{\{[^}\n]*\}?\}?")
 #: Characters of a number where the mark does not say it: a large field of Nastran, and less than the 20 that CalculiX reads.
 WIDTH = 16
@@ -49,6 +50,8 @@ class DeckParameter:
     at: float | None = None
 
     def __post_init__(self) -> None:
+        if _NAME.fullmatch(self.name) is None:
+            raise InputError(f"`name` must be made of letters, digits and _, as in E_left, got {self.name!r}")
         low, high = self.limits
         for key, value in (("value", self.value), ("at", self.centre)):
             if not low <= value <= high:
@@ -101,7 +104,7 @@ class Deck:
             if name not in marked:
                 raise InputError(
                     f"{', '.join(self.texts)}: nothing is marked {{{{{name}}}}}; write it in the deck in place of the number"
-                    f" that parameter {name!r} is, or take the parameter out"
+                    f" that parameter {name!r} is, say by `mark` where this stands, or take the parameter out"
                 )
 
     @property
@@ -165,13 +168,13 @@ def number_text(value: float, width: int = WIDTH) -> str:
     raise InputError(f"{value:g} does not fit in {width} characters; widen the mark to {{{{name:{WIDTH}}}}}")
 
 
-def read_deck(paths: Sequence[Path], parameters: Sequence[DeckParameter]) -> Deck:
-    """The deck in the files at `paths`.
+def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
+    """Text of each file of a deck, by its name.
 
     Raises
     ------
-    FileError, InputError
-        If a file is no text, or marks and parameters disagree.
+    FileError
+        If a file is no text, or two have one name.
     """
     texts: dict[str, str] = {}
     for path in paths:
@@ -184,7 +187,7 @@ def read_deck(paths: Sequence[Path], parameters: Sequence[DeckParameter]) -> Dec
             texts[path.name] = content.decode("latin-1")
         if "\0" in texts[path.name]:
             raise FileError(f"{path}: must be a deck in text, is binary; write it as text")
-    return Deck(texts, parameters)
+    return texts
 
 
 def _require_known(file: str, text: str, mark: re.Match[str], names: Sequence[str]) -> str:

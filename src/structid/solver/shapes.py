@@ -103,6 +103,11 @@ def _sorted(
         raise FileError(f"{path}: holds {len(own)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")
     if not (np.isfinite(own).all() and np.isfinite(values).all()):
         raise FileError(f"{path}: holds frequencies or shapes that are not finite; check the model, and {_RUN_AGAIN}")
+    still = np.flatnonzero(~values.any(axis=0))
+    if len(still):
+        raise FileError(
+            f"{path}: nothing moves in mode {still[0] + 1}; the solver found no such mode: look into its log, ask for fewer modes"
+        )
     order = np.argsort(own, kind="stable")
     return Shapes(own[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
 

@@ -27,14 +27,15 @@ def keyword_blocks(path: Path) -> Iterator[Block]:
         if text.startswith("*"):
             if found is not None:
                 yield found
-            found = (number, " ".join(words[0][1:].upper().split()), _options(words[1:]), [])
+            found = (number, " ".join(words[0][1:].upper().split()), keyword_options(words[1:]), [])
         elif found is not None:
             found[3].append(words)
     if found is not None:
         yield found
 
 
-def _options(words: list[str]) -> dict[str, str]:
+def keyword_options(words: list[str]) -> dict[str, str]:
+    """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one."""
     pairs = (word.partition("=") for word in words if word)
     return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
 
@@ -55,7 +56,7 @@ def _lines(path: Path, depth: int) -> Iterator[tuple[int, str]]:
             if text.startswith("*") and text.endswith(","):
                 pending = text
             elif name.replace(" ", "").upper() == "*INCLUDE":
-                yield from _included(path, number, _options(options), depth)
+                yield from _included(path, number, keyword_options(options), depth)
             else:
                 yield number, text
     if pending:

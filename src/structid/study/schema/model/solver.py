@@ -9,15 +9,16 @@ from typing import Any
 from structid.declared import Limits, Positive
 from structid.dof import parse_dofs
 from structid.errors import InputError
-from structid.solver.deck import DeckParameter, read_deck
+from structid.solver.deck import Deck, DeckParameter, deck_texts
 from structid.solver.differences import solved_modes
+from structid.solver.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
 from structid.solver.matrices import solved_matrices
 from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.solver.runs import Solver
 from structid.solver.solved import Solved, Units
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.meshes import read_mesh
-from structid.study.schema.kinds import BOOLEAN, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited
+from structid.study.schema.kinds import BOOLEAN, NUMBER, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited, list_of
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
@@ -27,13 +28,22 @@ _FILE = Kind(
     'a file that the solver writes, or a table such as { path = "{stem}.op4", matrix = "KAA" }',
     {"anyOf": [TEXT.schema, table_of(MatrixFile).schema]},
 )
-_PARAMETER = table_of(DeckParameter)
+_PLACES = {"anyOf": [table_of(CardField).schema, table_of(KeywordEntry).schema]}
+_MARK = Kind(
+    'a place such as { card = "MAT1", id = 1, field = 3 } or { keyword = "*ELASTIC", of = "*MATERIAL, NAME=STEEL",'
+    " entry = 1 }, or a list of places",
+    {"anyOf": [*_PLACES["anyOf"], list_of(_PLACES)]},
+)
+_PARAMETER = table_of(DeckParameter) | {
+    "value": Key(NUMBER, "Nominal value, in the units of the deck; with `mark`, what the deck holds there by default"),
+    "mark": Key(_MARK, "Where the number stands in a deck without {{name}}"),
+}
 SOLVER = Table(
     {
         "name": Key(TEXT, "Of the element set that the model becomes", default="model"),
         "deck": Key(
             TEXTS,
-            "The deck with marks such as {{E}}; of several files, the first is the one that is run",
+            "The deck, its parameters marked by {{name}} or `mark`; of several files, the first is the one that is run",
             required=True,
         ),
         "files": Key(TEXTS, "Further files that the solver reads, copied as they are"),
@@ -81,14 +91,11 @@ def read_solver(section: Section, files: InputFiles) -> Solved | None:
 
 def _solved(own: Section, files: InputFiles) -> Solved:
     given = SOLVER.defaults | own.values(SOLVER)
-    entries = own.sections("parameter")
-    if not entries:
-        raise own.error(
-            "has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck"
-        )
-    parameters = [entry.read(DeckParameter) for entry in entries]
     with own.located("deck"):
-        deck = read_deck([files.path(name) for name in as_list(given["deck"])], parameters)
+        texts = deck_texts([files.path(name) for name in as_list(given["deck"])])
+    parameters, texts = _parameters(own, texts)
+    with own.located("deck"):
+        deck = Deck(texts, parameters)
     stem = {"stem": Path(deck.main).stem}
     out = _outputs(own, given, stem)
     linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
@@ -101,6 +108,39 @@ def _solved(own: Section, files: InputFiles) -> Solved:
         if isinstance(out, ModesOut):
             return solved_modes(name, solver, out, units, files.work)
         return solved_matrices(name, solver, out, units, files.work, given["indefinite"])
+
+
+def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:
+    """The parameters, and the deck with all of them marked by their names."""
+    entries = own.sections("parameter")
+    if not entries:
+        raise own.error(
+            "has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck"
+        )
+    parameters, marked = [], []
+    for entry in entries:
+        values = entry.values(_PARAMETER)
+        places = _places(entry, values.pop("mark", []), texts)
+        if not places and "value" not in values:
+            raise entry.error("`value` is missing; add the nominal value, or `mark`, where the deck holds it")
+        with entry.located():
+            value = values.pop("value") if "value" in values else value_at(values["name"], places)
+            parameters.append(DeckParameter(**values, value=value))
+        marked += [(values["name"], place) for place in places]
+    with own.located("parameter"):
+        return parameters, with_marks(texts, marked)
+
+
+def _places(entry: Section, given: Any, texts: Mapping[str, str]) -> list[Place]:
+    """Where a parameter stands, by its `mark`."""
+    places = []
+    for k, table in enumerate(as_list(given)):
+        path = (*entry.path, "mark", *((k,) if isinstance(given, list) else ()))
+        section = Section(entry.source, path, table)
+        mark: DeckMark = section.read(CardField) if "card" in table else section.read(KeywordEntry)
+        with entry.located("mark"):
+            places.append(mark.place(texts))
+    return places
 
 
 def _outputs(own: Section, given: Mapping[str, Any], stem: Mapping[str, str]) -> MatricesOut | ModesOut:
