@@ -80,3 +80,32 @@ def record(structure, values, rng, noise=0.01, force_noise=0.01, quantities=("ac
         ("force", *quantities),
         variance=std**2,
     )
+
+
+def chain_tables(mass, stiffness, damping):
+    """The structure of `chain` as a study file has it, with other values."""
+    return f"""\
+[structure]
+active = ["X"]
+fixed = ["0X"]
+[structure.nodes]
+0 = 0.0
+1 = 1.0
+2 = 2.0
+3 = 3.0
+4 = 4.0
+[[structure.point_mass]]
+name = "m"
+nodes = [1, 2, 3, 4]
+mass = {mass}
+[[structure.spring]]
+name = "k"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+stiffness = {stiffness}
+[[structure.dashpot]]
+name = "c"
+first = ["1X", "2X", "3X", "4X"]
+second = ["0X", "1X", "2X", "3X"]
+viscous_damping = {damping}
+"""

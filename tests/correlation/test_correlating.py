@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from short_record_cases import chain, unknowns
+from short_record_cases import chain, chain_tables, unknowns
 from structid import (
     InputError,
     ModalRecord,
@@ -184,36 +184,16 @@ def test_modes_of_another_code_are_those_of_its_matrices():
     assert part.self_orthogonality is not None
 
 
-MIXED = """
-[structure]
-active = ["X"]
-fixed = ["0X"]
-[structure.nodes]
-0 = 0.0
-1 = 1.0
-2 = 2.0
-3 = 3.0
-4 = 4.0
-[[structure.point_mass]]
-name = "m"
-nodes = [1, 2, 3, 4]
-mass = 2.0
-[[structure.spring]]
-name = "k"
-first = ["1X", "2X", "3X", "4X"]
-second = ["0X", "1X", "2X", "3X"]
-stiffness = 1000.0
-[[structure.dashpot]]
-name = "c"
-first = ["1X", "2X", "3X", "4X"]
-second = ["0X", "1X", "2X", "3X"]
-viscous_damping = 0.7
+MIXED = (
+    chain_tables(2.0, 1000.0, 0.7)
+    + """
 [[unknown]]
 property = "stiffness"
 elements = "k"
 [record]
 path = "mixed.npz"
 """
+)
 
 
 @pytest.mark.parametrize("way", ["[record.time]\nrelative_noise = 0.001\n", "[record.frf]\nsegment_length = 4000\n"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from short_record_cases import RATE, SENSORS, chain, record, unknowns
+from short_record_cases import RATE, SENSORS, chain, chain_tables, record, unknowns
 from structid import (
     FrfRecord,
     InputError,
@@ -25,31 +25,10 @@ from structid.study.run.run import run_study
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
 
-CHAIN = """
-title = "Chain of four masses"
-[structure]
-active = ["X"]
-fixed = ["0X"]
-[structure.nodes]
-0 = 0.0
-1 = 1.0
-2 = 2.0
-3 = 3.0
-4 = 4.0
-[[structure.point_mass]]
-name = "m"
-nodes = [1, 2, 3, 4]
-mass = 2.2
-[[structure.spring]]
-name = "k"
-first = ["1X", "2X", "3X", "4X"]
-second = ["0X", "1X", "2X", "3X"]
-stiffness = 900.0
-[[structure.dashpot]]
-name = "c"
-first = ["1X", "2X", "3X", "4X"]
-second = ["0X", "1X", "2X", "3X"]
-viscous_damping = 0.9
+CHAIN = (
+    'title = "Chain of four masses"\n'
+    + chain_tables(2.2, 900.0, 0.9)
+    + """
 [[unknown]]
 property = "mass"
 elements = "m"
@@ -69,6 +48,7 @@ relative_noise = 0.01
 [method]
 band = [0.1, 12.0]
 """
+)
 
 
 def write_study(folder, text=CHAIN, histories=None):
