@@ -5,11 +5,15 @@ import pytest
 from frame_cases import STUDY, written, written_histories
 
 from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
+from structid.criticism.candidate import Candidate
 from structid.criticism.fields import fields_at
 from structid.criticism.pool import pool
 from structid.criticism.screen import point_at
 from structid.errors import StructidError
+from structid.explanation.by_study import study_candidates
 from structid.explanation.edits import _EDITS
+from structid.explanation.explain import _rigid
+from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
 from structid.observation import FrfProblem, SpectraProblem
 from structid.study.run.start import started
@@ -165,3 +169,40 @@ def test_a_support_gives_way_beside_a_node_that_has_slid():
     changed = FrfProblem(loose, there, record).predicted(there.theta_start) - fields.frf
     found = support.effect(fields, np.array([1 / 900.0]))[0]
     assert np.abs(found - changed).max() < 1e-9 * np.abs(changed).max()
+
+
+@pytest.mark.parametrize(("ratio", "count"), [(100.0, 1), (1.5, 0)])
+def test_what_swings_far_above_all_lines_is_offered_as_the_mass_that_it_is(trial, ratio, count):
+    base = Fitted(trial, trial.target.theta_start, 1.0)
+    highest = max(problem.frequency.max() for problem in trial.problems)
+    swinging = Candidate("appendage", ("4Y",), detail={"frequency": ratio * float(highest)})
+    changed = trial.changed(swinging, 0.3)
+    offered = _rigid(base, Fitted(changed, changed.target.theta_start, 0.5))
+    assert len(offered) == count
+    for candidate, mass, theta in offered:
+        assert (candidate.kind, candidate.where) == ("mass", ("4",))
+        assert mass == pytest.approx(0.3)
+        again = trial.changed(candidate, mass)
+        assert again.values(theta)["mass[mass 4]"] == pytest.approx(0.3)
+
+
+def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):
+    [every] = [one for one in study_candidates(trial) if one.kind == "damping_law" and len(one.where) > 2]
+    assert every.where == ("left", "girder", "right", "viscous")
+    [strength] = every.strengths.tolist()
+    changed = trial.changed(every, strength)
+    assert set(changed.target.names) - set(trial.target.names) == {
+        "stiffness_damping[left, girder, right]",
+        "mass_damping[left, girder, right]",
+    }
+    damping, stiffness, mass = (
+        changed.setups[0].structure.matrix(law, changed.setups[0].structure.values).toarray()
+        for law in ("viscous", "elastic", "inertia")
+    )
+    omega = 2 * np.pi * every.detail["frequency"]
+    rotations = [
+        i for i, dof in enumerate(trial.setups[0].structure.dofs) if dof.direction == "RZ"
+    ]  # the brace has none
+    own = np.ix_(rotations, rotations)
+    expected = 0.5 * strength * (stiffness + omega**2 * mass)
+    assert damping[own] == pytest.approx(expected[own], rel=1e-4, abs=1e-4 * np.abs(expected[own]).max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,8 +44,12 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     if any(element.nodes.ndim == 2 and element.nodes.shape[1] == 2 for element in structure.elements):
         yield _candidate("mesh", ("all lines",), _PIECES)
     yield from _shearing(structure)
-    for element in structure.elements:
-        yield from _damping(element, middle)
+    laws = [one for element in structure.elements for one in _damping(element, middle)]
+    yield from laws
+    viscous = [one for one in laws if one.where[-1] == "viscous"]
+    if len(viscous) > 1:
+        sets = (*(one.where[0] for one in viscous), "viscous")
+        yield replace(viscous[0], where=sets, strengths=np.median([one.strengths for one in viscous], axis=0))
     for item in structure.properties:
         values = item.term.values
         if item.term.kind in _ELASTIC and values.any() and not _acts(unknown, item.values):
@@ -119,7 +124,8 @@ def _damping(element: ElementSet, middle: float) -> Iterator[Candidate]:
     loss = np.asarray(vars(element)["loss_factor"], dtype=float)
     if loss.any():
         if "stiffness_damping" in known or isinstance(element, Spring):
-            yield _candidate("damping_law", (element.name, "viscous"), float(np.mean(loss)) / (2 * np.pi * middle))
+            one = _candidate("damping_law", (element.name, "viscous"), float(np.mean(loss)) / (2 * np.pi * middle))
+            yield replace(one, detail={"frequency": middle})
     else:
         yield _candidate("damping_law", (element.name, "loss factor"), 0.005)
 

@@ -290,19 +290,37 @@ def _shear(study: Tables, candidate: Candidate, strength: float) -> None:
 
 
 def _damping_law(study: Tables, candidate: Candidate, strength: float) -> None:
-    name, law = candidate.where
-    kind, entry = _entry(study, name)
+    *names, law = candidate.where
     if law == "loss factor":
-        entry["loss_factor"] = _round(strength)
-        _unknown(study, "loss_factor", name)
+        for name in names:
+            _entry(study, name)[1]["loss_factor"] = _round(strength)
+            _unknown(study, "loss_factor", name)
         return
-    if kind != "spring":
-        nominal = next(key for key in ("bending_stiffness", "axial_stiffness", "youngs_modulus") if key in entry)
-        entry["stiffness_damping"] = [_round(strength * k) for k in as_list(entry[nominal])]
-        if len(entry["stiffness_damping"]) == 1:
-            entry["stiffness_damping"] = entry["stiffness_damping"][0]
-        _unknown(study, "stiffness_damping", name)
-        return
+    kinds = {name: _entry(study, name)[0] for name in names}
+    springs = [name for name, kind in kinds.items() if kind == "spring"]
+    for name in springs:
+        _dashpots(study, name, strength)
+    others = [name for name in names if name not in springs]
+    share = strength / 2 if others else strength
+    weights = {"stiffness_damping": share, "mass_damping": share * (2 * np.pi * candidate.detail["frequency"]) ** 2}
+    for prop, weight in weights.items():
+        damped = [name for name in others if _viscous(_entry(study, name)[1], prop, weight)]
+        if damped:
+            _unknown(study, prop, damped if len(damped) > 1 else damped[0], factor=True)
+
+
+def _viscous(entry: Tables, prop: str, weight: float) -> bool:
+    """Gives a set damping in proportion to its stiffness or mass; whether it has any."""
+    keys = ("mass", "density") if prop == "mass_damping" else ("bending_stiffness", "axial_stiffness", "youngs_modulus")
+    nominal = [float(value) for value in as_list(next((entry[key] for key in keys if key in entry), 0.0))]
+    damping = [_round(weight * value) for value in nominal]
+    if any(damping):
+        entry[prop] = damping if len(damping) > 1 else damping[0]
+    return any(damping)
+
+
+def _dashpots(study: Tables, name: str, strength: float) -> None:
+    _, entry = _entry(study, name)
     beside = _named(study, f"dashpots {name}")
     damping = [_round(strength * k) for k in as_list(entry["stiffness"])]
     ends = {key: entry[key] for key in ("first", "second") if key in entry}

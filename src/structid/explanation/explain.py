@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from structid.criticism.candidate import bare
+from structid.arrays import FloatArray
+from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.screen import Screened
+from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.search.work import ALONE, Work
 from structid.explanation.refits import MISFIT, Fitted, approached, refitted, restored
@@ -30,6 +32,8 @@ _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
 _LEAST_SHARE, _RISK = 0.10, 0.01
+#: Frequency of something that swings of its own over the highest of the data, from which on it is a mass.
+_RIGID = 3.0
 #: By how much the misfit of what is left out exceeds that of the rest, value by value.
 _TELLING = 2.0
 
@@ -114,7 +118,27 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     ends = work.map(f"likeliest {which}causes", refitted, base, items)
     fits = [restored(base, changes[k][0], one) for k, one in zip(finalists, ends, strict=True) if one]
+    rigid = [item for one in fits for item in _rigid(base, one)]
+    if rigid:
+        again = work.map(f"likeliest {which}causes, plainer", refitted, base, rigid)
+        fits += [restored(base, item[0], one) for item, one in zip(rigid, again, strict=True) if one]
     return _weighed(base, fits, tried)
+
+
+def _rigid(base: Fitted, one: Fitted) -> list[tuple[Candidate, float, FloatArray]]:
+    """What swings of its own far above all lines, as the mass that it is, to be refitted."""
+    candidate, _ = one.trial.changes[-1]
+    if candidate.kind != "appendage":
+        return []
+    added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
+    highest = max(float(problem.frequency.max()) for problem in base.trial.problems)
+    if added["stiffness"] < (_RIGID * 2 * np.pi * highest) ** 2 * added["mass"]:
+        return []
+    plainer = Candidate("mass", (str(parse_dof(candidate.where[0]).node),), strengths=np.array([added["mass"]]))
+    with suppress(StructidError):  # the study has no place for it
+        trial = base.trial.changed(plainer, added["mass"])
+        return [(plainer, added["mass"], trial.theta_of({**base.values, **one.values}))]
+    return []
 
 
 def _of_records(base: Fitted, work: Work) -> Explanation:

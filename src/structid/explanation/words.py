@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from structid.criticism.candidate import Candidate
 from structid.criticism.pool import UNITS
+from structid.shown import listed
 
 #: Relative difference of a gain from that of another unit within which it is taken for it.
 _UNIT = 0.05
@@ -50,7 +51,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "untied mass": f"the mass of {first} is not that of its group",
         "mesh": "elements are too long for the highest frequencies",
         "shear": f"{first} shears: it is no slender beam",
-        "damping_law": f"damping of {first} is {where[-1]}",
+        "damping_law": f"damping of {listed(where[:-1])} is {where[-1]}",
         "held": f"{first}, which the study holds, is not what the model says",
         "varies": f"{first} differs from record to record",
         "window": "the records were windowed, which adds damping",
