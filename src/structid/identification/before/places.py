@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from structid.arrays import FloatArray, IntArray
 from structid.identification.before.mesh import MeshErrors
 from structid.identification.fits.model_modes import structure_modes
+from structid.shown import listed
 from structid.structure import Structure
 from structid.structure.assembly import structure_laws
 
@@ -106,9 +107,8 @@ def _touching(structure: Structure, nodes: tuple[int, ...]) -> dict[str, IntArra
 
 
 def _nodes(labels: tuple[int, ...], verb: str = " is| are") -> str:
-    listed = ", ".join(map(str, labels[:6])) + (f" and {len(labels) - 6} more" if len(labels) > 6 else "")
     one, _, many = verb.partition("|")
-    return f"node {listed}{one}" if len(labels) == 1 else f"nodes {listed}{many}"
+    return f"node {listed(labels)}{one}" if len(labels) == 1 else f"nodes {listed(labels)}{many}"
 
 
 def _its(labels: tuple[int, ...]) -> str:
