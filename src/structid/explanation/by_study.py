@@ -124,8 +124,8 @@ def _damping(element: ElementSet, middle: float) -> Iterator[Candidate]:
     loss = np.asarray(vars(element)["loss_factor"], dtype=float)
     if loss.any():
         if "stiffness_damping" in known or isinstance(element, Spring):
-            one = _candidate("damping_law", (element.name, "viscous"), float(np.mean(loss)) / (2 * np.pi * middle))
-            yield replace(one, detail={"frequency": middle})
+            strengths = np.array([np.mean(loss) / (2 * np.pi * middle)])
+            yield Candidate("damping_law", (element.name, "viscous"), strengths=strengths, detail={"frequency": middle})
     else:
         yield _candidate("damping_law", (element.name, "loss factor"), 0.005)
 

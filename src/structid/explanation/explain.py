@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy import special
@@ -20,6 +21,8 @@ from structid.explanation.refits import MISFIT, Fitted, approached, refitted, re
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
+#: A change with its strength, and free variables where its fit begins.
+Item: TypeAlias = tuple[Candidate, float, FloatArray]
 _FINALISTS = 8
 #: Changes of a large model's records that are refitted, each from two starts.
 _OF_LARGE = 4
@@ -116,16 +119,20 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
-    ends = work.map(f"likeliest {which}causes", refitted, base, items)
-    fits = [restored(base, changes[k][0], one) for k, one in zip(finalists, ends, strict=True) if one]
+    fits = _refits(base, items, work, f"likeliest {which}causes")
     rigid = [item for one in fits for item in _rigid(base, one)]
     if rigid:
-        again = work.map(f"likeliest {which}causes, plainer", refitted, base, rigid)
-        fits += [restored(base, item[0], one) for item, one in zip(rigid, again, strict=True) if one]
+        fits += _refits(base, rigid, work, f"likeliest {which}causes, plainer")
     return _weighed(base, fits, tried)
 
 
-def _rigid(base: Fitted, one: Fitted) -> list[tuple[Candidate, float, FloatArray]]:
+def _refits(base: Fitted, items: Sequence[Item], work: Work, name: str) -> list[Fitted]:
+    """The changes fitted to the end, those that a model can be made of."""
+    ends = work.map(name, refitted, base, items)
+    return [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one]
+
+
+def _rigid(base: Fitted, one: Fitted) -> list[Item]:
     """What swings of its own far above all lines, as the mass that it is, to be refitted."""
     candidate, _ = one.trial.changes[-1]
     if candidate.kind != "appendage":
@@ -152,8 +159,7 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
         with suppress(StructidError):  # the study has no place for it
             start = base.trial.changed(one.candidate, one.strength).target.theta_start
             items.append((bare(one.candidate), one.strength, start))
-    ends = work.map("likeliest causes", refitted, base, items)
-    return _weighed(base, [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one], tried)
+    return _weighed(base, _refits(base, items, work, "likeliest causes"), tried)
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
