@@ -90,7 +90,7 @@ def _static(name: str) -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
-    others = [one for one in recent_folders() if one != str(bench.opened.root)]
+    others = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     recent = [{"folder": one, "command": opening(one)} for one in others]
     return JSONResponse({**found, "recent": recent, "version": __version__, "runs": bench.runs.summaries()})
 
