@@ -374,8 +374,12 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
         write_modes(tmp_path / f"{name}.uff", part)
         write_modes(tmp_path / f"{name}.json", part)
     for suffix in ("uff", "json"):
+        page_of_before = tmp_path / f"merged_{suffix}" / "report.html"
+        page_of_before.parent.mkdir()
+        page_of_before.write_text("modes of another record")
         done = invoke("modes", f"lower.{suffix}", f"upper.{suffix}", "--merge", "--out", f"merged_{suffix}")
         assert (done.exit_code, done.stderr) == (0, "")
+        assert not page_of_before.exists()
         assert f"{whole.n_modes} modes at {n} sensors" in done.stdout
         merged = read_modes(tmp_path / f"merged_{suffix}" / "modes.json")
         assert {dof.unsigned for dof in merged.channels} == {dof.unsigned for dof in whole.channels}

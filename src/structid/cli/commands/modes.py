@@ -90,7 +90,7 @@ def _merge(
     merging = merged_setups([read_modes(path) for path in paths])
     places = None if geometry is None else read_geometry(geometry)
     folder = out if out is not None else Path(f"{paths[0].stem}_modes")
-    with staged_folder(folder, "modes.json") as staged:
+    with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
     show(merged_text([path.name for path in paths], merging))
     typer.echo(str(folder / "modes.json"))
