@@ -60,16 +60,16 @@ def main(site: Path) -> int:
 
 def found(page, address: str):
     """What is wrong, a line each."""
+    page.add_init_script(path=AXE)
     for name in PAGES:
+        page.set_viewport_size({"width": 1400, "height": 900})
+        answer = page.goto(address + name)
+        if answer is None or not answer.ok:
+            yield f"{name}: is not there"
+            continue
         for scheme in ("light", "dark"):
-            page.set_viewport_size({"width": 1400, "height": 900})
             page.emulate_media(color_scheme=scheme)
-            answer = page.goto(address + name)
-            if answer is None or not answer.ok:
-                yield f"{name}: is not there"
-                break
             page.wait_for_timeout(200)
-            page.evaluate(AXE.read_text(encoding="utf-8") + "; undefined")
             for one in page.evaluate(RUN)["violations"]:
                 if one["impact"] in ("serious", "critical"):
                     yield f"{name}, {scheme}: {one['id']}, {len(one['nodes'])} times, first {one['nodes'][0]['html'][:200]}"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
+from typer.testing import CliRunner
 
 import structid
-from structid.cli.app import COMMANDS
+from structid.cli.app import COMMANDS, app
 from structid.study.json_schema import study_schema
 
 sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, which saves those of the gallery
@@ -76,9 +76,7 @@ def write_commands(place: Path) -> None:
     """A page with the help of every command."""
     text = ["# Commands\n", "Each with `--help`; exit codes are at the end of `structid --help`.\n"]
     for words in ([], *([name] for name in COMMANDS)):
-        shown = subprocess.run(
-            [sys.executable, "-m", "structid", *words, "--help"], capture_output=True, text=True, check=True
-        ).stdout.replace("python -m structid", "structid")
+        shown = CliRunner().invoke(app, [*words, "--help"], prog_name="structid", catch_exceptions=False).stdout
         text.append(f"## structid {' '.join(words)}\n\n```text\n{shown.strip()}\n```\n")
     place.write_text("\n".join(text), encoding="utf-8")
 
@@ -117,17 +115,17 @@ write_commands(HERE / "reference" / "commands.md")
 write_keys(HERE / "reference" / "study-keys.md")
 
 
-def setup(app: Sphinx) -> None:
+def setup(site: Sphinx) -> None:
     """Names of files outside this folder are said where a reader of the source has links to them."""
-    app.connect("source-read", _outside)
-    app.connect("autodoc-process-docstring", _magnitudes, priority=400)
+    site.connect("source-read", _outside)
+    site.connect("autodoc-process-docstring", _magnitudes, priority=400)
 
 
-def _outside(app: Sphinx, name: str, source: list[str]) -> None:
+def _outside(site: Sphinx, name: str, source: list[str]) -> None:
     source[0] = re.sub(r"\[([^\]]+)\]\(\.\./([^)]+)\)", r"\1 (`\2` in the source)", source[0])
 
 
-def _magnitudes(app: Sphinx, what: str, name: str, given: object, options: object, lines: list[str]) -> None:
+def _magnitudes(site: Sphinx, what: str, name: str, given: object, options: object, lines: list[str]) -> None:
     """Bars of magnitudes, as in |H|, are no substitutions."""
     lines[:] = [
         "``".join(part if i % 2 else part.replace("|", "\\|") for i, part in enumerate(line.split("``")))
