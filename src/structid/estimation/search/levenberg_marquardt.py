@@ -46,9 +46,8 @@ class WithJacobian:
 
 @dataclass(frozen=True, eq=False)
 class FactoredPoint(Point[Linearization]):
-    """A point with the QR factorization J = Q R, all that steps from it need, and Q'r."""
+    """A point with the triangle of the QR factorization J = Q R, all that steps from it need, and Q'r."""
 
-    orthogonal: FloatArray
     triangle: FloatArray
     projected: FloatArray
 
@@ -75,6 +74,11 @@ class _Damped:
         """Minimizer of |R s + projected|^2 + damping |D s|^2."""
         right = self.orthogonal[: len(projected)].T @ projected
         return np.asarray(-linalg.solve_triangular(self.triangle, right, check_finite=False))
+
+    def downhill(self, gradient: FloatArray) -> FloatArray:
+        """The same from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
+        down = linalg.solve_triangular(self.triangle, gradient, trans=1, check_finite=False)
+        return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """The same minimizer with the entries `held` at their `values`."""
@@ -164,15 +168,16 @@ class LevenbergMarquardt(WithJacobian):
 
     def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
         at = problem.linearize(theta)
-        orthogonal, triangle = np.linalg.qr(at.jacobian)
+        n = at.jacobian.shape[1]
+        both = np.asarray(np.linalg.qr(np.column_stack([at.jacobian, at.residual]), mode="r"))  # last column: Q'r
+        triangle, projected = both[:n, :n], both[:n, n]
         return FactoredPoint(
             theta=theta,
             at=at,
             scale=np.linalg.norm(triangle, axis=0),
             size=sizes_at(problem, theta),
-            orthogonal=orthogonal,
             triangle=triangle,
-            projected=orthogonal.T @ at.residual,
+            projected=projected,
         )
 
     def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
@@ -202,7 +207,7 @@ class LevenbergMarquardt(WithJacobian):
         bend = residual - here.at.residual - here.at.jacobian @ step
         if np.linalg.norm(bend) <= here.rounding:
             return step, cost
-        acceleration = 2 * damped.step(here.orthogonal.T @ bend)
+        acceleration = 2 * damped.downhill(here.at.jacobian.T @ bend)
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
             return step, cost
         bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)

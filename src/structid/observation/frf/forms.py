@@ -38,7 +38,7 @@ class WhitenedFrf:
             return (h - m) / s, change / s[..., None]
         relative = s / np.abs(m)
         if self.form == "log":
-            return np.log(h / m) / relative, change / (h * relative)[..., None]
+            return _log(h / m) / relative, change / (h * relative)[..., None]
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
         growth = (np.conj(h)[..., None] * change).real / (2 * size**2)[..., None]
         data = (h - m) / size
@@ -55,3 +55,10 @@ class WhitenedFrf:
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
         turn = (h - m) / (4 * size**3 * relative)
         return Whitening(1 / (size * relative) - turn * np.conj(h), -turn * h)
+
+
+def _log(z: ComplexArray) -> ComplexArray:
+    """The principal logarithm: a complex one of NumPy's takes six times as long."""
+    found = np.empty_like(z)
+    found.real, found.imag = np.log(np.abs(z)), np.angle(z)
+    return found

@@ -27,7 +27,7 @@ _REFIT_ITERATIONS = 6
 _REPLICATES = 400
 _PROFILE_EVALUATIONS = 60
 _DRAWS = 10_000
-#: The Jacobian and its orthogonal factor at the present point, and the Jacobian at the next one.
+#: The Jacobian at the present point, what it is factored in, and the Jacobian at the next one.
 _COPIES = 3
 _GROUP = Path("/sys/fs/cgroup")
 
