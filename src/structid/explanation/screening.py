@@ -23,6 +23,8 @@ from structid.observation import FrfProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
 _LEAST_DROP = 0.02
+#: Looked at whatever a linear look says: a model that has been bent to exchanged loads is far from the right one.
+_ANYWAY = ("load_swap",)
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 
@@ -97,8 +99,8 @@ def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], in
         place = 0
         for row in rows:
             drop = 1 - row.left / whole
-            if drop <= _LEAST_DROP:
-                break
+            if drop <= _LEAST_DROP and row.candidate.kind not in _ANYWAY:
+                continue
             key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
             if key in seen:
                 continue  # an appendage of another frequency at the same place
@@ -110,7 +112,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], in
             kinds[row.candidate.kind] += 1
             place += 1
     _with_friction(best)
-    found = sorted(best.values(), key=lambda pair: -pair[0])
+    found = sorted(best.values(), key=lambda pair: (pair[1].candidate.kind not in _ANYWAY, -pair[0]))
     return [row for _, row in found[:_REFITTED]], tried
 
 

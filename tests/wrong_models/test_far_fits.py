@@ -1,0 +1,27 @@
+"""Causes where the fit has been bent so far that no linear look at it says anything."""
+
+import numpy as np
+from wrong_models.faults import Fault
+from wrong_models.study_files import Case, written
+
+from structid.estimation.search.work import ALONE
+from structid.explanation.refits import Fitted, approached
+from structid.explanation.screening import shortlisted
+from structid.explanation.trial import base_trial
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
+
+
+def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path):
+    written(Case("mast-frf2-exchanged", "mast", "frf2", (Fault("load_swap", "any"),), "near"), tmp_path)
+    ready = started(load_study(tmp_path / "study.toml"))
+    problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
+    [problem] = problems
+    away = problem.theta_start + np.log([0.005, 1e-4, 1e-6, 0.05, 1e6, 1e4])  # where the search ran to
+    trial = base_trial(ready.study, ready.setups, problems, away)
+    base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
+    found, _ = shortlisted(base, ALONE, "causes")
+    [swap] = [one for one in found if one.candidate.kind == "load_swap"]
+    end = approached(base, (swap.candidate, swap.strength), ALONE)
+    assert end["cost"] < 1e-2 * base.cost
+    assert end["cost"] < 1.5 * problem.n_data
