@@ -20,7 +20,7 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     away = problem.theta_start + np.log([0.005, 1e-4, 1e-6, 0.05, 1e6, 1e4])  # where the search ran to
     trial = base_trial(ready.study, ready.setups, problems, away)
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
-    found, _ = shortlisted(base, ALONE, "causes")
+    found = shortlisted(base, ALONE, "causes").rows
     [swap] = [one for one in found if one.candidate.kind == "load_swap"]
     end = approached(base, (swap.candidate, swap.strength), ALONE)
     assert end["cost"] < 1e-2 * base.cost

@@ -107,17 +107,19 @@ def _is_misfit(fitted: Fitted) -> bool:
 
 
 def _once(base: Fitted, work: Work, which: str) -> Explanation:
-    shortlist, tried = shortlisted(base, work, f"{which}causes on a linear look")
+    shortlist = shortlisted(base, work, f"{which}causes on a linear look")
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
     few = [*of_study(base), *(Screened(one, 1.0, base.cost) for one in data)]
-    tried += len(few)
-    changes = [(bare(one.candidate), one.strength) for one in (*few, *shortlist)]
+    tried = shortlist.tried + len(few)
+    looked = [*few, *shortlist.rows]
+    changes = [(bare(one.candidate), one.strength) for one in looked]
     near = work.map(f"{which}causes", approached, base, changes)
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
+    finalists += [k for k, one in enumerate(looked) if near[k] and one in shortlist.at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     fits = _refits(base, items, work, f"likeliest {which}causes")
     rigid = [item for one in fits for item in _rigid(base, one)]
@@ -150,16 +152,16 @@ def _rigid(base: Fitted, one: Fitted) -> list[Item]:
 
 def _of_records(base: Fitted, work: Work) -> Explanation:
     """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
-    shortlist, tried = shortlisted(base, work, "causes on a linear look")
+    shortlist = shortlisted(base, work, "causes on a linear look")
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = outlying_lines(base.trial.problems, residual)
-    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist][:_OF_LARGE]
+    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:_OF_LARGE]
     items = []
     for one in few:
         with suppress(StructidError):  # the study has no place for it
             start = base.trial.changed(one.candidate, one.strength).target.theta_start
             items.append((bare(one.candidate), one.strength, start))
-    return _weighed(base, _refits(base, items, work, "likeliest causes"), tried)
+    return _weighed(base, _refits(base, items, work, "likeliest causes"), shortlist.tried)
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from structid.criticism.candidate import Candidate
+from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates
 from structid.criticism.pool import pool
 from structid.criticism.screen import Point, Screened, point_at
@@ -16,16 +16,21 @@ from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.work import Tools, Work
 from structid.explanation.by_study import study_candidates
-from structid.explanation.refits import Fitted
+from structid.explanation.refits import Change, Fitted
 from structid.explanation.trial import QUICK
 from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
+#: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
+_AT_FIT = 2
 _LEAST_DROP = 0.02
 #: Looked at whatever a linear look says: a model that has been bent to exchanged loads is far from the right one.
 _ANYWAY = ("load_swap",)
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
+
+#: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
+_Promises = dict[tuple[object, ...], tuple[float, Screened]]
 
 
 def of_study(base: Fitted) -> Iterator[Screened]:
@@ -70,8 +75,20 @@ def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
     return tuple(part for part in stage.problems if isinstance(part, FrfProblem))
 
 
-def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], int]:
-    """Of every point the best candidates, and the best of each kind, each once, the most telling first; and how many there were.
+class Shortlist(NamedTuple):
+    """What came of the looks.
+
+    `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
+    those of them that promise most at the fit; `tried` is how many there were.
+    """
+
+    rows: list[Screened]
+    at_fit: list[Screened]
+    tried: int
+
+
+def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
+    """The candidates that are worth a fit.
 
     Parameters
     ----------
@@ -83,7 +100,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], in
     points = screening_points(base)
     names = titles(base.trial.setups)
     answers = work.map(name, _looked, tuple(points), range(len(points)))
-    best: dict[tuple[object, ...], tuple[float, Screened]] = {}
+    best, others, here = _Promises(), _Promises(), _Promises()
     tried = 0
     for point, answer in zip(points, answers, strict=True):
         candidates = pool(point.records)
@@ -95,25 +112,44 @@ def shortlisted(base: Fitted, work: Work, name: str) -> tuple[list[Screened], in
         rows = [Screened(one, float(strength), float(left)) for one, strength, left in seen_left]
         rows += [Screened(one, 1.0, point.without(changed_rows(one, problems))) for one in data]
         rows.sort(key=lambda row: row.left)
-        seen: set[tuple[object, ...]] = set()
-        place = 0
+        here = _Promises()
         for row in rows:
             drop = 1 - row.left / whole
             if drop <= _LEAST_DROP and row.candidate.kind not in _ANYWAY:
                 continue
             key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
-            if key in seen:
+            if key in here:
                 continue  # an appendage of another frequency at the same place
-            seen.add(key)
             count = kinds.setdefault(row.candidate.kind, 0)
-            is_early = place < _FIRST or count < _OF_EACH_KIND
-            if is_early and (key not in best or drop > best[key][0]):
-                best[key] = (drop, row)
+            chosen = best if len(here) < _FIRST or count < _OF_EACH_KIND else others
+            here[key] = (drop, row)
+            if key not in chosen or drop > chosen[key][0]:
+                chosen[key] = (drop, row)
             kinds[row.candidate.kind] += 1
-            place += 1
     _with_friction(best)
     found = sorted(best.values(), key=lambda pair: (pair[1].candidate.kind not in _ANYWAY, -pair[0]))
-    return [row for _, row in found[:_REFITTED]], tried
+    rows = [row for _, row in found]
+    if base.trial.is_of_modes:
+        rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name)
+    rows = rows[:_REFITTED]
+    at_fit = [best[key][1] for key in here if key in best]
+    return Shortlist(rows, [row for row in at_fit if row in rows][:_AT_FIT], tried)
+
+
+def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> list[Screened]:
+    """Of changes that FRFs of the fit show, those that lower the misfit of the modes themselves most by a linear step.
+
+    Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
+    """
+    changes = [(bare(row.candidate), row.strength) for row in rows]
+    left = np.array([one["left"] for one in work.map(f"{name}, of modes", _left_by_modes, base, changes)])
+    first = range(min(_FIRST, len(rows)))
+    order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
+    return [rows[k] for k in (*first, *order)]
+
+
+def _left_by_modes(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
+    return {"left": _left(base, *change)}
 
 
 def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any]:
@@ -123,7 +159,7 @@ def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
 
 
-def _with_friction(best: dict[tuple[object, ...], tuple[float, Screened]]) -> None:
+def _with_friction(best: _Promises) -> None:
     """Beside the best dampers, friction at the same places: smoothed data show one as the other."""
     dampers = [pair for key, pair in best.items() if key[0] == "dashpot" and len(pair[1].candidate.where) == 1]
     for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:_OF_EACH_KIND]:

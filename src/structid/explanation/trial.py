@@ -107,6 +107,11 @@ class Trial:
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
+    def is_of_modes(self) -> bool:
+        """Whether all records are of modes."""
+        return all(isinstance(problem, ModalProblem) for problem in self.problems)
+
+    @property
     def has_modes(self) -> bool:
         """Whether some records are of modes."""
         return any(isinstance(problem, ModalProblem) for problem in self.problems)
