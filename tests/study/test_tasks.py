@@ -6,6 +6,7 @@ import os
 import pickle
 import signal
 import socket
+import subprocess
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -410,3 +411,43 @@ def test_a_missing_dask_is_named_with_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"Dask is not installed .*pip install structid\[cluster\]"):
         workers_for(None, "tcp://127.0.0.1:9")
+
+
+ALONE_WITH_WORKERS = """
+import os, sys, time
+from structid.study.run.workers import Processes
+
+def number(shared, item, tools):
+    time.sleep(0.3)
+    return os.getpid()
+
+if __name__ == "__main__":
+    workers = Processes(2)
+    found = {pid for _, pid in workers.completed(number, None, dict(enumerate(range(4))))}
+    print(*found, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_workers_of_a_killed_run_end_with_it(tmp_path):
+    (tmp_path / "alone.py").write_text(ALONE_WITH_WORKERS)
+    command = [sys.executable, str(tmp_path / "alone.py")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        workers = [int(word) for word in run.stdout.readline().split()]
+        assert workers
+        run.kill()
+    give_up = time.monotonic() + 20
+    while any(_is_running(worker) for worker in workers) and time.monotonic() < give_up:
+        time.sleep(0.05)
+    left = [worker for worker in workers if _is_running(worker)]
+    for worker in left:
+        os.kill(worker, signal.SIGKILL)
+    assert left == []
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"

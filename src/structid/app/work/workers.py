@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from structid.app.work.called import called
+from structid.study.run.workers import end_with_parent
 
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
@@ -49,7 +50,7 @@ class Workers:
     async def _called(self, name: str, given: dict[str, Any]) -> str:
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
-            self._pools[kind] = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+            self._pools[kind] = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent)
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:
