@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.criticism.data import scaled_misfit
+from structid.criticism.verdict import Cause, Moved, explains
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
 from structid.records.io import read_record, write_record
@@ -199,6 +200,25 @@ def test_rows_whose_errors_are_larger_by_a_factor_cost_what_their_likelihood_say
         factor = np.linspace(0.5, 2 * ratio, 200_001)
         brute = np.min(100 * ratio / factor + 100 * np.log(factor))
         assert scaled_misfit(100 * ratio, 100) == pytest.approx(brute, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "share, left, distance, shift, is_cause",
+    [
+        (0.13, 0.99, 6.0, 0.002, False),  # all that goes beyond the noise, and a value moves by 0.2 %
+        (0.13, 0.99, 6.0, 0.02, True),
+        (0.13, 0.99, 1.5, 0.02, False),
+        (0.08, 1.05, 6.0, 0.02, False),
+        (0.9, 1.05, 0.5, 0.001, True),
+    ],
+)
+def test_of_small_misfits_only_what_matters_is_a_cause(share, left, distance, shift, is_cause):
+    moved = (
+        Moved("a", "N/m", 5.0, 5.0, (4.9, 5.1), 0.0),
+        Moved("b", "N/m", 2.0, 2.0 * (1 + shift), (1.9, 2.1), distance),
+    )
+    misfit = 1.14 if share < 0.5 else 12.0
+    assert explains(Cause("mass", ("7",), "a mass is missing", share, left, moved=moved), misfit) is is_cause
 
 
 def test_a_comparison_says_which_state_has_no_sound_answer(tmp_path):

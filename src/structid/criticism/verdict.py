@@ -29,8 +29,9 @@ _MOVES = 3.0
 _CONTRADICTS = 0.2
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
-#: Part of what goes beyond the noise, and standard deviations by which values move, of causes of small misfits.
-_NEARLY_ALL, _MATTERS = 0.85, 2.2
+#: Of causes of small misfits: part of what goes beyond the noise, and how far a value moves, in standard deviations and as
+#: a part of itself.
+_NEARLY_ALL, _MATTERS, _SHIFTS = 0.85, 2.2, 0.01
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
 #: Ratio of misfit and noise from which on their difference is what is told.
@@ -187,8 +188,8 @@ def is_sound(found: Identification) -> bool:
 def explains(cause: Cause, misfit: float) -> bool:
     """Whether a change is the cause of a misfit, not only one that lowers it.
 
-    It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves values by it: small
-    errors all over a model are lowered a little by many changes, none of which matters.
+    It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more than
+    its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters.
 
     Parameters
     ----------
@@ -197,7 +198,11 @@ def explains(cause: Cause, misfit: float) -> bool:
         Chi-square per degree of freedom without it.
     """
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - 1) if misfit > 1 else 0.0
-    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and cause.moves > _MATTERS)
+    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and any(map(_matters, cause.moved)))
+
+
+def _matters(value: Moved) -> bool:
+    return value.distance > _MATTERS and abs(value.after - value.before) > _SHIFTS * abs(value.before)
 
 
 def judged(
