@@ -15,6 +15,7 @@ from structid.estimation import Estimate, LevenbergMarquardt, Linearization, Ope
 from structid.estimation.diagnostics.refusal import bound_at
 from structid.estimation.estimate import estimate
 from structid.estimation.search.multistart import named
+from structid.estimation.search.posterior_linearization import posterior_linearized
 from structid.estimation.search.work import ALONE, StageProgress, Tools, Work
 from structid.observation.motion.fit import identify_motion
 from structid.observation.time.options import TimeOptions
@@ -29,6 +30,8 @@ _NEAR, _FAR = 0.05, 0.2
 _HELD = 0.5
 _STAGE_TOLERANCE = 1e-4
 _LINEAR_SAMPLES = (4, 8, 16)
+#: Posterior linearization: standard deviation of the start in parts of each value, and rows for each unknown.
+_SPREAD, _SPREAD_ROWS = 0.5, 16
 
 #: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
 _Way = tuple[int, float, FloatArray]
@@ -55,7 +58,7 @@ def identified_by_output_error(
     ways: list[_Way] = []
     iterations = 0
     for way, spent in _tried(
-        _rounds(structure, unknown, record, options, ways), (problem, sizes, options), work, progress
+        _rounds(problem, record, options, ways, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
         ways.append(way)
@@ -103,14 +106,19 @@ def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], theta: Float
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
     """Numbers of samples, the last all of them."""
-    n_times, n_sensors = problem.measured.shape
-    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
-    size = options.first_samples or max(2, -(-(problem.parameters.n_params + n_initial) // n_sensors))
+    size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
-    while size < n_times:
+    while size < problem.n_times:
         sizes.append(size)
         size *= 2
-    return [*sizes, n_times]
+    return [*sizes, problem.n_times]
+
+
+def _samples(problem: OutputErrorProblem, rows: int) -> int:
+    """Samples that give at least so many rows for each unknown, as far as there are."""
+    n_times, n_sensors = problem.measured.shape
+    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
+    return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
 
 
 def _followed(
@@ -156,26 +164,45 @@ def _furthest(ways: list[_Way]) -> _Way:
 
 
 def _rounds(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, ways: list[_Way]
+    problem: OutputErrorProblem,
+    record: TimeRecord,
+    options: TimeOptions,
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
 ) -> Iterator[list[FloatArray]]:
-    """Free variables to start from: linear fits where they can be had, the given start, and others.
+    """Free variables to start from: linear fits where they can be had, the given start, and `restarts` others.
 
-    The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
-    of the first. Each round is made when those before have failed; `ways` holds what became of them.
+    The first of these comes from posterior linearization, which finds the valley among wrong minima. The rest are random
+    points, in turn about 5 % from where the way that came furthest ended and about 20 % from one of the first. Each
+    round is made when those before have failed; `ways` holds what became of them.
     """
+    structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
     rng = np.random.default_rng(options.seed)
     for makers in (_linear_starts, _given_start, _weak_start):
         made = list(makers(structure, unknown, record))
         sound += made
         yield made
-    for attempt in range(0, options.restarts, 2):
+    if options.restarts:
+        short = problem.first(_samples(problem, _SPREAD_ROWS))
+        yield [
+            np.asarray(found["theta"]) for found in work.map("far starts", _far_start, short, [options.seed], progress)
+        ]
+    n_random = options.restarts - 1
+    for attempt in range(0, n_random, 2):
         centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
         points: list[FloatArray] = []
-        for distance, theta in centres[: options.restarts - attempt]:
+        for distance, theta in centres[: n_random - attempt]:
             size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
             points.append(theta + distance * size * rng.standard_normal(len(theta)))
         yield points
+
+
+def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
+    """Where posterior linearization comes to from the given start, as a task."""
+    progress = named(tools.progress, f"far start, {short.n_times} samples")
+    return {"theta": posterior_linearized(short, short.theta_start, _SPREAD, seed, progress)}
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
