@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -33,6 +33,14 @@ _LINEAR_SAMPLES = (4, 8, 16)
 #: Posterior linearization: standard deviation of the start in parts of each value, and rows for each unknown.
 _SPREAD, _SPREAD_ROWS = 0.5, 16
 
+
+class _Start(NamedTuple):
+    """Free variables to begin at, and the first stage of the way from there."""
+
+    theta: FloatArray
+    first: int = 0
+
+
 #: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
 _Way = tuple[int, float, FloatArray]
 
@@ -58,7 +66,7 @@ def identified_by_output_error(
     ways: list[_Way] = []
     iterations = 0
     for way, spent in _tried(
-        _rounds(problem, record, options, ways, work, progress), (problem, sizes, options), work, progress
+        _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
         ways.append(way)
@@ -82,7 +90,7 @@ def identified_by_output_error(
 
 
 def _tried(
-    rounds: Iterator[list[FloatArray]],
+    rounds: Iterator[list[_Start]],
     shared: tuple[OutputErrorProblem, list[int], TimeOptions],
     work: Work,
     progress: StageProgress | None,
@@ -97,10 +105,11 @@ def _tried(
             count += len(ahead)
 
 
-def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], theta: FloatArray, tools: Tools) -> dict[str, Any]:
-    """The way from one start, as a task."""
+def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
+    """The way from one start, as a task; one that ends at its first stage has passed none."""
     problem, sizes, options = shared
-    reached, excess, theta, spent = _followed(problem, sizes, theta, options, True, tools)
+    reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
+    reached += start.first if reached else 0
     return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
 
 
@@ -167,15 +176,17 @@ def _rounds(
     problem: OutputErrorProblem,
     record: TimeRecord,
     options: TimeOptions,
+    sizes: list[int],
     ways: list[_Way],
     work: Work,
     progress: StageProgress | None,
-) -> Iterator[list[FloatArray]]:
-    """Free variables to start from: linear fits where they can be had, the given start, and `restarts` others.
+) -> Iterator[list[_Start]]:
+    """Where to start from: linear fits where they can be had, the given start, and others.
 
-    The first of these comes from posterior linearization, which finds the valley among wrong minima. The rest are random
-    points, in turn about 5 % from where the way that came furthest ended and about 20 % from one of the first. Each
-    round is made when those before have failed; `ways` holds what became of them.
+    The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
+    of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
+    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again. Each round
+    is made when those before have failed; `ways` holds what became of them.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -183,20 +194,19 @@ def _rounds(
     for makers in (_linear_starts, _given_start, _weak_start):
         made = list(makers(structure, unknown, record))
         sound += made
-        yield made
-    if options.restarts:
-        short = problem.first(_samples(problem, _SPREAD_ROWS))
-        yield [
-            np.asarray(found["theta"]) for found in work.map("far starts", _far_start, short, [options.seed], progress)
-        ]
-    n_random = options.restarts - 1
-    for attempt in range(0, n_random, 2):
+        yield [_Start(theta) for theta in made]
+    for attempt in range(0, options.restarts, 2):
         centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
-        points: list[FloatArray] = []
-        for distance, theta in centres[: n_random - attempt]:
+        points: list[_Start] = []
+        for distance, theta in centres[: options.restarts - attempt]:
             size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
-            points.append(theta + distance * size * rng.standard_normal(len(theta)))
+            points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
         yield points
+        if attempt == 0:
+            least = _samples(problem, _SPREAD_ROWS)
+            first = next(number for number, size in enumerate(sizes) if size >= least)
+            found = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
+            yield [_Start(np.asarray(each["theta"]), first) for each in found]
 
 
 def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
