@@ -32,9 +32,9 @@ class Waves(Case):
 
 
 def wave(seed, off=0.3):
-    """Twenty periods of a wave, in forty rows, wave number and height off at random."""
+    """Ten periods of a wave in sixty rows, wave number and height off at random."""
     rng = np.random.default_rng(seed)
-    x = np.linspace(0.3, 40, 40)
+    x = np.linspace(0.2, 20, 60)
     y = waves(x, (WAVE_NUMBER, 1.0)) + SIGMA * rng.standard_normal(len(x))
     start = np.array([WAVE_NUMBER, 1.0]) * np.exp(off * rng.standard_normal(2))
     return Waves(waves, waves_slope, x, y, tuple(start), ("log", "log"), SIGMA)
@@ -58,7 +58,7 @@ def test_a_wave_is_found_among_wrong_minima():
     cases = [wave(seed) for seed in range(20)]
     assert sum(fits(case, case.theta_start) for case in cases) < 8
     found = [posterior_linearized(case, case.theta_start, 0.5) for case in cases]
-    assert sum(fits(case, theta) for case, theta in zip(cases, found, strict=True)) >= 18
+    assert all(fits(case, theta) for case, theta in zip(cases, found, strict=True))
 
 
 def test_draws_without_a_model_are_left_out():

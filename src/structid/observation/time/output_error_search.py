@@ -185,8 +185,8 @@ def _rounds(
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
     of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
-    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again. Each round
-    is made when those before have failed; `ways` holds what became of them.
+    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again, and then
+    at the first. Each round is made when those before have failed; `ways` holds what became of them.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -205,8 +205,8 @@ def _rounds(
         if attempt == 0:
             least = _samples(problem, _SPREAD_ROWS)
             first = next(number for number, size in enumerate(sizes) if size >= least)
-            found = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
-            yield [_Start(np.asarray(each["theta"]), first) for each in found]
+            far = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
+            yield [_Start(np.asarray(found["theta"]), begin) for found in far for begin in dict.fromkeys((first, 0))]
 
 
 def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
