@@ -60,6 +60,9 @@ def identified_by_output_error(
     chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
     fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
     depend on each other run ahead of the verdict on those before them; the answer is the same.
+
+    Where modes turn far between two samples, the shortest stage has wrong minima already: posterior linearization is
+    the start that passes them.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
