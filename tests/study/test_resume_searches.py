@@ -22,7 +22,7 @@ from structid.estimation.intervals.nuts import begun, continued, nuts_chain
 from structid.estimation.intervals.sampling import sample
 from structid.observation import TimeOptions
 from structid.observation.time.identify_time import identify_time
-from structid.observation.time.output_error_search import _furthest, _tried
+from structid.observation.time.output_error_search import _furthest, _Start, _tried
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
@@ -226,9 +226,9 @@ def test_of_ways_that_came_as_far_the_one_with_the_least_misfit_is_followed():
         n_workers = 2
 
         def map(self, name, task, shared, items, progress=None, first=0):
-            return [{"reached": 3, "excess": 2.0 + item[0], "theta": item, "spent": 5} for item in items]
+            return [{"reached": 3, "excess": 2.0 + item.theta[0], "theta": item.theta, "spent": 5} for item in items]
 
-    starts = [np.array([float(k)]) for k in (4, 1, 7)]
+    starts = [_Start(np.array([float(k)])) for k in (4, 1, 7)]
     ways = [way for way, _ in _tried(iter([starts]), (None, [], None), Told(), None)]
     assert [way[:2] for way in ways] == [(3, -6.0), (3, -3.0), (3, -9.0)]
     assert _furthest(ways)[2] == 1.0

@@ -72,10 +72,16 @@ def identify_time(
     force samples share their noise, which leaves a bias of the order of the squared relative noise of the force; an
     `Oscillation`, whose amplitude many samples fix, has none to speak of.
 
+    Output error goes from few samples to ever more of them. Where the initial values and two random starts end at minima
+    that miss the noise, as where modes turn far between two samples, a start follows that asks only for what the errors
+    of the initial values leave predictable: up to 20 times 100 simulations of a few samples (or of four for each
+    parameter), with no derivative. See `structid.estimation.search.posterior_linearization`.
+
     References
     ----------
     Ljung (1999), System Identification, 2nd ed., chapter 7: output error. Young and Jakeman (1979), Int. J. Control 29:
-    refined instrumental variables. Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: the weak form.
+    refined instrumental variables. Garcia-Fernandez et al. (2015), IEEE Trans. Signal
+    Process. 63, 5561-5573: posterior linearization. Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: the weak form.
 
     Examples
     --------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -15,6 +15,7 @@ from structid.estimation import Estimate, LevenbergMarquardt, Linearization, Ope
 from structid.estimation.diagnostics.refusal import bound_at
 from structid.estimation.estimate import estimate
 from structid.estimation.search.multistart import named
+from structid.estimation.search.posterior_linearization import posterior_linearized
 from structid.estimation.search.work import ALONE, StageProgress, Tools, Work
 from structid.observation.motion.fit import identify_motion
 from structid.observation.time.options import TimeOptions
@@ -29,6 +30,16 @@ _NEAR, _FAR = 0.05, 0.2
 _HELD = 0.5
 _STAGE_TOLERANCE = 1e-4
 _LINEAR_SAMPLES = (4, 8, 16)
+#: Posterior linearization: standard deviation of the start in parts of each value, and rows for each unknown.
+_SPREAD, _SPREAD_ROWS = 0.5, 16
+
+
+class _Start(NamedTuple):
+    """Free variables to begin at, and the first stage of the way from there."""
+
+    theta: FloatArray
+    first: int = 0
+
 
 #: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
 _Way = tuple[int, float, FloatArray]
@@ -49,13 +60,16 @@ def identified_by_output_error(
     chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
     fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
     depend on each other run ahead of the verdict on those before them; the answer is the same.
+
+    Where modes turn far between two samples, the shortest stage has wrong minima already: posterior linearization is
+    the start that passes them.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
     ways: list[_Way] = []
     iterations = 0
     for way, spent in _tried(
-        _rounds(structure, unknown, record, options, ways), (problem, sizes, options), work, progress
+        _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
         ways.append(way)
@@ -79,7 +93,7 @@ def identified_by_output_error(
 
 
 def _tried(
-    rounds: Iterator[list[FloatArray]],
+    rounds: Iterator[list[_Start]],
     shared: tuple[OutputErrorProblem, list[int], TimeOptions],
     work: Work,
     progress: StageProgress | None,
@@ -94,23 +108,29 @@ def _tried(
             count += len(ahead)
 
 
-def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], theta: FloatArray, tools: Tools) -> dict[str, Any]:
-    """The way from one start, as a task."""
+def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
+    """The way from one start, as a task; one that ends at its first stage has passed none."""
     problem, sizes, options = shared
-    reached, excess, theta, spent = _followed(problem, sizes, theta, options, True, tools)
+    reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
+    reached += start.first if reached else 0
     return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
     """Numbers of samples, the last all of them."""
-    n_times, n_sensors = problem.measured.shape
-    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
-    size = options.first_samples or max(2, -(-(problem.parameters.n_params + n_initial) // n_sensors))
+    size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
-    while size < n_times:
+    while size < problem.n_times:
         sizes.append(size)
         size *= 2
-    return [*sizes, n_times]
+    return [*sizes, problem.n_times]
+
+
+def _samples(problem: OutputErrorProblem, rows: int) -> int:
+    """Samples that give at least so many rows for each unknown, as far as there are."""
+    n_times, n_sensors = problem.measured.shape
+    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
+    return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
 
 
 def _followed(
@@ -156,26 +176,46 @@ def _furthest(ways: list[_Way]) -> _Way:
 
 
 def _rounds(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, ways: list[_Way]
-) -> Iterator[list[FloatArray]]:
-    """Free variables to start from: linear fits where they can be had, the given start, and others.
+    problem: OutputErrorProblem,
+    record: TimeRecord,
+    options: TimeOptions,
+    sizes: list[int],
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[list[_Start]]:
+    """Where to start from: linear fits where they can be had, the given start, and others.
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
-    of the first. Each round is made when those before have failed; `ways` holds what became of them.
+    of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
+    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again, and then
+    at the first. Each round is made when those before have failed; `ways` holds what became of them.
     """
+    structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
     rng = np.random.default_rng(options.seed)
     for makers in (_linear_starts, _given_start, _weak_start):
         made = list(makers(structure, unknown, record))
         sound += made
-        yield made
+        yield [_Start(theta) for theta in made]
     for attempt in range(0, options.restarts, 2):
         centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
-        points: list[FloatArray] = []
+        points: list[_Start] = []
         for distance, theta in centres[: options.restarts - attempt]:
             size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
-            points.append(theta + distance * size * rng.standard_normal(len(theta)))
+            points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
         yield points
+        if attempt == 0:
+            least = _samples(problem, _SPREAD_ROWS)
+            first = next(number for number, size in enumerate(sizes) if size >= least)
+            far = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
+            yield [_Start(np.asarray(found["theta"]), begin) for found in far for begin in dict.fromkeys((first, 0))]
+
+
+def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
+    """Where posterior linearization comes to from the given start, as a task."""
+    progress = named(tools.progress, f"far start, {short.n_times} samples")
+    return {"theta": posterior_linearized(short, short.theta_start, _SPREAD, seed, progress)}
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
