@@ -17,7 +17,8 @@ from structid.identification.identify import identify_together
 from structid.identification.options import IdentifyOptions
 from structid.identification.together import by_name
 from structid.observation import RecordProblem
-from structid.solver.solved import Checked, Solved, point_words
+from structid.solver.runs import point_words
+from structid.solver.solved import Checked, Solved
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
 from structid.study.run.start import Start, started
