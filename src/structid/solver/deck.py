@@ -19,6 +19,9 @@ _ANY_MARK = re.compile(r"\{\{[^}\n]*\}?\}?")
 #: Characters of a number where the mark does not say it: a large field of Nastran, and less than the 20 that CalculiX reads.
 WIDTH = 16
 _NARROWEST = 5
+#: The file beside a deck that lists the lines at which FRFs are needed, and the mark of a line of the deck that tells them.
+FREQUENCIES = "frequencies.csv"
+_LINE_MARK = re.compile(r"\{\{\s*frequency\s*(?::\s*(\d+)\s*)?\}\}")
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,30 @@ class Deck:
 
         exact = self.shown(values)
         return {file: _MARK.sub(number, text) for file, text in self.texts.items()}
+
+
+def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
+    """A deck that says at which lines to compute: in a file `FREQUENCIES` beside it, and where ``{{frequency}}`` stands.
+
+    A line of the deck that holds the mark is written once for each frequency, Hz.
+    """
+
+    def written(line: str) -> str:
+        return "".join(
+            _LINE_MARK.sub(lambda m: number_text(f, int(m[1])).ljust(int(m[1])) if m[1] else number_text(f), line)
+            for f in frequency
+        )
+
+    found = {}
+    for file, text in texts.items():
+        lines = text.splitlines(keepends=True)
+        lines = (
+            [one if one.endswith(("\n", "\r")) else f"{one}\n" for one in lines] if _LINE_MARK.search(text) else lines
+        )
+        found[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
+    if FREQUENCIES in found:
+        raise InputError(f"a file of the deck is called {FREQUENCIES}, as is the list of lines; give it another name")
+    return found | {FREQUENCIES: "".join(f"{number_text(f)}\n" for f in frequency)}
 
 
 def number_text(value: float, width: int = WIDTH) -> str:

@@ -34,6 +34,7 @@ class SolvedModes(Solved):
         Modes that the model has.
     """
 
+    model: SolverModel
     out: ModesOut
     n_modes: int
 
@@ -63,9 +64,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
     """
     own = taken(solver, out.read, _change, _RULES, work)
     at, centre = own.centre, own.at
-    turned = [
-        replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in own.pairs
-    ]
+    turned = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in own.pairs]
     small = tangent(f"shapes of {name}", _shapes_in_si(at, units), turned)
     references = {one.name: centre[one.name] or 1.0 for one in solver.deck.parameters}
     parts = []

@@ -31,6 +31,7 @@ class SolvedMatrices(Solved):
     out : MatricesOut
     """
 
+    model: SolverModel
     out: MatricesOut
 
     @property

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from structid.dof import Dof
 from structid.estimation.search.work import Work
 from structid.solver.expansion import Point
-from structid.solver.model import ModelParameter, SolverModel
+from structid.solver.model import ModelParameter
 from structid.solver.runs import RunCounts, Solver
 from structid.solver.tangent import ShapeTie
+from structid.structure.elements import ElementSet
 from structid.structure.importers.exports import FORCES, LENGTHS
 
 
@@ -55,7 +56,7 @@ class Solved(ABC):
     Attributes
     ----------
     solver : Solver
-    model : SolverModel
+    model : ElementSet
         The element set.
     ties : tuple of ShapeTie
     held : tuple of Dof
@@ -68,7 +69,7 @@ class Solved(ABC):
     """
 
     solver: Solver
-    model: SolverModel
+    model: ElementSet
     ties: tuple[ShapeTie, ...]
     held: tuple[Dof, ...]
     counts: RunCounts
@@ -79,8 +80,8 @@ class Solved(ABC):
     @property
     def nodes(self) -> tuple[int, ...]:
         """Labels of all nodes of the solver."""
-        own = [dof.node for dof in (*self.model.dofs, *self.held)]
-        return tuple(sorted({*own, *(dof.node for tie in self.ties for dof in tie.dependents)}))
+        followers = [dof.node for dof in (*self.held, *(dof for tie in self.ties for dof in tie.dependents))]
+        return tuple(sorted({*self.model.nodes.ravel().tolist(), *followers}))
 
     @property
     @abstractmethod

@@ -1,0 +1,152 @@
+"""The model that a solver's own FRFs give: rational in the deck's parameters at each line, about the values of its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import ComplexArray, FloatArray, IntArray, locked
+from structid.dof import Dof
+from structid.errors import InputError
+from structid.solver.model import ModelParameter
+from structid.structure.elements.element import ElementSet, Layer, Nodes, Positions, Term, declared, dof_code, element
+
+#: Rounding of printed FRFs, as a part of their size; curvature below what it makes of differences counts for nothing.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FrfRuns:
+    """Receptances of a solver at a centre, and at two changes of each parameter.
+
+    Between and beside the runs each line is
+
+        h(x) = (h_0 + sum b_i x_i) / (1 + sum c_i x_i),
+
+    with c shared by its channels, through all runs as well as it can be: exact where one mode makes the line and its
+    eigenvalue goes straight with the parameters, so that resonances move as they do.
+
+    Attributes
+    ----------
+    frequency : (n_lines,) float array
+        Hz.
+    outputs, inputs : tuple of Dof
+    centre : (n_lines, n_outputs, n_inputs) complex array
+        SI units.
+    at : mapping of str to float
+        Value of each parameter there.
+    changes : (n_params, 2) float array
+        Of each parameter, in its unit.
+    runs : (n_params, 2, n_lines, n_outputs, n_inputs) complex array
+    """
+
+    frequency: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    centre: ComplexArray
+    at: Mapping[str, float]
+    changes: FloatArray
+    runs: ComplexArray
+
+    def mapped(self, frequency: FloatArray, given: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
+        """What a transform of receptances (n_lines, ...) makes of all runs, at other lines."""
+        flat = self.runs.reshape(-1, *self.centre.shape)
+        moved = np.array([given(run) for run in flat]).reshape(*self.runs.shape[:2], -1, *self.centre.shape[1:])
+        return replace(self, frequency=frequency, centre=given(self.centre), runs=moved)
+
+    def lines(self, frequency: FloatArray) -> IntArray:
+        """Where the lines `frequency` are among its own.
+
+        Raises
+        ------
+        InputError
+            If one is not there.
+        """
+        place = np.clip(np.searchsorted(self.frequency, frequency), 0, len(self.frequency) - 1)
+        missing = frequency[self.frequency[place] != frequency]
+        if len(missing):
+            raise InputError(
+                f"the solver was not asked for the line at {missing[0]:g} Hz; take lines of the records, inside `band`"
+            )
+        return place
+
+    @cached_property
+    def _unit(self) -> FloatArray:
+        """What changes are counted in, (n_params,)."""
+        return np.abs(self.changes).max(axis=1)
+
+    @cached_property
+    def _rational(self) -> tuple[ComplexArray, ComplexArray]:
+        """b (n_lines, n_outputs, n_inputs, n_params) and c (n_lines, n_params), of changes in parts of `_unit`."""
+        slopes, bends = [], []
+        for (first, second), (one, two) in zip(self.changes / self._unit[:, None], self.runs, strict=True):
+            up, down = (one - self.centre) / first, (two - self.centre) / second
+            apart, bent = two - one, up - down
+            power = (np.abs(apart) ** 2).sum(axis=(1, 2))
+            seen = (np.abs(bent) ** 2).sum(axis=(1, 2))
+            noise = (4 * _ROUNDING / min(abs(first), abs(second))) ** 2 * (np.abs(self.centre) ** 2).sum(axis=(1, 2))
+            ratio = (np.conj(apart) * bent).sum(axis=(1, 2)) / np.maximum(power, np.finfo(float).tiny)
+            bend = np.where(power > 0, ratio * seen / np.maximum(seen + noise, np.finfo(float).tiny), 0.0)
+            wide = bend[:, None, None]
+            slopes.append((up + wide * one + down + wide * two) / 2)
+            bends.append(bend)
+        return np.stack(slopes, axis=-1), np.stack(bends, axis=-1)
+
+    def evaluated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Receptances and their derivatives, (n_lines, n_outputs, n_inputs) and (..., n_params), for values of all parameters."""
+        x = (values - np.array(list(self.at.values()))) / self._unit
+        slopes, bends = self._rational
+        below = (1 + bends @ x)[:, None, None]
+        found = (self.centre + slopes @ x) / below
+        change = (slopes - found[..., None] * bends[:, None, None, :]) / below[..., None]
+        return found, change / self._unit
+
+
+@element
+class SolverFrfs(ElementSet):
+    """A structure of which a solver gives FRFs alone: parameters of its deck are the properties, and there are no matrices."""
+
+    has_matrices: ClassVar[bool] = False
+
+    nodes: Nodes = declared("Nodes of sensors and loads, in order, as one element", init=False)
+    found: FrfRuns = declared("What the solver gave")
+    parameters: tuple[ModelParameter, ...] = declared("Parameters of the deck")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", locked(np.unique([dof.node for dof in self.dofs])[None, :], np.int64))
+        super().__post_init__()
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        """Of sensors and loads, each once, as they come."""
+        return tuple(dict.fromkeys(dof.unsigned for dof in (*self.found.outputs, *self.found.inputs)))
+
+    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+        """Parameters, with matrices of nothing; see `ElementSet.terms`."""
+        codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
+        nothing = sparse.csc_array((codes.size, codes.size))
+        layer = Layer(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
+        return tuple(Term(p.name, "parameter", p.unit, locked([p.value], float), [layer]) for p in self.parameters)
+
+    def places(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
+        """Where sensors (``output``) or loads (``input``) are among its own, and their sense against these.
+
+        Raises
+        ------
+        InputError
+            If it has no such channel.
+        """
+        own = self.found.outputs if role == "output" else self.found.inputs
+        known = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(own)}
+        for dof in dofs:
+            if dof.unsigned not in known:
+                raise InputError(f"the solver gives no FRF with {role} {dof}, only {', '.join(map(str, own))}")
+        pairs = [known[dof.unsigned] for dof in dofs]
+        return np.array([k for k, _ in pairs]), np.array(
+            [sign * dof.sign for (_, sign), dof in zip(pairs, dofs, strict=True)], dtype=float
+        )
