@@ -55,9 +55,11 @@ class FrfRuns:
 
     def mapped(self, frequency: FloatArray, given: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
         """What a transform of receptances (n_lines, ...) makes of all runs, at other lines."""
-        flat = self.runs.reshape(-1, *self.centre.shape)
-        moved = np.array([given(run) for run in flat]).reshape(*self.runs.shape[:2], -1, *self.centre.shape[1:])
-        return replace(self, frequency=frequency, centre=given(self.centre), runs=moved)
+        centre = given(self.centre)
+        moved = np.zeros((*self.runs.shape[:2], *centre.shape), dtype=np.complex128)
+        for place in np.ndindex(*self.runs.shape[:2]):
+            moved[place] = given(self.runs[place])
+        return replace(self, frequency=frequency, centre=centre, runs=moved)
 
     def lines(self, frequency: FloatArray) -> IntArray:
         """Where the lines `frequency` are among its own.
@@ -78,12 +80,15 @@ class FrfRuns:
     @cached_property
     def _unit(self) -> FloatArray:
         """What changes are counted in, (n_params,)."""
-        return np.abs(self.changes).max(axis=1)
+        return np.abs(self.changes).max(axis=1) if len(self.changes) else np.zeros(0)
 
     @cached_property
     def _rational(self) -> tuple[ComplexArray, ComplexArray]:
         """b (n_lines, n_outputs, n_inputs, n_params) and c (n_lines, n_params), of changes in parts of `_unit`."""
-        slopes, bends = [], []
+        slopes: list[ComplexArray] = []
+        bends: list[ComplexArray] = []
+        if not len(self.changes):
+            return np.zeros((*self.centre.shape, 0), complex), np.zeros((len(self.centre), 0), complex)
         for (first, second), (one, two) in zip(self.changes / self._unit[:, None], self.runs, strict=True):
             up, down = (one - self.centre) / first, (two - self.centre) / second
             apart, bent = two - one, up - down

@@ -84,7 +84,7 @@ class SolvedLines:
     def _rows(self) -> IntArray:
         """Property values that are the parameters of the deck, in its order."""
         row = {item.term.property: item.values.start for item in self.structure.properties}
-        return np.array([row[name] for name in self.element.found.at])
+        return np.array([row[name] for name in self.element.found.at], dtype=np.int64)
 
     @cached_property
     def _columns(self) -> tuple[int, ...]:
