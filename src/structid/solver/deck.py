@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from structid.declared import Positive
@@ -153,11 +154,11 @@ def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str
     A line of the deck that holds the mark is written once for each frequency, Hz.
     """
 
+    def number(mark: re.Match[str], value: float) -> str:
+        return number_text(value, int(mark[1])).ljust(int(mark[1])) if mark[1] else number_text(value)
+
     def written(line: str) -> str:
-        return "".join(
-            _LINE_MARK.sub(lambda m: number_text(f, int(m[1])).ljust(int(m[1])) if m[1] else number_text(f), line)
-            for f in frequency
-        )
+        return "".join(_LINE_MARK.sub(partial(number, value=f), line) for f in frequency)
 
     found = {}
     for file, text in texts.items():

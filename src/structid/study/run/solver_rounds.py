@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from structid.errors import InputError, NoAnswerError, SingularModelError
 from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
 from structid.identification.options import IdentifyOptions
+from structid.identification.together import places, together
+from structid.observation import FrfProblem, RecordProblem
 from structid.solver.runs import point_words
 from structid.solver.solved import Checked, Solved
 from structid.solver.solved_frfs import SolvedFrfs
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
 from structid.study.run.solver_moves import about, deck_std, deck_values, tables, within
-from structid.study.run.solver_stages import led_near
-from structid.study.run.start import Start, started
+from structid.study.run.solver_stages import confirmed, led_near
+from structid.study.run.start import Start, started, study_problems
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import load_study
 
 MOST_ROUNDS = 12
 #: The answer stays where it moves by less than this part of its standard deviation, or of its value.
 _OF_STD, _OF_VALUE = 1e-2, 1e-6
+#: Such parts that are worth a word where the solver confirms no further move.
+_OPEN = 50.0
 
 
 def about_answer(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> Start:
@@ -41,8 +47,8 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
     if solved is None or solved.is_exact:
         return ready
     quick = replace(ready.study.options, intervals="laplace", restarts=0, uniqueness_starts=0)
-    frfs = isinstance(solved, SolvedFrfs)
-    if frfs:
+    is_led = isinstance(solved, SolvedFrfs) and not ready.study.options.regularization
+    if isinstance(solved, SolvedFrfs):
         ready = led_near(ready, work)
     moves: list[float] = []
     for _ in range(MOST_ROUNDS):
@@ -55,16 +61,30 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
             abs(goal[name] - at) / max(_OF_STD * std[name], _OF_VALUE * abs(at), np.finfo(float).tiny)
             for name, at in solved.at.items()
         ]
-        print("DBG axis", solved.at, goal, max(moves))
         if max(moves) <= 1.0:
             return ready
         known = dict(zip(found.estimate.names, found.estimate.values.tolist(), strict=True))
+        if is_led:
+            estimate = found.estimate
+            end = estimate.theta[places(estimate.names, together(ready.problems).names)]
+            moved = confirmed(ready, list, end, work)
+            if moved is None:
+                return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
+            ready = moved[1]
+            continue
         ready = started(about(ready.study, goal, known, work))
     words = (
         f"the answer still moves by {_OF_STD * max(moves):.2g} standard deviations after {MOST_ROUNDS} rounds of differences of the"
         " solver; give larger `step`, priors or bounds"
     )
     return replace(ready, warnings=(*ready.warnings, words))
+
+
+def _open_words(moves: Sequence[float]) -> str:
+    return (
+        f"the differences of the solver point {_OF_STD * max(moves):.2g} standard deviations further, where its own FRFs fit no"
+        " better: they are not smooth, or printed with few digits; write more digits, or give larger `step`"
+    )
 
 
 def _answered(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
@@ -92,7 +112,20 @@ def from_nominal(result: StudyResult) -> StudyResult:
         known |= dict(zip(source.parameters.names, source.parameters.start.tolist(), strict=True))
     pairs = zip(found.estimate.names, found.estimate.initial.tolist(), strict=True)
     initial = np.array([known.get(name, own) for name, own in pairs])
-    return replace(result, identification=replace(found, estimate=replace(found.estimate, initial=initial)))
+    fits = found.fits
+    if isinstance(study.solved, SolvedFrfs):  # about the answer, its model says nothing of where the search began
+        fits = tuple(_begun_at(fit, before) for fit, before in zip(fits, study_problems(first), strict=True))
+    return replace(result, identification=replace(found, estimate=replace(found.estimate, initial=initial), fits=fits))
+
+
+def _begun_at(fit: RecordFit, before: RecordProblem) -> RecordFit:
+    """The fit with the initial responses that the solver gave."""
+    assert isinstance(before, FrfProblem)
+    start = before.physical(before.theta_start)
+    used, judged = (
+        replace(lines, initial=before.predicted_on(lines.record, start)) for lines in (fit.used, fit.judged)
+    )
+    return replace(fit, used=used, judged=judged)
 
 
 def found_values(solved: Solved, found: Identification) -> dict[str, float]:

@@ -1,10 +1,11 @@
 """FRFs of a solver from a poor start: smooth forms of what was measured and of what the solver gives, down to the FRFs.
 
 A solver computes FRFs on the axis alone, where each resonance is a minimum of its own. Averages of their logarithm with
-the kernel of the Poisson integral, as wide as a part of the frequency, follow stiffness smoothly over that part, also where lines are too
-coarse for the resonances; for an FRF without zeros on the right they are log|H| at s = omega (a + i). The same averages of what was
-measured stand beside them, so that what the band cuts off is cut off on both sides. With a from 1/2 down, they are fitted
-about each answer, with differences as wide as they are, and each move is one that the solver itself confirms.
+the kernel of the Poisson integral, as wide as a part of the frequency, follow stiffness smoothly over that part, also
+where lines are too coarse for the resonances; for an FRF without zeros on the right they are log|H| at s = omega (a + i).
+The same averages of what was measured stand beside them, so that what the band cuts off is cut off on both sides. From
+wide to narrow, they are fitted about each answer, with differences as wide as they are, and each move is one that the
+solver itself confirms.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from structid.observation.frf.continuation import start_deviation
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
-from structid.solver.frf_model import FrfRuns
+from structid.solver.frf_model import FrfRuns, SolverFrfs
 from structid.solver.solved_frfs import SolvedFrfs
 from structid.structure import Structure
 from structid.study.run.solver_moves import about, deck_values, within
@@ -34,9 +35,9 @@ from structid.study.run.start import Start, started
 from structid.study.schema.study import Study
 
 #: Widths of the averages, in parts of the frequency.
-LEVELS = (0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64)
+LEVELS = (0.35, 0.14, 0.06, 0.025)
 #: Steps of differences meanwhile, rounds at one level, and part of it by which a parameter may still move where the next follows.
-_STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.25
+_STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.5
 #: The model is near where the logarithms of computed over measured magnitudes are below this at so many of the lines
 #: whose noise is below a part of them.
 _NEAR, _OF_LINES, _CLEAR = 0.7, 0.98, 0.3
@@ -59,7 +60,6 @@ def led_near(ready: Start, work: Work) -> Start:
             here = together(_staged(ready.problems, level))
             end = minimize(here, LevenbergMarquardt()).theta
             moved = confirmed(ready, partial(_staged, level=level), end, work, step)
-            print("DBG", level, ready.study.solved.at, here.physical(end), moved and here.physical(moved[0]))
             if moved is None:
                 break
             theta, ready = moved
@@ -185,14 +185,18 @@ def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, val
     return _smoothed(weights, values[lines] * power[:, None, None])
 
 
-def _runs(problem: FrfProblem) -> FrfRuns:
+def _runs(problem: RecordProblem) -> FrfRuns:
     [element] = problem.structure.elements
-    found: FrfRuns = element.found
-    return found
+    assert isinstance(element, SolverFrfs)
+    return element.found
 
 
-def _with_runs(problem: FrfProblem, runs: FrfRuns) -> FrfProblem:
+def _with_runs(problem: RecordProblem, runs: FrfRuns) -> FrfProblem:
     """The problem with other runs of the solver."""
-    [element] = problem.structure.elements
     structure = problem.structure
-    return replace(problem, structure=Structure(structure.nodes, [replace(element, found=runs)], active=structure.active))
+    [element] = structure.elements
+    assert isinstance(element, SolverFrfs)
+    assert isinstance(problem, FrfProblem)
+    return replace(
+        problem, structure=Structure(structure.nodes, [replace(element, found=runs)], active=structure.active)
+    )
