@@ -1,0 +1,260 @@
+"""Studies whose solver gives FRFs itself: answers and intervals beside exact ones, far starts, faults, and bad input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chain_solver import chain
+from solver_cases import CHAIN_SOLVER, TRUE, parameter, unknown
+from typer.testing import CliRunner
+
+from structid.cli import app as cli
+from structid.records import FrfRecord
+from structid.records.io import write_record
+from structid.solver.deck import with_lines
+from structid.solver.frf_model import FrfRuns
+
+RUN = CliRunner()
+ETA = 0.02
+MATRICES = 'stiffness = "{stem}_k.mtx"\nmass = "{stem}_m.mtx"\ndofs = ["1X", "2X", "3X", "4X", "5X", "6X"]'
+
+
+def receptance(values: dict[str, float], frequency: np.ndarray, eta: float) -> np.ndarray:
+    mass, stiffness = map(np.array, chain(values, 6))
+    dynamic = stiffness * (1 + 1j * eta) - (2 * np.pi * frequency[:, None, None]) ** 2 * mass
+    return np.linalg.inv(dynamic)[:, [0, 2, 5]][:, :, [2]]
+
+
+def study(
+    folder: Path,
+    start: dict[str, float],
+    options: str = "",
+    more: str = "",
+    eta: float = ETA,
+    noise: float = 0.01,
+    lines: int = 160,
+    gives: str = "frfs",
+    kind: str = "receptance",
+) -> Path:
+    """A chain whose FRFs were measured from 0.3 to 11.5 Hz, noise in parts of each value; six resonances."""
+    shutil.copy(CHAIN_SOLVER, folder)
+    deck = "".join(f"{name} = {{{{{name}}}}}\n" for name in start)
+    deck += "".join(f"{name} = {value!r}\n" for name, value in (TRUE | {"eta": eta}).items() if name not in start)
+    (folder / "chain.txt").write_text(deck)
+    frequency = np.linspace(0.3, 11.5, lines)
+    clean = receptance(TRUE, frequency, eta) * (2j * np.pi * frequency[:, None, None]) ** (kind == "mobility")
+    real, imaginary = np.random.default_rng(4).standard_normal((2, *clean.shape))
+    size = noise * np.abs(clean)
+    values = clean + size * (real + 1j * imaginary) / np.sqrt(2)
+    record = FrfRecord(frequency, values, ("1X", "3X-", "6X"), ("3X",), kind, variance=size**2)
+    write_record(folder / "frf.npz", _turned(record))
+    own = "".join(parameter(name, value) + unknown(name) for name, value in start.items())
+    files = MATRICES if gives == "matrices" else 'frfs = "{stem}.csv"'
+    path = folder / "study.toml"
+    path.write_text(
+        f"""
+[structure.solver]
+deck = "chain.txt"
+command = "{sys.executable} {{study}}/chain_solver.py {{deck}} {gives} {options}"
+gives = "{gives}"
+{files}
+{more}
+
+{own}
+[record]
+path = "frf.npz"
+"""
+    )
+    return path
+
+
+def _turned(record: FrfRecord) -> FrfRecord:
+    """The second sensor reads against its direction, as its name 3X- says."""
+    values = np.array(record.values)
+    values[:, 1] *= -1
+    return FrfRecord(record.frequency, values, record.outputs, record.inputs, record.kind, variance=record.variance)
+
+
+def identified(path: Path, *flags: str) -> dict:
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(path.parent / "out"), "--no-report", *flags])
+    assert done.exit_code == 0, done.stderr + done.stdout
+    return json.loads((path.parent / "out" / "estimate.json").read_text())
+
+
+def values(found: dict) -> dict[str, float]:
+    return {one["property"]: one["value"] for one in found["parameters"]}
+
+
+def finished(folder: Path) -> dict[str, float]:
+    return {one.parent.name: one.stat().st_mtime_ns for one in folder.glob("study.runs/*/run.json")}
+
+
+@pytest.mark.parametrize("kind", ["receptance", "mobility"])
+def test_answer_and_intervals_are_those_of_exported_matrices(tmp_path, kind):
+    own, exact = tmp_path / "own", tmp_path / "exact"
+    own.mkdir()
+    exact.mkdir()
+    found = identified(study(own, {"k1": 1150.0, "k2": 830.0}, kind=kind))
+    path = study(exact, {"k1": 1150.0, "k2": 830.0}, gives="matrices", kind=kind)
+    held = f'[[unknown]]\nproperty = "loss_factor"\nelements = "model"\nstart = {ETA}\nfixed = true\n'
+    path.write_text(path.read_text().replace("[record]", held + "[record]"))
+    true = identified(path)
+    for ours, theirs in zip(found["parameters"], true["parameters"], strict=True):
+        assert ours["value"] == pytest.approx(theirs["value"], abs=0.02 * theirs["std"])
+        assert ours["value"] == pytest.approx(TRUE[ours["property"]], rel=1e-3)
+        assert ours["std"] == pytest.approx(theirs["std"], rel=0.01)
+    assert found["parameters"][0]["initial"] == 1150.0
+    assert found["solver"]["largest_difference"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    "start, eta",
+    [
+        ({"k1": 0.75, "k2": 1.28}, 0.01),
+        ({"k1": 1.3, "k2": 1.25}, 0.01),
+        ({"k1": 0.72, "k2": 0.74}, 0.002),  # lines 40 half-bandwidths of the lowest resonance apart
+    ],
+)
+def test_lightly_damped_resonances_are_found_from_a_quarter_off(tmp_path, start, eta):
+    begun = {name: part * TRUE[name] for name, part in start.items()}
+    path = study(tmp_path, begun, eta=eta, noise=0.001, lines=300)
+    found = identified(path)
+    assert values(found) == pytest.approx(TRUE, rel=1e-4)
+    assert found["parameters"][0]["initial"] == begun["k1"]
+    assert len(finished(tmp_path)) < 150
+
+
+def test_damping_is_found_too_and_few_digits_do(tmp_path):
+    path = study(tmp_path, {"k1": 1000.0, "k2": 900.0, "eta": 0.03}, "--digits 6")
+    found = values(identified(path))
+    assert found == pytest.approx(TRUE | {"eta": ETA}, rel=5e-3)
+
+
+def test_runs_that_fail_and_kills_change_nothing(tmp_path):
+    plain, broken = tmp_path / "plain", tmp_path / "broken"
+    plain.mkdir()
+    broken.mkdir()
+    start = {"k1": 1000.0, "k2": 900.0}
+    expected = identified(study(plain, start))
+    path = study(broken, start, "--log {study}/log --fail 0.2 --sleep 0.1", "retries = 12")
+    command = [sys.executable, "-m", "structid", "identify", str(path), "--out", str(broken / "out"), "--no-report"]
+    process = subprocess.Popen([*command, "--workers", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 120
+    while len(finished(broken)) < 8 and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    time.sleep(0.5)  # orphans of the killed run end
+    before = finished(broken)
+    assert len(before) >= 8
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert values(json.loads((broken / "out" / "estimate.json").read_text())) == values(expected)
+    after = finished(broken)
+    assert {key: after[key] for key in before} == before
+    assert len(after) == len(finished(plain))
+    assert len((broken / "log").read_text().splitlines()) > len(after)  # some failed
+
+
+@pytest.mark.parametrize(
+    "wrong, message",
+    [
+        ("channel", "has no FRF of sensor 6X+, which the record has; its sensors are 1X+, 3X+"),
+        ("nan", "chain.csv"),
+        ("lines", "16 of the 160 lines of the record are missing, 0.3, 1.004"),
+        ("real", "the FRFs have no imaginary part: write real and imaginary parts"),
+        ("parts", "im"),
+    ],
+)
+def test_frfs_that_cannot_be_used_are_named_with_a_remedy(tmp_path, wrong, message):
+    path = study(tmp_path, TRUE, f"--wrong {wrong}", "retries = 0")
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    words = " ".join(done.stderr.split())
+    assert done.exit_code == 2, words
+    assert message in words, words
+    assert "chain.csv" in words, words
+    assert "[structure.solver]" in words, words
+    assert not finished(tmp_path)
+
+
+def test_half_a_file_is_refused_and_finished_runs_are_kept(tmp_path):
+    path = study(tmp_path, TRUE, "--half", "retries = 0")
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 2
+    assert "cut short" in " ".join(done.stderr.split())
+    path = study(tmp_path, TRUE, "--fail-above 1200", "retries = 0")
+    path.write_text(path.read_text().replace("value = 1200.0", "value = 1200.0\nbounds = [1200.0, 1300.0]"))
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 2
+    assert len(finished(tmp_path)) >= 3
+
+
+@pytest.mark.parametrize(
+    "edit, message",
+    [
+        (lambda t: t.replace('frfs = "{stem}.csv"', ""), "`frfs` is missing"),
+        (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nmodes = "x.csv"'), 'belongs to `gives = "modes"`'),
+        (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nlength_unit = "mm"'), "says its units itself"),
+        (lambda t: t[: t.index("[record]")], "needs a [record]"),
+        (lambda t: t + "[record.time]\n", "time histories are fitted by matrices or modes"),
+        (lambda t: t.replace("[structure.solver]\n", '[structure]\nfixed = ["1"]\n[structure.solver]\n', 1), "put it in the deck"),
+    ],
+)  # fmt: skip
+def test_a_study_that_asks_for_more_than_frfs_is_refused(tmp_path, edit, message):
+    path = study(tmp_path, TRUE, more="retries = 0")
+    path.write_text(edit(path.read_text()))
+    command = "check" if "[record]" in path.read_text() else "plan"
+    done = RUN.invoke(cli.app, [command, str(path)])
+    words = " ".join(done.stderr.split())
+    assert done.exit_code == 2, words
+    assert message in words, words
+
+
+def test_commands_say_what_frfs_alone_do_not_tell(tmp_path):
+    path = study(tmp_path, {"k1": 1180.0, "k2": 810.0})
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    words = " ".join(done.stdout.split())
+    assert done.exit_code == 0
+    assert "FRFs of a solver alone, which tell no masses, modes or mesh" in words
+    assert "160 lines from 0.3 to 11.5 Hz, 3 x 1 FRFs" in words
+    assert "warning" not in words, words
+    for command in ("doctor", "correlate", "plan"):
+        done = RUN.invoke(cli.app, [command, str(path)])
+        assert done.exit_code == 0, done.stderr
+    (tmp_path / "chain.txt").write_text((tmp_path / "chain.txt").read_text() + "t = 1.2\n")  # a model that is wrong
+    done = RUN.invoke(cli.app, ["explain", str(path), "--out", str(tmp_path / "out")])
+    assert done.exit_code in (0, 3), done.stdout + done.stderr
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "causes were not looked for: that needs masses and stiffnesses" in page
+    assert "so that its modes are not known" in page
+
+
+def test_lines_stand_beside_the_deck_and_where_it_marks_them():
+    made = with_lines({"a.bdf": "FREQ,1,{{frequency}}\nMAT1,1,{{E}}\n", "b": "x {{ frequency:8 }}|"}, [1.5, 20.0])
+    assert made["a.bdf"] == "FREQ,1,1.5\nFREQ,1,20.\nMAT1,1,{{E}}\n"
+    assert made["b"] == "x 1.5     |\nx 20.     |\n"
+    assert made["frequencies.csv"] == "1.5\n20.\n"
+
+
+def test_one_resonance_moves_as_it_does_however_far():
+    frequency = np.linspace(1.0, 3.0, 50)
+
+    def one(k: float) -> np.ndarray:
+        return (1 / (k * (1 + 0.01j) - (2 * np.pi * frequency) ** 2))[:, None, None]
+
+    changes = np.array([[5.0, -5.0]])
+    runs = np.array([[one(100 + c) for c in changes[0]]])
+    made = FrfRuns(frequency, (), (), one(100.0), {"k": 100.0}, changes, runs)
+    found, slope = made.evaluated(np.array([150.0]))
+    np.testing.assert_allclose(found, one(150.0), rtol=1e-4)
+    np.testing.assert_allclose(
+        slope[..., 0], (one(150.0 + 1e-4) - one(150.0 - 1e-4)) / 2e-4, rtol=1e-3, atol=1e-5 * np.abs(slope).max()
+    )
