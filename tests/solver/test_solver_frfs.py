@@ -130,6 +130,7 @@ def test_lightly_damped_resonances_are_found_from_a_quarter_off(tmp_path, start,
     assert values(found) == pytest.approx(TRUE, rel=1e-4)
     assert found["parameters"][0]["initial"] == begun["k1"]
     assert len(finished(tmp_path)) < 150
+    assert "with steps k1 2.4, k2 1.6" in found["solver"]["facts"][0]  # wide ones on the way only
 
 
 def test_damping_is_found_too_and_few_digits_do(tmp_path):

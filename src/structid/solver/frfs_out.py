@@ -59,6 +59,8 @@ class FrfsOut:
             raise FileError(f"{path}: holds time histories; let the solver write FRFs, real and imaginary parts")
         if record.kind == "transmissibility":
             raise FileError(f"{path}: holds transmissibilities; let the solver write motion per force")
+        if not record.values.any():
+            raise FileError(f"{path}: every FRF is 0; look into the log of the solver, and whether the load acts")
         if not record.values.imag.any():
             raise FileError(
                 f"{path}: the FRFs have no imaginary part: write real and imaginary parts in place of magnitudes, and give the"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -62,16 +63,18 @@ def within(solved: Solved, name: str, value: float) -> float:
 def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> dict[str, Any]:
     """The study's tables with other places of differences; the nominal values where it is None.
 
-    With `step`, the differences are at least so large, as a part of each value.
+    With `step`, the differences begin with it, as a part of each value; else as the file says.
     """
     found = deepcopy(dict(study.root.table))
+    stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
+    own = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
     for entry in found["structure"]["solver"]["parameter"]:
-        value = at[entry["name"]]
-        entry.pop("at", None)
-        if value is not None:
-            entry["at"] = value
-            if step is not None and value:
-                entry["step"] = step
+        name = entry["name"]
+        moved = {"at": at[name], "step": step if step is not None and at[name] else own.get(name)}
+        for key, value in moved.items():
+            entry.pop(key, None)
+            if value is not None:
+                entry[key] = value
     return found
 
 
