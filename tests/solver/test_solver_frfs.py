@@ -16,11 +16,14 @@ from chain_solver import chain
 from solver_cases import CHAIN_SOLVER, TRUE, parameter, unknown
 from typer.testing import CliRunner
 
+from structid.app.work.called import called
 from structid.cli import app as cli
+from structid.dof import parse_dofs
 from structid.records import FrfRecord
 from structid.records.io import write_record
 from structid.solver.deck import with_lines
 from structid.solver.frf_model import FrfRuns
+from structid.solver.frfs_out import FrfsOut
 
 RUN = CliRunner()
 ETA = 0.02
@@ -236,6 +239,37 @@ def test_commands_say_what_frfs_alone_do_not_tell(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "causes were not looked for: that needs masses and stiffnesses" in page
     assert "so that its modes are not known" in page
+
+
+@pytest.mark.parametrize("name", ["run.uff", "run.npz", "run.csv", "run.h5"])
+def test_files_of_records_are_read_at_the_lines_and_in_the_senses_that_are_needed(tmp_path, name):
+    frequency = np.linspace(0.3, 11.5, 160)
+    clean = receptance(TRUE, frequency, ETA)
+    made = FrfRecord(frequency, clean, ("1X", "3X", "6X"), ("3X",), "receptance").as_kind("accelerance")
+    write_record(
+        tmp_path / name, _turned(FrfRecord(made.frequency, made.values, ("1X", "3X-", "6X"), ("3X",), made.kind))
+    )
+    out = FrfsOut(name, frequency[10:60:2], parse_dofs(["6X", "3X"]), parse_dofs(["3X-"]))
+    np.testing.assert_allclose(out.read(tmp_path), -clean[10:60:2][:, [2, 1]], rtol=1e-6)
+
+
+def test_records_with_lines_and_sensors_of_their_own_are_fitted_together(tmp_path):
+    path = study(tmp_path, {"k1": 1150.0, "k2": 830.0})
+    frequency = np.linspace(2.0, 9.0, 55)
+    other = receptance(TRUE, frequency, ETA)[:, [2]]
+    record = FrfRecord(frequency, other, ("6X",), ("3X",), "receptance", variance=(0.01 * np.abs(other)) ** 2)
+    write_record(tmp_path / "other.npz", record)
+    text = path.read_text().replace("[record]", '[[record]]\nname = "first"')
+    path.write_text(text + '[[record]]\nname = "other"\npath = "other.npz"\n[method]\nband = [0.5, 8.0]\n')
+    assert values(identified(path)) == pytest.approx(TRUE, rel=2e-3)
+
+
+def test_looking_at_a_study_in_the_workbench_reads_what_is_kept(tmp_path):
+    path = study(tmp_path, {"k1": 1180.0, "k2": 810.0})
+    assert RUN.invoke(cli.app, ["check", str(path)]).exit_code == 0
+    for name in ("check", "scene", "line"):
+        found = json.loads(called(name, str(tmp_path), {"study": path.name}))
+        assert "error" not in found, found
 
 
 def test_lines_stand_beside_the_deck_and_where_it_marks_them():
