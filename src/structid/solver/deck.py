@@ -38,12 +38,12 @@ class DeckParameter:
     unit : str
         For results and pages.
     step : float, optional
-        Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.5 for
-        matrices.
+        Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.002 for
+        FRFs, 0.5 for matrices.
     bounds : (float, float), optional
         Beyond which the solver is never asked.
     at : float, optional
-        Where differences of modes are taken; the nominal value by default.
+        Where differences of modes or FRFs are taken; the nominal value by default.
     """
 
     name: str
@@ -70,7 +70,7 @@ class DeckParameter:
 
     @property
     def centre(self) -> float:
-        """Where differences of modes are taken."""
+        """Where differences of modes or FRFs are taken."""
         return self.value if self.at is None else self.at
 
 
