@@ -19,11 +19,13 @@ from typer.testing import CliRunner
 from structid.app.work.called import called
 from structid.cli import app as cli
 from structid.dof import parse_dofs
+from structid.errors import FileError
 from structid.records import FrfRecord
 from structid.records.io import write_record
 from structid.solver.deck import with_lines
 from structid.solver.frf_model import FrfRuns
 from structid.solver.frfs_out import FrfsOut
+from structid.solver.solved import Units
 
 RUN = CliRunner()
 ETA = 0.02
@@ -206,7 +208,7 @@ def test_half_a_file_is_refused_and_finished_runs_are_kept(tmp_path):
     [
         (lambda t: t.replace('frfs = "{stem}.csv"', ""), "`frfs` is missing"),
         (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nmodes = "x.csv"'), 'belongs to `gives = "modes"`'),
-        (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nlength_unit = "mm"'), "says its units itself"),
+        (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nlength_unit = "mm"'), "says its units and loads itself"),
         (lambda t: t[: t.index("[record]")], "needs a [record]"),
         (lambda t: t + "[record.time]\n", "time histories are fitted by matrices or modes"),
         (lambda t: t.replace("[structure.solver]\n", '[structure]\nfixed = ["1"]\n[structure.solver]\n', 1), "put it in the deck"),
@@ -251,6 +253,55 @@ def test_files_of_records_are_read_at_the_lines_and_in_the_senses_that_are_neede
     )
     out = FrfsOut(name, frequency[10:60:2], parse_dofs(["6X", "3X"]), parse_dofs(["3X-"]))
     np.testing.assert_allclose(out.read(tmp_path), -clean[10:60:2][:, [2, 1]], rtol=1e-6)
+
+
+def punched(frequency: np.ndarray, values: np.ndarray, by_point: bool, polar: bool = False) -> str:
+    """Z of points 5 and 7 under two subcases, as Nastran punches them; (n_lines, 2, 2)."""
+
+    def point(first: str, z: complex) -> list[str]:
+        pair = (abs(z), np.degrees(np.angle(z))) if polar else (z.real, z.imag)
+        rows = []
+        for k, part in enumerate(pair):
+            rows.append((f"{first:>16} G" if k == 0 else "-CONT-            ", 0.0, 0.0, part))
+            rows.append(("-CONT-            ", 0.0, 0.0, 0.0))
+        return [f"{head:<18}" + "".join(f"{x:18.9E}" for x in numbers) for head, *numbers in rows]
+
+    lines: list[str] = []
+    head = ["$TITLE   = CHAIN", "$SUBTITLE=", "$LABEL   =", "$DISPLACEMENTS"]
+    head.append("$MAGNITUDE-PHASE OUTPUT" if polar else "$REAL-IMAGINARY OUTPUT")
+    for case in range(2):
+        blocks = [5, 7] if by_point else frequency.tolist()
+        for b, block in enumerate(blocks):
+            lines += [*head, f"$SUBCASE ID ={case + 1:12d}"]
+            lines.append(
+                f"$POINT ID ={block:12d}  IDENTIFIED BY FREQUENCY" if by_point else f"$FREQUENCY = {block:16.7E}"
+            )
+            if by_point:
+                rows = [(f"{f:.6E}", values[k, b, case]) for k, f in enumerate(frequency)]
+            else:
+                rows = [(str(node), values[b, k, case]) for k, node in enumerate((5, 7))]
+            lines += [line for first, z in rows for line in point(first, z)]
+    return "".join(f"{line:<72}{k:8d}\n" for k, line in enumerate(lines, 1))
+
+
+@pytest.mark.parametrize("by_point, polar", [(True, False), (False, False), (True, True)])
+def test_nastran_punches_are_read_whole_or_not_at_all(tmp_path, by_point, polar):
+    frequency = np.array([1.5, 2.25, 4.0])
+    real, imaginary = np.random.default_rng(1).standard_normal((2, 3, 2, 2))
+    values = real + 1j * imaginary
+    path = tmp_path / "run.pch"
+    path.write_text(punched(frequency, values, by_point, polar))
+    loads, units = parse_dofs(["5Z", "7Z"]), Units("mm", "kN")
+    out = FrfsOut("run.pch", frequency[1:], parse_dofs(["7Z", "5Z"]), parse_dofs(["5Z", "7Z"]), loads, units)
+    np.testing.assert_allclose(out.read(tmp_path), 1e-6 * values[1:, ::-1], rtol=1e-7)
+    text = path.read_text()
+    for lines in (3, 30, 40):
+        path.write_text("".join(text.splitlines(keepends=True)[:-lines]))
+        with pytest.raises(FileError, match=r"run\.pch"):
+            out.read(tmp_path)
+    path.write_text(text)
+    with pytest.raises(FileError, match="holds 2 subcases, and `loads` names 1"):
+        FrfsOut("run.pch", frequency, parse_dofs(["7Z"]), parse_dofs(["5Z"]), parse_dofs(["5Z"]), units).read(tmp_path)
 
 
 def test_records_with_lines_and_sensors_of_their_own_are_fitted_together(tmp_path):

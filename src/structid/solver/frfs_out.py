@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,13 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof
 from structid.errors import FileError
-from structid.records import FrfRecord
+from structid.modal.files.nastran import PUNCH_SUFFIXES
+from structid.records import FrfRecord, TimeRecord
 from structid.records.io import read_record
 from structid.solver.deck import FREQUENCIES
 from structid.solver.outputs import there
+from structid.solver.punched_frfs import punched_frfs
+from structid.solver.solved import Units
 
 #: Relative difference of frequencies that is rounding of a printed number.
 _SAME_LINE = 1e-5
@@ -28,17 +31,23 @@ class FrfsOut:
     Attributes
     ----------
     path : str
-        A file of FRFs as records are.
+        A file of FRFs as records are, or as Nastran punches them.
     frequency : (n_lines,) float array
         Lines that are needed, Hz.
     outputs, inputs : tuple of Dof
         Channels that are needed.
+    loads : tuple of Dof
+        What acts in each subcase of a punch file.
+    units : Units
+        Of a punch file.
     """
 
     path: str
     frequency: FloatArray
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]
+    loads: tuple[Dof, ...] = ()
+    units: Units = field(default_factory=Units)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -54,7 +63,10 @@ class FrfsOut:
         path = there(folder, self.path)
         if path.suffix.lower() == ".csv" and not path.read_bytes().endswith((b"\n", b"\r")):
             raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
-        record = read_record(path)
+        if path.suffix.lower() in PUNCH_SUFFIXES:
+            record: FrfRecord | TimeRecord = punched_frfs(path, self.loads, self.units.length, self.units.force)
+        else:
+            record = read_record(path)
         if not isinstance(record, FrfRecord):
             raise FileError(f"{path}: holds time histories; let the solver write FRFs, real and imaginary parts")
         if record.kind == "transmissibility":

@@ -9,6 +9,7 @@ from typing import Any
 from structid.declared import Limits, Positive
 from structid.dof import parse_dofs
 from structid.errors import InputError
+from structid.modal.files.nastran import PUNCH_SUFFIXES
 from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.solver.differences import solved_modes
 from structid.solver.frfs_out import FrfsOut
@@ -32,7 +33,7 @@ _FILE = Kind(
     {"anyOf": [TEXT.schema, table_of(MatrixFile).schema]},
 )
 #: Keys that belong to one kind of what comes out.
-_OF_KIND = {"matrices": (*_MATRICES, "dofs", "indefinite"), "modes": ("modes",), "frfs": ("frfs",)}
+_OF_KIND = {"matrices": (*_MATRICES, "dofs", "indefinite"), "modes": ("modes",), "frfs": ("frfs", "loads")}
 _PLACES = {"anyOf": [table_of(CardField).schema, table_of(KeywordEntry).schema]}
 _MARK = Kind(
     'a place such as { card = "MAT1", id = 1, field = 3 } or { keyword = "*ELASTIC", of = "*MATERIAL, NAME=STEEL",'
@@ -59,7 +60,10 @@ SOLVER = Table(
         **{key: Key(_FILE, f"Where the {key} matrix is, with {{stem}}") for key in _MATRICES},
         "dofs": Key(TEXTS, "What the rows of matrices stand for: a file that the solver writes, or a list"),
         "modes": Key(TEXT, "File of frequencies and shapes, with {stem}: .frd, .f06, .csv, .json or .uff"),
-        "frfs": Key(TEXT, "File of complex FRFs at the lines of the record, with {stem}: .csv, .uff, .npz or .h5"),
+        "frfs": Key(
+            TEXT, "File of complex FRFs at the lines of the record, with {stem}: .csv, .uff, .npz, .h5 or .pch"
+        ),
+        "loads": Key(TEXTS, "Of FRFs in a punch file: what acts in each subcase, with a size of 1"),
         "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
@@ -165,11 +169,17 @@ def _outputs(
             raise own.error(
                 '`frfs` is missing; add `frfs = "{stem}.csv"`, the file of complex FRFs that the solver writes'
             )
-        for key in ("length_unit", "force_unit"):
-            if key in own.table:
-                raise own.error("is not asked for: a file of FRFs says its units itself; take it out", key)
-        wanted = wanted_frfs(own, files)
-        return FrfsOut(_named(own, "frfs", given["frfs"], stem), wanted.frequency, wanted.outputs, wanted.inputs)
+        name = _named(own, "frfs", given["frfs"], stem)
+        is_punch = Path(name).suffix.lower() in PUNCH_SUFFIXES
+        for key in ("length_unit", "force_unit", "loads"):
+            if key in own.table and not is_punch:
+                raise own.error("is for punch files; a file of FRFs says its units and loads itself; take it out", key)
+        if is_punch and "loads" not in given:
+            raise own.error('`loads` is missing; add `loads = ["3Z"]`, what acts in each subcase with a size of 1')
+        with own.located("loads"):
+            loads = parse_dofs(as_list(given.get("loads", [])))
+        units = Units(given["length_unit"], given["force_unit"])
+        return FrfsOut(name, *wanted_frfs(own, files), loads, units)
     if gives == "modes":
         if "modes" not in given:
             raise own.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
