@@ -138,6 +138,14 @@ def test_lightly_damped_resonances_are_found_from_a_quarter_off(tmp_path, start,
     assert "with steps k1 2.4, k2 1.6" in found["solver"]["facts"][0]  # wide ones on the way only
 
 
+def test_a_solver_that_has_no_answer_beside_the_way_is_survived(tmp_path):
+    begun = {"k1": 0.8 * TRUE["k1"], "k2": 1.22 * TRUE["k2"]}
+    path = study(tmp_path, begun, "--fail-above 1204 --log {study}/log", "retries = 0")
+    assert values(identified(path)) == pytest.approx(TRUE, rel=2e-3)
+    asked = (tmp_path / "log").read_text().splitlines()
+    assert len(asked) > len(finished(tmp_path))  # some had no answer
+
+
 def test_damping_is_found_too_and_few_digits_do(tmp_path):
     path = study(tmp_path, {"k1": 1000.0, "k2": 900.0, "eta": 0.03}, "--digits 6")
     found = values(identified(path))

@@ -28,6 +28,7 @@ from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
 from structid.solver.frf_model import FrfRuns, SolverFrfs
+from structid.solver.runs import RunFailedError
 from structid.solver.solved_frfs import SolvedFrfs
 from structid.structure import Structure
 from structid.study.run.solver_moves import about, deck_values, within
@@ -102,22 +103,29 @@ def confirmed(
     Raises
     ------
     InputError
-        If a run of the solver fails.
+        If a run of the solver fails, wherever it is on the way.
     """
     solved = ready.study.solved
     assert isinstance(solved, SolvedFrfs)
     here = together(form(ready.problems))
+    failed: RunFailedError | None = None
     begin, cost = here.theta_start, squared(residual_at(here, here.theta_start))
     for _ in range(_HALVINGS):
         values = here.physical(end)
         goal = deck_values(solved, ready.problems[0], here.names, values)
         goal = solved.solver.deck.shown({name: within(solved, name, value) for name, value in goal.items()})
-        run = solved.run_at(goal, work)
+        try:
+            run = solved.run_at(goal, work)
+        except RunFailedError as error:  # a solver may have no answer there, and one nearer
+            failed, end = error, (begin + end) / 2
+            continue
         there = together(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
             known = dict(zip(here.names, values.tolist(), strict=True))
             return end, started(about(ready.study, goal, known, work, step))
-        end = (begin + end) / 2
+        failed, end = None, (begin + end) / 2
+    if failed is not None:
+        raise failed
     return None
 
 
