@@ -140,7 +140,7 @@ def test_lightly_damped_resonances_are_found_from_a_quarter_off(tmp_path, start,
 
 def test_a_solver_that_has_no_answer_beside_the_way_is_survived(tmp_path):
     begun = {"k1": 0.8 * TRUE["k1"], "k2": 1.22 * TRUE["k2"]}
-    path = study(tmp_path, begun, "--fail-above 1204 --log {study}/log", "retries = 0")
+    path = study(tmp_path, begun, "--fail-above 1230 --log {study}/log", "retries = 0")
     assert values(identified(path)) == pytest.approx(TRUE, rel=2e-3)
     asked = (tmp_path / "log").read_text().splitlines()
     assert len(asked) > len(finished(tmp_path))  # some had no answer
@@ -338,17 +338,15 @@ def test_lines_stand_beside_the_deck_and_where_it_marks_them():
     assert made["frequencies.csv"] == "1.5\n20.\n"
 
 
-def test_one_resonance_moves_as_it_does_however_far():
+@pytest.mark.parametrize("changes", [(0.1, -0.1), (0.1, 0.2)])
+def test_slopes_are_those_at_the_centre_also_where_a_bound_is_near(changes):
     frequency = np.linspace(1.0, 3.0, 50)
 
     def one(k: float) -> np.ndarray:
-        return (1 / (k * (1 + 0.01j) - (2 * np.pi * frequency) ** 2))[:, None, None]
+        return (1 / (k * (1 + 0.05j) - (2 * np.pi * frequency) ** 2))[:, None, None]
 
-    changes = np.array([[5.0, -5.0]])
-    runs = np.array([[one(100 + c) for c in changes[0]]])
-    made = FrfRuns(frequency, (), (), one(100.0), {"k": 100.0}, changes, runs)
-    found, slope = made.evaluated(np.array([150.0]))
-    np.testing.assert_allclose(found, one(150.0), rtol=1e-4)
-    np.testing.assert_allclose(
-        slope[..., 0], (one(150.0 + 1e-4) - one(150.0 - 1e-4)) / 2e-4, rtol=1e-3, atol=1e-5 * np.abs(slope).max()
-    )
+    runs = np.array([[one(100 + change) for change in changes]])
+    made = FrfRuns(frequency, (), (), one(100.0), {"k": 100.0}, np.array([changes]), runs)
+    found, slope = made.evaluated(np.array([100.0]))
+    np.testing.assert_array_equal(found, one(100.0))
+    np.testing.assert_allclose(slope[..., 0], -(1 + 0.05j) * one(100.0) ** 2, rtol=2e-3)

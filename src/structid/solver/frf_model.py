@@ -1,4 +1,4 @@
-"""The model that a solver's own FRFs give: rational in the deck's parameters at each line, about the values of its runs."""
+"""The model that a solver's own FRFs give: straight in the deck's parameters at each line, about the values of its runs."""
 
 from __future__ import annotations
 
@@ -16,20 +16,13 @@ from structid.errors import InputError
 from structid.solver.model import ModelParameter
 from structid.structure.elements.element import ElementSet, Layer, Nodes, Positions, Term, declared, dof_code, element
 
-#: Rounding of printed FRFs, as a part of their size; curvature below what it makes of differences counts for nothing.
-_ROUNDING = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class FrfRuns:
     """Receptances of a solver at a centre, and at two changes of each parameter.
 
-    Between and beside the runs each line is
-
-        h(x) = (h_0 + sum b_i x_i) / (1 + sum c_i x_i),
-
-    with c shared by its channels, through all runs as well as it can be: exact where one mode makes the line and its
-    eigenvalue goes straight with the parameters, so that resonances move as they do.
+    Beside the centre each value goes straight with the parameters, by the slope at the centre of the parabola through its
+    three runs.
 
     Attributes
     ----------
@@ -78,38 +71,17 @@ class FrfRuns:
         return place
 
     @cached_property
-    def _unit(self) -> FloatArray:
-        """What changes are counted in, (n_params,)."""
-        return np.abs(self.changes).max(axis=1) if len(self.changes) else np.zeros(0)
-
-    @cached_property
-    def _rational(self) -> tuple[ComplexArray, ComplexArray]:
-        """b (n_lines, n_outputs, n_inputs, n_params) and c (n_lines, n_params), of changes in parts of `_unit`."""
-        slopes: list[ComplexArray] = []
-        bends: list[ComplexArray] = []
-        if not len(self.changes):
-            return np.zeros((*self.centre.shape, 0), complex), np.zeros((len(self.centre), 0), complex)
-        for (first, second), (one, two) in zip(self.changes / self._unit[:, None], self.runs, strict=True):
-            up, down = (one - self.centre) / first, (two - self.centre) / second
-            apart, bent = two - one, up - down
-            power = (np.abs(apart) ** 2).sum(axis=(1, 2))
-            seen = (np.abs(bent) ** 2).sum(axis=(1, 2))
-            noise = (4 * _ROUNDING / min(abs(first), abs(second))) ** 2 * (np.abs(self.centre) ** 2).sum(axis=(1, 2))
-            ratio = (np.conj(apart) * bent).sum(axis=(1, 2)) / np.maximum(power, np.finfo(float).tiny)
-            bend = np.where(power > 0, ratio * seen / np.maximum(seen + noise, np.finfo(float).tiny), 0.0)
-            wide = bend[:, None, None]
-            slopes.append((up + wide * one + down + wide * two) / 2)
-            bends.append(bend)
-        return np.stack(slopes, axis=-1), np.stack(bends, axis=-1)
+    def _slopes(self) -> ComplexArray:
+        """Derivatives at the centre, (n_lines, n_outputs, n_inputs, n_params)."""
+        found = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
+        for k, ((a, b), (one, two)) in enumerate(zip(self.changes, self.runs, strict=True)):
+            up, down = (one - self.centre) / a, (two - self.centre) / b
+            found[..., k] = up - a * (down - up) / (b - a)
+        return found
 
     def evaluated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Receptances and their derivatives, (n_lines, n_outputs, n_inputs) and (..., n_params), for values of all parameters."""
-        x = (values - np.array(list(self.at.values()))) / self._unit
-        slopes, bends = self._rational
-        below = (1 + bends @ x)[:, None, None]
-        found = (self.centre + slopes @ x) / below
-        change = (slopes - found[..., None] * bends[:, None, None, :]) / below[..., None]
-        return found, change / self._unit
+        return self.centre + self._slopes @ (values - np.array(list(self.at.values()))), self._slopes
 
 
 @element
