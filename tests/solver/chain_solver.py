@@ -1,6 +1,7 @@
 """A solver of a few lines, for tests: a chain of masses whose deck has lines ``name = number``; it fails as it is asked to.
 
-python chain_solver.py DECK matrices|modes [--log FILE] [--fail PART] [--fail-above K] [--hang] [--half] [--sleep SECONDS] [--grow]
+python chain_solver.py DECK matrices|modes|frfs [--log FILE] [--fail PART] [--fail-above K] [--hang] [--half]
+    [--sleep SECONDS] [--grow] [--digits N] [--wrong HOW]
 """
 
 from __future__ import annotations
@@ -53,6 +54,38 @@ def modes(mass: Square, stiffness: Square) -> list[tuple[float, list[float]]]:
     return sorted((a[r][r], [v[i][r] / root[i] for i in range(n)]) for r in range(n))
 
 
+def receptances(mass: Square, stiffness: Square, omega: float, eta: float, load: int) -> list[complex]:
+    """Column `load` of the inverse of K (1 + i eta) - omega^2 M, by Gauss's elimination of a banded matrix."""
+    n = len(mass)
+    a = [[stiffness[i][j] * (1 + 1j * eta) - omega**2 * mass[i][j] for j in range(n)] for i in range(n)]
+    b = [complex(i == load) for i in range(n)]
+    for p in range(n):
+        for i in range(p + 1, min(p + 2, n)):
+            factor = a[i][p] / a[p][p]
+            for j in range(p, min(p + 2, n)):
+                a[i][j] -= factor * a[p][j]
+            b[i] -= factor * b[p]
+    for p in reversed(range(n)):
+        b[p] = (b[p] - sum(a[p][j] * b[j] for j in range(p + 1, min(p + 2, n)))) / a[p][p]
+    return b
+
+
+def frfs(mass: Square, stiffness: Square, eta: float, lines: list[float], digits: int, wrong: str) -> str:
+    """CSV of receptances of masses 1, 3 and the last under a force at 3; one thing of it wrong, where that is asked for."""
+    sensors = [0, 2, len(mass) - 1][: 2 if wrong == "channel" else 3]
+    lines = [line for k, line in enumerate(lines) if wrong != "lines" or k % 10]
+    head = ",".join(["frequency_hz", *(f"{s + 1}X/3X [m/N] {part}" for s in sensors for part in ("re", "im"))])
+    if wrong == "parts":
+        head = head.replace(" im", " std")
+    rows = []
+    for line in lines:
+        found = receptances(mass, stiffness, 2 * math.pi * line, eta, 2)
+        parts = [part for s in sensors for part in (found[s].real, 0.0 if wrong == "real" else found[s].imag)]
+        parts[0] = math.nan if wrong == "nan" and line == lines[5] else parts[0]
+        rows.append(",".join([repr(line), *(f"{part:.{digits}e}" for part in parts)]))
+    return "\n".join([head, *rows]) + "\n"
+
+
 def written(rows: Square) -> str:
     """MatrixMarket, dense."""
     body = "\n".join(repr(value) for row in rows for value in row)
@@ -66,7 +99,9 @@ def main() -> None:
     parser.add_argument("--log", type=Path)
     parser.add_argument("--fail", type=float, default=0.0)
     parser.add_argument("--fail-above", type=float, default=math.inf)
+    parser.add_argument("--digits", type=int, default=12)
     parser.add_argument("--sleep", type=float, default=0.0)
+    parser.add_argument("--wrong", default="")
     for flag in ("--hang", "--half", "--grow"):
         parser.add_argument(flag, action="store_true")
     asked = parser.parse_args()
@@ -86,6 +121,9 @@ def main() -> None:
     stem = asked.deck.stem
     if asked.gives == "matrices":
         files = {f"{stem}_k.mtx": written(stiffness), f"{stem}_m.mtx": written(mass)}
+    elif asked.gives == "frfs":
+        lines = [float(line) for line in Path("frequencies.csv").read_text().split()]
+        files = {f"{stem}.csv": frfs(mass, stiffness, given.get("eta", 0.02), lines, asked.digits, asked.wrong)}
     else:
         head = ",".join(["frequency_hz", "scaling", *(f"{i + 1}X" for i in range(n))])
         found = modes(mass, stiffness)[:4]

@@ -113,10 +113,10 @@ MATRICES_STEP = "*FREQUENCY, SOLVER=MATRIXSTORAGE"
 MODES_STEP = "*FREQUENCY\n8\n*NODE FILE\nU"
 
 
-def own_plate(folder: Path, left: float, right: float) -> Structure:
+def own_plate(folder: Path, left: float, right: float, cells: tuple[int, int, int] = (4, 2, 1)) -> Structure:
     """The same plate of structid's own hexahedra."""
     path = folder / "own.inp"
-    path.write_text(plate_deck(repr(left), repr(right), MATRICES_STEP))
+    path.write_text(plate_deck(repr(left), repr(right), MATRICES_STEP, cells))
     mesh = read_mesh(path)
     fixed = [f"{label}{d}" for label, place in mesh.nodes.items() if place[0] == 0 for d in "XYZ"]
     sets = [

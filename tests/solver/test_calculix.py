@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +16,12 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.errors import FileError
+from structid.observation.frf.response import response
+from structid.records import FrfRecord
+from structid.records.io import write_record
 from structid.solver.shapes import read_shapes
 from structid.structure.importers import read_matrix
+from structid.unknowns import parameters
 
 RUN = CliRunner()
 LEFT, RIGHT = 1.9e11, 0.77e11
@@ -77,6 +85,51 @@ def test_differences_of_modes_agree_and_the_updated_deck_gives_the_fitted_freque
     assert found["solver"]["largest_difference"] < 1e-6
     moduli = re.findall(r"\*ELASTIC\n([^,]*),", (tmp_path / "out" / "updated" / "plate.inp").read_text())
     np.testing.assert_allclose([float(word) for word in moduli], [p["value"] for p in found["parameters"]], rtol=1e-12)
+
+
+RESPONSE = """*FREQUENCY, STORAGE=YES
+40
+*END STEP
+** RESPONSE
+*STEADY STATE DYNAMICS
+FREQUENCY, FREQUENCY, 2
+*MODAL DAMPING
+1, 40, 0.01
+*CLOAD
+9, 3, 1.
+*NODE FILE
+U
+"""
+
+
+@needs_ccx
+def test_frfs_of_calculix_give_the_answer_of_structids_own_hexahedra(tmp_path):
+    shutil.copy(Path(__file__).parent / "ccx_frfs.py", tmp_path)
+    cells = (8, 4, 1)
+    deck = plate_deck("{{E_left}}", "{{E_right}}", RESPONSE, cells)
+    frequency = np.linspace(20.0, 260.0, 49)
+    record = FrfRecord(frequency, np.zeros((49, 2, 1)), ("45Z", "23Z"), ("9Z",), "receptance")
+    held = replace(own_plate(tmp_path, LEFT, RIGHT, cells), damping_ratio=0.01)
+    true = response(held, parameters(held, []), record).values_at(np.zeros(0))
+    real, imaginary = np.random.default_rng(3).standard_normal((2, *true.shape))
+    size = 0.01 * np.abs(true)
+    noisy = true + size * (real + 1j * imaginary) / np.sqrt(2)
+    write_record(tmp_path / "frf.npz", replace(record, values=noisy, variance=size**2))
+    frfs = '[record]\npath = "frf.npz"\n'
+    own_path = own_study(tmp_path)
+    (tmp_path / "own.inp").write_text(plate_deck("2.1e11", "0.7e11", MATRICES_STEP, cells))
+    own_path.write_text(
+        own_path.read_text().replace("[structure]\n", "[structure]\ndamping_ratio = 0.01\n").replace(RECORD, frfs)
+    )
+    path = study(tmp_path, "modes", frfs)
+    text = path.read_text().replace('gives = "modes"\nmodes = "{stem}.frd"', 'gives = "frfs"\nfrfs = "{stem}.csv"')
+    path.write_text(text.replace("ccx {stem}", f"{sys.executable} {{study}}/ccx_frfs.py {{deck}} 9Z 45Z 23Z"))
+    (tmp_path / "plate.inp").write_text(deck[: deck.rindex("*END STEP")])
+    found, own = identified(path, "out"), identified(own_path, "own")
+    for ours, theirs, value in zip(own["parameters"], found["parameters"], (LEFT, RIGHT), strict=True):
+        assert theirs["value"] == pytest.approx(ours["value"], rel=1e-3)
+        assert theirs["value"] == pytest.approx(value, rel=5e-3)
+        assert theirs["std"] == pytest.approx(ours["std"], rel=0.01)
 
 
 @needs_ccx

@@ -8,7 +8,8 @@ from scipy import linalg
 
 from structid.errors import InputError
 from structid.solver.shapes import Shapes
-from structid.solver.tangent import Differences, Tangent, tangent
+from structid.solver.steps import Pair
+from structid.solver.tangent import Tangent, tangent
 
 N, MODES = 12, 5
 
@@ -35,8 +36,8 @@ def made(x, y, h, split=0.0, scale=None, one_sided=False) -> Tangent:
         "t",
         run(x, y, split, scale),
         [
-            Differences("x", steps, tuple(run(x + s, y, split, scale) for s in steps)),
-            Differences("y", steps, tuple(run(x, y + s, split, scale) for s in steps)),
+            Pair("x", steps, tuple(run(x + s, y, split, scale) for s in steps)),
+            Pair("y", steps, tuple(run(x, y + s, split, scale) for s in steps)),
         ],
     )
 

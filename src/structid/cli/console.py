@@ -62,7 +62,8 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
     ]
     mass = f"total mass: {number(found.total_mass)} kg, standard deviation {number(found.total_mass_std, 2)} kg"
-    shown = [*_pairs(found), *([modes, peaks] if found.resonances else [modes])]
+    tables = ([modes] if modes.row_count else []) + ([peaks] if found.resonances else [])
+    shown = [*_pairs(found), *tables]
     together = groups(identifiability)
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     after = [mass] if found.total_mass > 0 else []

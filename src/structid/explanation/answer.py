@@ -19,6 +19,7 @@ from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion
 from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
+from structid.observation.frf.solved_lines import NO_MATRICES
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
@@ -57,15 +58,15 @@ def criticized(
         return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return replace(result, criticism=Criticism(judged(found))), ()
+    if not ready.study.structure.has_matrices:
+        return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
         with threads_for(found.problems):
             explanation = explained(base, work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        judgement = judged(found)
-        notes = (f"causes could not be looked for: {error}",)
-        return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, *notes)))), ()
+        return _without_causes(result, f"causes could not be looked for: {error}")
     if explanation.better is not None:
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
@@ -86,6 +87,11 @@ def criticized(
         judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
     return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
+
+
+def _without_causes(result: StudyResult, why: str) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    judgement = judged(result.identification)
+    return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, why)))), ()
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:

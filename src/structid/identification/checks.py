@@ -61,7 +61,7 @@ def require_sound_model(structure: Structure, values: FloatArray, lowest: float)
     lowest : float
         Lowest line used, Hz.
     """
-    if structure.n_dofs > _DENSE_UP_TO:
+    if structure.n_dofs > _DENSE_UP_TO or not structure.has_matrices:
         return
     mass, stiffness, viscous, structural = (
         structure.matrix(law, values).toarray() for law in ("inertia", "elastic", "viscous", "structural")

@@ -83,19 +83,24 @@ def answered(
     method = chosen_method(problems, options)
     regular = regularized(problems, options, method, progress, work)
     few = all(np.isnan(problem.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
-    search = Search(
-        options.restarts,
-        options.uniqueness_starts,
-        options.seed,
-        doubt_starts=_DOUBT_STARTS,
-        doubt_beyond=_DOUBT_BEYOND if few else np.inf,
+    local = any(problem.is_local for problem in problems)
+    search = (
+        Search(seed=options.seed)
+        if local
+        else Search(
+            options.restarts,
+            options.uniqueness_starts,
+            options.seed,
+            doubt_starts=_DOUBT_STARTS,
+            doubt_beyond=_DOUBT_BEYOND if few else np.inf,
+        )
     )
     if method.is_matrix_free:
         search = Search(seed=options.seed, start=regular.theta)
 
     def found(problem: Problem) -> Estimate:
         plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
-        staged = options.pole_free_start and regular.theta is None
+        staged = options.pole_free_start and regular.theta is None and not local
         return estimate(
             problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work
         )

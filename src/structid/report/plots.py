@@ -41,7 +41,10 @@ def convergence(found: Identification, axes: Where) -> Picture:
 
 
 def modes(found: Identification, axes: Where) -> Picture:
-    return plotted(modes_figure(mode_rows(found), band_used(found.fits[:1], found.modal_fits)), axes)
+    rows = mode_rows(found)
+    if not len(rows.frequency):
+        raise InputError("a solver gave the FRFs of this model alone, so that its modes are not known")
+    return plotted(modes_figure(rows, band_used(found.fits[:1], found.modal_fits)), axes)
 
 
 def changes(found: Identification, axes: Where) -> Picture:

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from structid.declared import Positive
@@ -19,6 +20,9 @@ _ANY_MARK = re.compile(r"\{\{[^}\n]*\}?\}?")
 #: Characters of a number where the mark does not say it: a large field of Nastran, and less than the 20 that CalculiX reads.
 WIDTH = 16
 _NARROWEST = 5
+#: The file beside a deck that lists the lines at which FRFs are needed, and the mark of a line of the deck that tells them.
+FREQUENCIES = "frequencies.csv"
+_LINE_MARK = re.compile(r"\{\{\s*frequency\s*(?::\s*(\d+)\s*)?\}\}")
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,12 @@ class DeckParameter:
     unit : str
         For results and pages.
     step : float, optional
-        Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.5 for
-        matrices.
+        Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.002 for
+        FRFs, 0.5 for matrices.
     bounds : (float, float), optional
         Beyond which the solver is never asked.
     at : float, optional
-        Where differences of modes are taken; the nominal value by default.
+        Where differences of modes or FRFs are taken; the nominal value by default.
     """
 
     name: str
@@ -66,7 +70,7 @@ class DeckParameter:
 
     @property
     def centre(self) -> float:
-        """Where differences of modes are taken."""
+        """Where differences of modes or FRFs are taken."""
         return self.value if self.at is None else self.at
 
 
@@ -142,6 +146,30 @@ class Deck:
 
         exact = self.shown(values)
         return {file: _MARK.sub(number, text) for file, text in self.texts.items()}
+
+
+def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
+    """A deck that says at which lines to compute: in a file `FREQUENCIES` beside it, and where ``{{frequency}}`` stands.
+
+    A line of the deck that holds the mark is written once for each frequency, Hz.
+    """
+
+    def number(mark: re.Match[str], value: float) -> str:
+        return number_text(value, int(mark[1])).ljust(int(mark[1])) if mark[1] else number_text(value)
+
+    def written(line: str) -> str:
+        return "".join(_LINE_MARK.sub(partial(number, value=f), line) for f in frequency)
+
+    found = {}
+    for file, text in texts.items():
+        lines = text.splitlines(keepends=True)
+        lines = (
+            [one if one.endswith(("\n", "\r")) else f"{one}\n" for one in lines] if _LINE_MARK.search(text) else lines
+        )
+        found[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
+    if FREQUENCIES in found:
+        raise InputError(f"a file of the deck is called {FREQUENCIES}, as is the list of lines; give it another name")
+    return found | {FREQUENCIES: "".join(f"{number_text(f)}\n" for f in frequency)}
 
 
 def number_text(value: float, width: int = WIDTH) -> str:

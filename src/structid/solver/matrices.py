@@ -15,8 +15,8 @@ from structid.estimation.search.work import Work
 from structid.solver.expansion import Expansion, Point, expansion
 from structid.solver.model import Part, SolverModel
 from structid.solver.outputs import MatricesOut
-from structid.solver.runs import RunCounts, Solver
-from structid.solver.solved import Checked, Solved, Units, model_parameters, needed_runs, point_words, run_words
+from structid.solver.runs import RunCounts, Solver, needed_runs, point_words, run_words
+from structid.solver.solved import Checked, Solved, Units, model_parameters
 from structid.structure.importers import ImportedMatrix, dof_table, dofs_of, in_si, on_dofs
 from structid.structure.importers.definite import require_semidefinite
 from structid.structure.importers.imported import codes_of, tables_of
@@ -31,6 +31,7 @@ class SolvedMatrices(Solved):
     out : MatricesOut
     """
 
+    model: SolverModel
     out: MatricesOut
 
     @property

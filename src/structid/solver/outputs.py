@@ -59,7 +59,7 @@ class MatricesOut:
         table = self._table(folder)
         found = {}
         for key, one in self.matrices.items():
-            item = read_matrix(_there(folder, one.path), one.matrix)
+            item = read_matrix(there(folder, one.path), one.matrix)
             if not item.is_square or np.iscomplexobj(item.matrix.data):
                 raise FileError(f"{one.path}: `{key}` must be a real square matrix, {item.name!r} is not")
             if table is None and item.dofs is None:
@@ -80,7 +80,7 @@ class MatricesOut:
         if self.numbering is None:
             return None
         return dof_table(
-            read_numbering(_there(folder, self.numbering)) if isinstance(self.numbering, str) else self.numbering
+            read_numbering(there(folder, self.numbering)) if isinstance(self.numbering, str) else self.numbering
         )
 
 
@@ -107,10 +107,10 @@ class ModesOut:
 
     def read(self, folder: Path) -> Shapes:
         """The modes of a run."""
-        return read_shapes(_there(folder, self.path))
+        return read_shapes(there(folder, self.path))
 
 
-def _there(folder: Path, name: str) -> Path:
+def there(folder: Path, name: str) -> Path:
     """The path of a file of a run, told apart from one that is misspelt."""
     path = folder / name
     if not path.is_file():

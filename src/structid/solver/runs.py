@@ -166,6 +166,26 @@ def runs(
     return found, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
 
 
+def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path], RunCounts]:
+    """Folders of runs that must all succeed.
+
+    Raises
+    ------
+    RunFailedError
+        With what is kept.
+    """
+    found, counts = runs(solver, points, work)
+    folders = []
+    for one in found:
+        if isinstance(one, RunFailedError):
+            kept = sum(isinstance(other, Path) for other in found)
+            raise RunFailedError(
+                f"{one}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
+            )
+        folders.append(one)
+    return folders, counts
+
+
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     """Run the solver, again where it fails; "" where there is a result then, else why there is none."""
     words, place = "", solver.place(values)
@@ -289,3 +309,13 @@ def _require_there(solver: Solver) -> None:
             f"the solver {arguments[0]!r} is not there: no program of this name can be run; install it, or give its full path in"
             " `command`"
         )
+
+
+def point_words(point: Mapping[str, float]) -> str:
+    """The values of a run, as messages say them."""
+    return ", ".join(f"{name} = {value:g}" for name, value in point.items())
+
+
+def run_words(counts: RunCounts) -> str:
+    """How many runs there were."""
+    return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

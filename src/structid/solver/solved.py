@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from structid.dof import Dof
 from structid.estimation.search.work import Work
 from structid.solver.expansion import Point
-from structid.solver.model import ModelParameter, SolverModel
-from structid.solver.runs import RunCounts, RunFailedError, Solver, runs
+from structid.solver.model import ModelParameter
+from structid.solver.runs import RunCounts, Solver
 from structid.solver.tangent import ShapeTie
+from structid.structure.elements import ElementSet
 from structid.structure.importers.exports import FORCES, LENGTHS
 
 
@@ -56,7 +56,7 @@ class Solved(ABC):
     Attributes
     ----------
     solver : Solver
-    model : SolverModel
+    model : ElementSet
         The element set.
     ties : tuple of ShapeTie
     held : tuple of Dof
@@ -69,7 +69,7 @@ class Solved(ABC):
     """
 
     solver: Solver
-    model: SolverModel
+    model: ElementSet
     ties: tuple[ShapeTie, ...]
     held: tuple[Dof, ...]
     counts: RunCounts
@@ -80,8 +80,8 @@ class Solved(ABC):
     @property
     def nodes(self) -> tuple[int, ...]:
         """Labels of all nodes of the solver."""
-        own = [dof.node for dof in (*self.model.dofs, *self.held)]
-        return tuple(sorted({*own, *(dof.node for tie in self.ties for dof in tie.dependents)}))
+        followers = [dof.node for dof in (*self.held, *(dof for tie in self.ties for dof in tie.dependents))]
+        return tuple(sorted({*self.model.nodes.ravel().tolist(), *followers}))
 
     @property
     @abstractmethod
@@ -99,37 +99,7 @@ class Solved(ABC):
         """
 
 
-def needed_runs(solver: Solver, points: Sequence[Point], work: Work) -> tuple[list[Path], RunCounts]:
-    """Folders of runs that must all succeed.
-
-    Raises
-    ------
-    RunFailedError
-        With what is kept.
-    """
-    found, counts = runs(solver, points, work)
-    folders = []
-    for one in found:
-        if isinstance(one, RunFailedError):
-            kept = sum(isinstance(other, Path) for other in found)
-            raise RunFailedError(
-                f"{one}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
-            )
-        folders.append(one)
-    return folders, counts
-
-
 def model_parameters(solver: Solver, references: Mapping[str, float]) -> tuple[ModelParameter, ...]:
     """The deck's parameters as the model has them."""
     nominal = solver.deck.nominal
     return tuple(ModelParameter(p.name, p.unit, nominal[p.name], references[p.name]) for p in solver.deck.parameters)
-
-
-def point_words(point: Mapping[str, float]) -> str:
-    """The values of a run, as messages say them."""
-    return ", ".join(f"{name} = {value:g}" for name, value in point.items())
-
-
-def run_words(counts: RunCounts) -> str:
-    """How many runs there were."""
-    return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

@@ -18,6 +18,7 @@ from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
 from structid.solver.expansion import Powers
 from structid.solver.shapes import Shapes
+from structid.solver.steps import Pair
 from structid.structure.elements.element import dof_code
 from structid.structure.supports import Equations
 
@@ -79,25 +80,7 @@ class Tangent:
     n_modes: int
 
 
-@dataclass(frozen=True, eq=False)
-class Differences:
-    """Runs on both sides of the centre, or two on one side, for a parameter.
-
-    Attributes
-    ----------
-    name : str
-    changes : (float, float)
-        Two changes of its value.
-    runs : (Shapes, Shapes)
-        At the centre with each change.
-    """
-
-    name: str
-    changes: tuple[float, float]
-    runs: tuple[Shapes, Shapes]
-
-
-def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Tangent:
+def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> Tangent:
     """The model of the runs.
 
     Parameters
@@ -106,7 +89,7 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Differences]) -> Ta
         Of the tie.
     centre : Shapes
         In SI units, as all runs.
-    differences : sequence of Differences
+    differences : sequence of Pair
 
     Raises
     ------
@@ -213,7 +196,7 @@ def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tu
 
 def _beside(
     centre: Shapes,
-    differences: Sequence[Differences],
+    differences: Sequence[Pair[Shapes]],
     n_modes: int,
     coordinates: Sequence[FloatArray],
     free: Sequence[FloatArray],

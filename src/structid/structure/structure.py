@@ -136,6 +136,11 @@ class Structure(Shown, StructurePlots):
         )
 
     @property
+    def has_matrices(self) -> bool:
+        """Whether it has masses and stiffnesses, hence modes; else its responses alone are known."""
+        return all(element.has_matrices for element in self.elements)
+
+    @property
     def dimension(self) -> int:
         """Number of coordinates of a node."""
         return len(next(iter(self.nodes.values())))

@@ -39,7 +39,9 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     facts = [
         *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg",
+        f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg"
+        if study.structure.has_matrices
+        else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
     facts += [] if study.solved is None else list(study.solved.facts)
     facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]
@@ -51,7 +53,7 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         *heading(study.title, result.warnings[:_MOST_WARNINGS]),
         *map(Text, facts),
         channels,
-        _modes(result),
+        *([_modes(result)] if result.modes else []),
         *_resonances(result),
     ]
     more = [Text(f"also: {one}", style="yellow") for one in result.warnings[_MOST_WARNINGS:]]

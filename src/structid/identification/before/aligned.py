@@ -120,7 +120,10 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
         at, to = np.array(both).T
         axis = axis * np.exp(np.interp(np.log(axis), np.log(at), np.log(to / at)))
         bent = replace(own, frequency=axis)
-        found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))
+        if problem.is_local:  # a solver gave the record's lines alone; between them is close enough for levels
+            found = _between(axis, record.frequency, predicted)
+        else:
+            found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))
     else:
         bent, found = own, predicted[keep]
     power = DERIVATIVES["accelerance"] - DERIVATIVES[record.kind]
@@ -130,6 +133,14 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
         measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
     measured = np.where(np.abs(model) > _SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
     return Aligned(own, pairs, model, measured)
+
+
+def _between(axis: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
+    """Values at the frequencies `axis`, straight between lines."""
+    after = np.clip(np.searchsorted(frequency, axis), 1, len(frequency) - 1)
+    part = np.clip((axis - frequency[after - 1]) / (frequency[after] - frequency[after - 1]), 0, 1)[:, None, None]
+    found: ComplexArray = (1 - part) * values[after - 1] + part * values[after]
+    return found
 
 
 def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[ResonancePair, ...]:

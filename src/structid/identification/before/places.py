@@ -42,6 +42,8 @@ class PlacedFinding:
 
 def structure_findings(structure: Structure, values: FloatArray) -> tuple[PlacedFinding, ...]:
     """Supports that hold nothing, and parts that neither the rest nor a support holds."""
+    if not structure.has_matrices:
+        return ()
     return (*_idle_supports(structure), *_loose_parts(structure, values))
 
 

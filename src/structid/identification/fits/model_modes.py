@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from structid.arrays import FloatArray
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
@@ -12,7 +14,9 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`; friction is left out."""
+    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has no matrices."""
+    if not structure.has_matrices:
+        return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))
     mass, stiffness, damping, structural = (
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )

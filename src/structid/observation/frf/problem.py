@@ -142,6 +142,10 @@ class FrfProblem(ResponseProblem):
     def is_large(self) -> bool:
         return self.model.is_large
 
+    @property
+    def is_local(self) -> bool:
+        return not self.structure.has_matrices
+
     def with_lines(self, keep: IntArray) -> FrfProblem:
         return replace(self, record=self.record.lines(keep))
 
@@ -220,6 +224,8 @@ class FrfProblem(ResponseProblem):
             return "takes no errors of channels"
         if self.form == "equation":
             return "takes no residual of form 'equation'"
+        if not self.structure.has_matrices:
+            return "takes no FRFs that a solver gives"
         return "takes no dry friction" if self._has_friction else ""
 
     def linearize_operator(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> OperatorLinearization:
@@ -282,7 +288,10 @@ class FrfProblem(ResponseProblem):
         """`stage_plans`, and with up to 60 lines first of all `frequency_continuation`.
 
         With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
+        FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver_stages` leads.
         """
+        if self.is_local:
+            return ()
         plans = self.stage_plans()
         return (partial(frequency_continuation, self), *plans) if 1 < len(self.frequency) <= _MOST_LINES else plans
 

@@ -25,8 +25,10 @@ from structid.observation.frf.lines import Lines
 from structid.observation.frf.medium_lines import MEDIUM_UP_TO, MediumLines
 from structid.observation.frf.slopes import StiffnessSlopes
 from structid.observation.frf.small_lines import SmallLines
+from structid.observation.frf.solved_lines import SolvedLines
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
+from structid.solver.frf_model import SolverFrfs
 from structid.structure import Base, Structure
 from structid.structure.assembly import assembly
 from structid.unknowns import Parameters
@@ -199,7 +201,10 @@ def response(
     reduced = None if bases else reduced
     small = SmallLines(slopes, sides, record.frequency)
     lines: Lines = small
-    if structure.n_dofs > DENSE_UP_TO:
+    alone = next((one for one in structure.elements if isinstance(one, SolverFrfs)), None)
+    if alone is not None:
+        lines = SolvedLines(alone, structure, unknown, record)
+    elif structure.n_dofs > DENSE_UP_TO:
         lines = large = models.large_lines(slopes, sides, record, factorizer, reduced)
         medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
         if medium and worthwhile(len(record.frequency), structure.n_dofs, False):

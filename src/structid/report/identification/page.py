@@ -87,7 +87,7 @@ def report_page(
         **{f"modal_fit_{k}": modal_fit_figure(fit) for k, fit in enumerate(identification.modal_fits, 1)},
         **side_by_side,
         "correlation": correlation_figure(identification),
-        "modes": modes_figure(rows, band),
+        **({"modes": modes_figure(rows, band)} if len(rows.frequency) else {}),
         "convergence": convergence_figure(identification),
     }
     words = {
@@ -117,7 +117,7 @@ def report_page(
         "interval_notes": identification.intervals.notes,
         "residual_tests": tables.residual_table(found),
         "residual_words": () if found.residual_tests is None else found.residual_tests.words,
-        "modes": tables.mode_table(rows, band),
+        "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,
         "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
         "provenance": provenance_facts(provenance),
         "has_responses": bool(identification.fits),

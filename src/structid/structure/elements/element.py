@@ -267,6 +267,8 @@ class ElementSet:
     is_line: ClassVar[bool] = False
     #: Types of its cells by number of nodes; none where its elements are no cells of a mesh.
     cells: ClassVar[Mapping[int, str]] = {}
+    #: Whether its matrices say what it does; a set that has responses alone stands alone in a structure.
+    has_matrices: ClassVar[bool] = True
 
     name: str = declared("Name of the set")
     nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")

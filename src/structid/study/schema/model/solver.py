@@ -9,16 +9,20 @@ from typing import Any
 from structid.declared import Limits, Positive
 from structid.dof import parse_dofs
 from structid.errors import InputError
-from structid.solver.deck import Deck, DeckParameter, deck_texts
+from structid.modal.files.nastran import PUNCH_SUFFIXES
+from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.solver.differences import solved_modes
+from structid.solver.frfs_out import FrfsOut
 from structid.solver.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
 from structid.solver.matrices import solved_matrices
 from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.solver.runs import Solver
 from structid.solver.solved import Solved, Units
+from structid.solver.solved_frfs import solved_frfs
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.meshes import read_mesh
 from structid.study.schema.kinds import BOOLEAN, NUMBER, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited, list_of
+from structid.study.schema.model.solver_frfs import wanted_frfs
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
@@ -28,6 +32,8 @@ _FILE = Kind(
     'a file that the solver writes, or a table such as { path = "{stem}.op4", matrix = "KAA" }',
     {"anyOf": [TEXT.schema, table_of(MatrixFile).schema]},
 )
+#: Keys that belong to one kind of what comes out.
+_OF_KIND = {"matrices": (*_MATRICES, "dofs", "indefinite"), "modes": ("modes",), "frfs": ("frfs", "loads")}
 _PLACES = {"anyOf": [table_of(CardField).schema, table_of(KeywordEntry).schema]}
 _MARK = Kind(
     'a place such as { card = "MAT1", id = 1, field = 3 } or { keyword = "*ELASTIC", of = "*MATERIAL, NAME=STEEL",'
@@ -50,10 +56,14 @@ SOLVER = Table(
         "command": Key(
             TEXT, "What runs the solver, with {deck}, {stem} (deck without suffix) and {study} (folder)", required=True
         ),
-        "gives": Key(choice("matrices", "modes"), "What comes out", default="matrices"),
+        "gives": Key(choice("matrices", "modes", "frfs"), "What comes out", default="matrices"),
         **{key: Key(_FILE, f"Where the {key} matrix is, with {{stem}}") for key in _MATRICES},
         "dofs": Key(TEXTS, "What the rows of matrices stand for: a file that the solver writes, or a list"),
         "modes": Key(TEXT, "File of frequencies and shapes, with {stem}: .frd, .f06, .csv, .json or .uff"),
+        "frfs": Key(
+            TEXT, "File of complex FRFs at the lines of the record, with {stem}: .csv, .uff, .npz, .h5 or .pch"
+        ),
+        "loads": Key(TEXTS, "Of FRFs in a punch file: what acts in each subcase, with a size of 1"),
         "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
@@ -94,10 +104,10 @@ def _solved(own: Section, files: InputFiles) -> Solved:
     with own.located("deck"):
         texts = deck_texts([files.path(name) for name in as_list(given["deck"])])
     parameters, texts = _parameters(own, texts)
+    stem = {"stem": Path(next(iter(texts))).stem}
+    out = _outputs(own, given, stem, files)
     with own.located("deck"):
-        deck = Deck(texts, parameters)
-    stem = {"stem": Path(deck.main).stem}
-    out = _outputs(own, given, stem)
+        deck = Deck(with_lines(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
     linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
     folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
     solver = Solver(deck, given["command"], folder, files.folder, linked, out, given["timeout"], given["retries"])
@@ -105,6 +115,8 @@ def _solved(own: Section, files: InputFiles) -> Solved:
         _ = solver.arguments
     name, units = given["name"], Units(given["length_unit"], given["force_unit"])
     with own.located():
+        if isinstance(out, FrfsOut):
+            return solved_frfs(name, solver, out, units, files.work)
         if isinstance(out, ModesOut):
             return solved_modes(name, solver, out, units, files.work)
         return solved_matrices(name, solver, out, units, files.work, given["indefinite"])
@@ -143,15 +155,31 @@ def _places(entry: Section, given: Any, texts: Mapping[str, str]) -> list[Place]
     return places
 
 
-def _outputs(own: Section, given: Mapping[str, Any], stem: Mapping[str, str]) -> MatricesOut | ModesOut:
-    """What the study says that comes out; what belongs to the other kind is refused."""
+def _outputs(
+    own: Section, given: Mapping[str, Any], stem: Mapping[str, str], files: InputFiles
+) -> MatricesOut | ModesOut | FrfsOut:
+    """What the study says that comes out; what belongs to another kind is refused."""
     gives = given["gives"]
-    of_other = ("modes",) if gives == "matrices" else (*_MATRICES, "dofs", "indefinite")
-    for key in of_other:
-        if key in own.table:
+    for kind, keys in _OF_KIND.items():
+        for key in keys:
+            if kind != gives and key in own.table:
+                raise own.error(f'belongs to `gives = "{kind}"`; take it out', key)
+    if gives == "frfs":
+        if "frfs" not in given:
             raise own.error(
-                f'belongs to `gives = "{"modes" if gives == "matrices" else "matrices"}"`; take it out', key
+                '`frfs` is missing; add `frfs = "{stem}.csv"`, the file of complex FRFs that the solver writes'
             )
+        name = _named(own, "frfs", given["frfs"], stem)
+        is_punch = Path(name).suffix.lower() in PUNCH_SUFFIXES
+        for key in ("length_unit", "force_unit", "loads"):
+            if key in own.table and not is_punch:
+                raise own.error("is for punch files; a file of FRFs says its units and loads itself; take it out", key)
+        if is_punch and "loads" not in given:
+            raise own.error('`loads` is missing; add `loads = ["3Z"]`, what acts in each subcase with a size of 1')
+        with own.located("loads"):
+            loads = parse_dofs(as_list(given.get("loads", [])))
+        units = Units(given["length_unit"], given["force_unit"])
+        return FrfsOut(name, *wanted_frfs(own, files), loads, units)
     if gives == "modes":
         if "modes" not in given:
             raise own.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')

@@ -1,0 +1,93 @@
+"""What moves between the rounds of differences of a solver: values of its deck, and the study about them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.estimation.search.work import Work
+from structid.identification.identified import Identification
+from structid.identification.together import by_name
+from structid.observation import RecordProblem
+from structid.solver.solved import Solved
+from structid.study.schema.study import Study, load_study
+
+#: Most that a parameter moves in a round, as a part of its value.
+_FARTHEST = 0.5
+
+
+def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], values: FloatArray) -> dict[str, float]:
+    """What values of the parameters that are sought make of each parameter of the deck, by one record's problem."""
+    made = _property_values(problem, names, values)
+    return {
+        item.term.property: float(made[item.values][0])
+        for item in problem.structure.properties
+        if item.element == solved.model.name and item.term.property in solved.at
+    }
+
+
+def deck_std(solved: Solved, found: Identification) -> dict[str, float]:
+    """Standard deviation of each of them; 0 where it is not known."""
+    problem = found.problems[0]
+    std = by_name(found.estimate.names, found.problems, lambda part: np.zeros(part.n_params))
+    std = np.where(np.isfinite(found.estimate.std), found.estimate.std, 0.0) + std
+    base = problem.parameters.offset
+    values = _property_values(problem, found.estimate.names, std) - base
+    return {
+        item.term.property: abs(float(values[item.values][0]))
+        for item in problem.structure.properties
+        if item.element == solved.model.name and item.term.property in solved.at
+    }
+
+
+def _property_values(problem: RecordProblem, names: Sequence[str], values: FloatArray) -> FloatArray:
+    known = dict(zip(names, values.tolist(), strict=True))
+    own = np.array([known[name] for name in problem.parameters.names])
+    return problem.parameters.values(own)
+
+
+def within(solved: Solved, name: str, value: float) -> float:
+    """`value` no farther than a round may go, and within the bounds of the parameter."""
+    at = solved.at[name]
+    low, high = next(one.limits for one in solved.solver.deck.parameters if one.name == name)
+    far = _FARTHEST * abs(at) or np.inf
+    return float(np.clip(value, max(low, at - far), min(high, at + far)))
+
+
+def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> dict[str, Any]:
+    """The study's tables with other places of differences; the nominal values where it is None.
+
+    With `step`, the differences begin with it, as a part of each value; else as the file says.
+    """
+    found = deepcopy(dict(study.root.table))
+    stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
+    own = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
+    for entry in found["structure"]["solver"]["parameter"]:
+        name = entry["name"]
+        moved = {"at": at[name], "step": step if step is not None and at[name] else own.get(name)}
+        for key, value in moved.items():
+            entry.pop(key, None)
+            if value is not None:
+                entry[key] = value
+    return found
+
+
+def about(
+    study: Study, at: Mapping[str, float], known: Mapping[str, float], work: Work, step: float | None = None
+) -> Study:
+    """The study with differences about `at`, searches beginning at the `known` values of parameters; see `tables` for `step`."""
+    moved = load_study(study.path, tables(study, at, step), work)
+    sources = []
+    for before, after in zip(study.setups, moved.setups, strict=True):
+        own = before.parameters
+        values = np.array([known.get(name, start) for name, start in zip(own.names, own.start, strict=True)])
+        inside = (values > own.transforms.lower) & (values < own.transforms.upper)
+        begun = own.started_at(np.where(inside, values, own.start))
+        sources.append(replace(before, structure=after.structure, parameters=begun))
+    return replace(moved, setups=tuple(sources))

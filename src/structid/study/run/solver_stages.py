@@ -1,0 +1,210 @@
+"""FRFs of a solver from a poor start: smooth forms of what was measured and of what the solver gives, down to the FRFs.
+
+A solver computes FRFs on the axis alone, where each resonance is a minimum of its own. Averages of their logarithm with
+the kernel of the Poisson integral, as wide as a part of the frequency, follow stiffness smoothly over that part, also
+where lines are too coarse for the resonances; for an FRF without zeros on the right they are log|H| at s = omega (a + i).
+The same averages of what was measured stand beside them, so that what the band cuts off is cut off on both sides. From
+wide to narrow, they are fitted about each answer, with differences as wide as they are, and each move is one that the
+solver itself confirms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.estimation import LevenbergMarquardt
+from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.minimum import residual_at, squared
+from structid.estimation.search.work import Work
+from structid.identification.together import together
+from structid.observation import FrfProblem, RecordProblem
+from structid.observation.frf.continuation import start_deviation
+from structid.records import FrfRecord
+from structid.records.record import DERIVATIVES
+from structid.records.transforms.half_plane import poisson_weights
+from structid.solver.frf_model import FrfRuns, SolverFrfs
+from structid.solver.runs import RunFailedError
+from structid.solver.solved_frfs import SolvedFrfs
+from structid.structure import Structure
+from structid.study.run.solver_moves import about, deck_values, within
+from structid.study.run.start import Start, started
+from structid.study.schema.study import Study
+
+#: Widths of the averages, in parts of the frequency.
+LEVELS = (0.35, 0.14, 0.06, 0.025)
+#: Steps of differences meanwhile, rounds at one level, and part of it by which a parameter may still move where the next follows.
+_STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.5
+#: The model is near where the logarithms of computed over measured magnitudes are below this at so many of the lines
+#: whose noise is below a part of them.
+_NEAR, _OF_LINES, _CLEAR = 0.7, 0.98, 0.3
+_START_ERROR, _LINE_ERROR = 0.5, 0.1
+#: Lines of an average, and its width in spacings of the measured ones.
+_FEWEST_LINES, _MOST_LINES, _USABLE_LINES, _WIDE = 60, 250, 8, 3.0
+_HALVINGS, _TINY = 4, 1e-12
+
+
+def led_near(ready: Start, work: Work) -> Start:
+    """The study about values from which a search on the FRFs themselves goes on; as it is where these are near."""
+    if _is_near(ready.problems):
+        return ready
+    for level in (*LEVELS, 0.0):
+        step = _STEP_OF_LEVEL * level or None
+        if not _staged(ready.problems, level):
+            continue
+        ready = started(_again(ready, step, work))
+        for _ in range(_ROUNDS_OF_LEVEL):
+            here = together(_staged(ready.problems, level))
+            end = minimize(here, LevenbergMarquardt()).theta
+            moved = confirmed(ready, partial(_staged, level=level), end, work, step)
+            if moved is None:
+                break
+            theta, ready = moved
+            if _is_near(ready.problems):
+                return started(_again(ready, None, work))
+            if float(np.abs(theta - here.theta_start).max()) < _SETTLED * level:
+                break
+    return ready
+
+
+def _again(ready: Start, step: float | None, work: Work) -> Study:
+    """The study about the same values, with other steps."""
+    solved = ready.study.solved
+    assert solved is not None
+    problem = ready.problems[0]
+    known = dict(zip(problem.names, problem.physical(problem.theta_start).tolist(), strict=True))
+    return about(ready.study, solved.at, known, work, step)
+
+
+def confirmed(
+    ready: Start,
+    form: Callable[[Sequence[RecordProblem]], Sequence[RecordProblem]],
+    end: FloatArray,
+    work: Work,
+    step: float | None = None,
+) -> tuple[FloatArray, Start] | None:
+    """The study about `end`, or as far on the way there as the solver itself fits better; None where it never does.
+
+    Parameters
+    ----------
+    ready : Start
+    form : callable
+        The problems of which the sum of squares is to fall, from those of the FRFs.
+    end : (n_params,) float array
+        Free variables that the model about the present values proposes.
+    work : Work
+    step : float, optional
+        Of differences there, as a part of each value.
+
+    Raises
+    ------
+    InputError
+        If a run of the solver fails, wherever it is on the way.
+    """
+    solved = ready.study.solved
+    assert isinstance(solved, SolvedFrfs)
+    here = together(form(ready.problems))
+    failed: RunFailedError | None = None
+    begin, cost = here.theta_start, squared(residual_at(here, here.theta_start))
+    for _ in range(_HALVINGS):
+        values = here.physical(end)
+        goal = deck_values(solved, ready.problems[0], here.names, values)
+        goal = solved.solver.deck.shown({name: within(solved, name, value) for name, value in goal.items()})
+        try:
+            run = solved.run_at(goal, work)
+        except RunFailedError as error:  # a solver may have no answer there, and one nearer
+            failed, end = error, (begin + end) / 2
+            continue
+        there = together(form([_with_runs(problem, run) for problem in ready.problems]))
+        if squared(residual_at(there, end)) < cost:
+            known = dict(zip(here.names, values.tolist(), strict=True))
+            return end, started(about(ready.study, goal, known, work, step))
+        failed, end = None, (begin + end) / 2
+    if failed is not None:
+        raise failed
+    return None
+
+
+def _is_near(problems: Sequence[RecordProblem]) -> bool:
+    """Whether resonances overlap with the measured ones, so that the FRFs themselves say how to go on."""
+    for problem in problems:
+        assert isinstance(problem, FrfProblem)
+        record = problem.record
+        size = np.abs(record.values)
+        clear = size > 0
+        if record.variance is not None:
+            clear &= record.variance < (_CLEAR * size) ** 2
+        ratio = np.abs(problem.predicted(problem.theta_start)[clear]) / size[clear]
+        if ratio.size and np.quantile(np.abs(np.log(np.maximum(ratio, _TINY))), _OF_LINES) > _NEAR:
+            return False
+    return True
+
+
+def _staged(problems: Sequence[RecordProblem], level: float) -> list[RecordProblem]:
+    """The problems of smooth values at one level, held near their starts; none where lines are too coarse for it.
+
+    Level 0 stands for the FRFs themselves, by the residual that is bounded near resonances.
+    """
+    found: list[RecordProblem] = []
+    for problem in problems:
+        assert isinstance(problem, FrfProblem)
+        if not level:
+            own_form = replace(problem, form="pole_free", model_error=_LINE_ERROR)
+            found.append(own_form.held(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR)))
+            continue
+        record = problem.record.lines(np.flatnonzero(problem.record.frequency > 0))
+        at, weights = _averages(record.omega, level)
+        if len(at) < _USABLE_LINES:
+            return []
+        smooth = partial(_smoothed, weights)
+        runs = _runs(problem)
+        lines = runs.lines(record.frequency)
+        own = FrfRecord(at / (2 * np.pi), smooth(record.values), record.outputs, record.inputs, "receptance")
+        power = np.abs(record.laplace) ** DERIVATIVES[record.kind]
+        mapped = runs.mapped(own.frequency, partial(_smoothed_lines, weights, lines, power))
+        made = _with_runs(replace(problem, record=own, form="log", model_error=_LINE_ERROR), mapped)
+        found.append(made.held(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
+    return found
+
+
+def _averages(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    """Angular frequencies of a level that is wide against the lines there, and its weights of these, (n, n_lines)."""
+    count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
+    at = np.geomspace(omega[0], omega[-1], count)
+    at = at[level * at > _WIDE * np.interp(at, omega, np.gradient(omega))]
+    forward, backward = poisson_weights(omega, at * (level + 1j))
+    weights = forward + backward
+    return at, weights / weights.sum(axis=1, keepdims=True)
+
+
+def _smoothed(weights: FloatArray, values: ComplexArray) -> ComplexArray:
+    """Geometric means of magnitudes (n_lines, ...)."""
+    size = np.abs(values)
+    log = np.log(np.maximum(size, _TINY * size.max(axis=0) + np.finfo(float).tiny)).reshape(len(size), -1)
+    return np.exp(weights @ log).reshape(-1, *values.shape[1:]).astype(np.complex128)
+
+
+def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, values: ComplexArray) -> ComplexArray:
+    """The same of receptances of a solver, at some of its lines and in the kind of a record."""
+    return _smoothed(weights, values[lines] * power[:, None, None])
+
+
+def _runs(problem: RecordProblem) -> FrfRuns:
+    [element] = problem.structure.elements
+    assert isinstance(element, SolverFrfs)
+    return element.found
+
+
+def _with_runs(problem: RecordProblem, runs: FrfRuns) -> FrfProblem:
+    """The problem with other runs of the solver."""
+    structure = problem.structure
+    [element] = structure.elements
+    assert isinstance(element, SolverFrfs)
+    assert isinstance(problem, FrfProblem)
+    return replace(
+        problem, structure=Structure(structure.nodes, [replace(element, found=runs)], active=structure.active)
+    )

@@ -1,0 +1,88 @@
+"""What FRFs a solver must give: the lines and channels of the records of a study."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.frf import used_lines
+from structid.records import FrfRecord
+from structid.study.schema.method import read_method
+from structid.study.schema.records.record import load_record, read_source
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+
+#: Sections of a record for which FRFs alone do not do, and what stands in place of each.
+_NOT_OF_FRFS = {
+    "modes": "measured modes ask for modes of the solver",
+    "time": "time histories are fitted by matrices or modes of the solver; average them by [record.frf]",
+    "structure": "a structure that differs from record to record asks for matrices or modes of the solver",
+    "sensors": "sensors that are turned ask for matrices or modes of the solver; let it write FRFs in their directions",
+    "window_decay": "a window is taken into account by matrices or modes of the solver; correct the record for it",
+}
+
+
+class WantedFrfs(NamedTuple):
+    """Lines (n_lines,), Hz, and channels, each once."""
+
+    frequency: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+
+
+def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
+    """What all records need, those lines inside the band or the evaluation band.
+
+    Parameters
+    ----------
+    own : Section
+        ``[structure.solver]``.
+    files : InputFiles
+
+    Raises
+    ------
+    StudyError
+        If there is no record, or one that no FRFs explain, or the structure holds more than the solver.
+    """
+    root = Section(own.source, (), own.source.table)
+    structure = root.inner("structure")
+    for key in structure.table:
+        if key not in ("solver", "nodes"):
+            raise structure.error(
+                "stands beside a solver that gives FRFs alone, so that it cannot act on them; put it in the deck, or take `gives ="
+                ' "matrices"` or `"modes"`',
+                key,
+            )
+    several = isinstance(root.table.get("record"), list)
+    sections = root.sections("record") if several else [one for one in [root.section("record")] if one is not None]
+    if not sections:
+        raise own.error(
+            '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'
+        )
+    options = read_method(root.section("method"))
+    records = [_record(one, files) for one in sections]
+    lines = [line for record in records for line in _lines(record, options)]
+    outputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.outputs))
+    inputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.inputs))
+    return WantedFrfs(np.unique(lines), outputs, inputs)
+
+
+def _record(section: Section, files: InputFiles) -> FrfRecord:
+    for key, words in _NOT_OF_FRFS.items():
+        if key in section.table:
+            raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)
+    record = load_record(read_source(section, files))
+    if record.kind == "transmissibility":
+        raise section.error(
+            'holds transmissibilities, and the solver gives motion per force; take `gives = "matrices"`'
+        )
+    return record
+
+
+def _lines(record: FrfRecord, options: IdentifyOptions) -> list[float]:
+    used = used_lines(record, options).frequency.tolist()
+    return used if options.evaluation_band is None else used + record.band(*options.evaluation_band).frequency.tolist()
