@@ -2,7 +2,7 @@
 
 The simulator beside this file shares no code with structid. See wrong_models/README.md.
 
-    python benchmarks/accuracy/wrong_models.py [--set development|heldout] [--only NAME ...] [--jobs 1] [--out FOLDER]
+    python benchmarks/accuracy/wrong_models.py [--set development|heldout|fresh] [--only NAME ...] [--jobs 1] [--out FOLDER]
 """
 
 from wrong_models.running import main

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 from wrong_models.assembly import assembled
-from wrong_models.cases import ALIASES, DEVELOPMENT, HELD_OUT, cases
+from wrong_models.cases import ALIASES, DEVELOPMENT, FRESH, HELD_OUT, SETS, cases
 from wrong_models.faults import FAULTS, Fault, Readings
 from wrong_models.measuring import RELATIVE, measured
 from wrong_models.response import frf
@@ -27,7 +27,7 @@ from structid.study.schema.study import load_study
 from wrong_models import record_files
 
 ELEMENTS = [rig for rig, made in RIGS.items() if not made().exported]  # matrices come with loss factors
-EVERY = [*cases("development"), *cases("heldout")]
+EVERY = [one for which in SETS for one in cases(which)]
 
 
 @pytest.mark.parametrize("rig, record", [*((rig, "frf2") for rig in RIGS), *((rig, "time") for rig in ELEMENTS)])
@@ -103,7 +103,7 @@ def test_the_sets_are_large_enough_and_share_no_structure():
         assert sum(one.is_twin for one in chosen) >= 60
     assert len(DEVELOPMENT) >= 6
     assert len(HELD_OUT) >= 4
-    assert not set(DEVELOPMENT) & set(HELD_OUT)
+    assert len({*DEVELOPMENT, *HELD_OUT, *FRESH}) == len(DEVELOPMENT) + len(HELD_OUT) + len(FRESH)
     assert len({one.name for one in EVERY}) == len(EVERY)
     assert {fault.kind for one in cases("development") for fault in one.faults} == set(FAULTS)
 

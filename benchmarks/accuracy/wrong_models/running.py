@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from wrong_models.cases import ALIASES, cases
+from wrong_models.cases import ALIASES, SETS, cases
 from wrong_models.judging import HEADER, Judged, as_json, by_kind, judged, line, summary
 from wrong_models.study_files import MODES_COMMAND, Case, written
 
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="wrong_models.py",
         description="Studies whose model or record is wrong in a known way, identified and judged.",
     )
-    parser.add_argument("--set", choices=("development", "heldout"), default="development")
+    parser.add_argument("--set", choices=tuple(SETS), default="development")
     parser.add_argument(
         "--only", nargs="+", metavar="NAME", default=(), help="studies whose names hold one of these words"
     )
