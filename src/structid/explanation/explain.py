@@ -34,6 +34,7 @@ _CLEAR = 0.5
 _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
+_GIVES_WAY = 0.5
 _LEAST_SHARE, _RISK = 0.10, 0.01
 #: Frequency of something that swings of its own over the highest of the data, from which on it is a mass.
 _RIGID = 3.0
@@ -167,11 +168,16 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)
-    priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1])
+    priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + _odds(pair[0]))
     causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
     likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
+
+
+def _odds(one: Fitted) -> float:
+    """What a cause gives way to a plainer one that says the same: at a clamped end, a joint to the support."""
+    return _GIVES_WAY * (one.trial.changes[-1][0].kind == "joint")
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
