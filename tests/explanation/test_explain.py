@@ -54,6 +54,7 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     result, fits = answered(written(tmp_path, off(), truth))
     assert result.criticism.judgement.verdict == "wrong_model"
     alike = [cause for cause in result.criticism.causes if cause.is_alike]
+    assert len({cause.words for cause in result.criticism.causes}) == len(result.criticism.causes)
     assert (kind, (where,)) in [(cause.kind, cause.where) for cause in alike]
     assert result.criticism.causes[0].is_alike
     assert result.criticism.causes[0].kind == "support" or fault != "support"  # not the joint there, which is the same

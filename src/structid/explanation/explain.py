@@ -123,10 +123,16 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     finalists += [k for k, one in enumerate(looked) if near[k] and one in shortlist.at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     fits = _refits(base, items, work, f"likeliest {which}causes")
-    rigid = [item for one in fits for item in _rigid(base, one)]
-    if rigid:
-        fits += _refits(base, rigid, work, f"likeliest {which}causes, plainer")
+    known = {_place(one.trial.changes[-1][0]) for one in fits}
+    rigid = {_place(item[0]): item for one in fits for item in _rigid(base, one)}
+    plainer = [item for place, item in rigid.items() if place not in known]
+    if plainer:
+        fits += _refits(base, plainer, work, f"likeliest {which}causes, plainer")
     return _weighed(base, fits, tried)
+
+
+def _place(candidate: Candidate) -> tuple[str, tuple[str, ...]]:
+    return candidate.kind, candidate.where
 
 
 def _refits(base: Fitted, items: Sequence[Item], work: Work, name: str) -> list[Fitted]:
