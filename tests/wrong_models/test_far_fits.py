@@ -25,3 +25,16 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     end = approached(base, (swap.candidate, swap.strength), ALONE)
     assert end["cost"] < 1e-2 * base.cost
     assert end["cost"] < 1.5 * problem.n_data
+
+
+def test_sensors_that_look_exchanged_are_fitted_so_whatever_a_model_bent_to_them_shows(tmp_path):
+    written(Case("crane-time-exchanged", "crane", "time", (Fault("swap", "6Y", "8Y"),), "near"), tmp_path)
+    ready = started(load_study(tmp_path / "study.toml"))
+    problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
+    [problem] = problems
+    away = np.array(problem.theta_start)
+    away[[0, 2]] += np.log([2.5, 1e-6])  # where the search ran to
+    trial = base_trial(ready.study, ready.setups, problems, away)
+    base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
+    first = shortlisted(base, ALONE, "causes").rows[0]
+    assert (first.candidate.kind, first.candidate.where) == ("swap", ("6Y", "8Y"))

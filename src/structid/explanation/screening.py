@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ from structid.estimation.search.work import Tools, Work
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
 from structid.explanation.trial import QUICK
+from structid.identification.before.aligned import aligned
+from structid.identification.before.channels import exchanged_sensors
 from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem
 
@@ -25,8 +27,6 @@ _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
 _AT_FIT = 2
 _LEAST_DROP = 0.02
-#: Looked at whatever a linear look says: a model that has been bent to exchanged loads is far from the right one.
-_ANYWAY = ("load_swap",)
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 #: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
@@ -99,6 +99,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     """
     points = screening_points(base)
     names = titles(base.trial.setups)
+    told = _told(base)
     answers = work.map(name, _looked, tuple(points), range(len(points)))
     best, others, here = _Promises(), _Promises(), _Promises()
     tried = 0
@@ -115,25 +116,41 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
         here = _Promises()
         for row in rows:
             drop = 1 - row.left / whole
-            if drop <= _LEAST_DROP and row.candidate.kind not in _ANYWAY:
+            if drop <= _LEAST_DROP and not _is_told(row.candidate, told):
                 continue
             key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
             if key in here:
                 continue  # an appendage of another frequency at the same place
             count = kinds.setdefault(row.candidate.kind, 0)
-            chosen = best if len(here) < _FIRST or count < _OF_EACH_KIND else others
+            is_early = len(here) < _FIRST or count < _OF_EACH_KIND or _is_told(row.candidate, told)
+            chosen = best if is_early else others
             here[key] = (drop, row)
             if key not in chosen or drop > chosen[key][0]:
                 chosen[key] = (drop, row)
             kinds[row.candidate.kind] += 1
     _with_friction(best)
-    found = sorted(best.values(), key=lambda pair: (pair[1].candidate.kind not in _ANYWAY, -pair[0]))
+    found = sorted(best.values(), key=lambda pair: (not _is_told(pair[1].candidate, told), -pair[0]))
     rows = [row for _, row in found]
     if base.trial.is_of_modes:
         rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name)
     rows = rows[:_REFITTED]
     at_fit = [best[key][1] for key in here if key in best]
     return Shortlist(rows, [row for row in at_fit if row in rows][:_AT_FIT], tried)
+
+
+def _told(base: Fitted) -> set[tuple[str, ...]]:
+    """Pairs of sensors that look exchanged beside the initial model."""
+    trial = base.trial
+    if trial.is_of_modes:
+        return set()
+    starts = [np.asarray(view.theta_start) for view in trial.views]
+    beside = [aligned(view, view.predicted(start)) for view, start in zip(trial.views, starts, strict=True)]
+    return {(a.place, b.place) for found in beside for a, b in exchanged_sensors(found)}
+
+
+def _is_told(candidate: Candidate, told: Collection[tuple[str, ...]]) -> bool:
+    """Whether a change is fitted whatever a linear look says: a model bent to exchanged channels is far from the right one."""
+    return candidate.kind == "load_swap" or (candidate.kind == "swap" and candidate.where in told)
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> list[Screened]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
@@ -127,44 +128,74 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
 def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
     """Sensors whose level or sense differs from the others'."""
     record = found.record
-    own, goes = median(level - median(level, 0), 1), median(agreement, 1)
-    if len(own) < 3:
-        return
-    apart: list[tuple[int, str]] = []
-    for o, sensor in enumerate(record.outputs):
-        others = np.delete(goes, o)
-        rest = float(median(others, 0))
-        size = float(own[o] - median(np.delete(own, o), 0))
-        if not (np.isfinite(goes[o]) and rest >= _GOES):
-            continue
-        if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
+    apart: list[int] = []
+    for o, fault, size in _faults(found, level, agreement):
+        sensor = record.outputs[o]
+        if fault == "turned":
             yield (
                 f"sensor {sensor} reads with the opposite sense (beside the model and the other sensors); check its sign, or"
                 f' write relabel = {{"{sensor.place}" = "{sensor.place}{"-" if sensor.sign > 0 else "+"}"}}'
             )
-        elif abs(size) > _FAR and goes[o] >= _APART:
+        elif fault == "level":
             table = _TURNS if sensor.is_rotation else _MOTIONS if record.kind in _ACCELERATIONS else _MOTIONS[1:]
             unit = _unit(size, table)
             times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
             yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (
                 f"it looks to be {unit}; correct its unit" if unit else "check its sensitivity and unit"
             )
-        elif rest >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
-            apart.append((o, f"sensor {sensor} does not go with the model as the others do"))
-    yield from _misplaced(found, apart)
+        else:
+            apart.append(o)
+    pairs = _exchanged(found, apart)
+    for a, b in pairs:
+        a_dof, b_dof = record.outputs[a], record.outputs[b]
+        yield f"sensors {a_dof} and {b_dof} look exchanged: each moves as the model does at the other"
+    for o in apart:
+        if not any(o in pair for pair in pairs):
+            yield (
+                f"sensor {record.outputs[o]} does not go with the model as the others do: check its direction, place and cable"
+            )
 
 
-def _misplaced(found: Aligned, apart: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Sensors that stand apart, exchanged where that mends two."""
+def exchanged_sensors(found: Aligned) -> tuple[tuple[Dof, Dof], ...]:
+    """Pairs of sensors each of which moves as the initial model does at the other."""
+    factor = found.factor
+    if not np.isfinite(factor).any():
+        return ()
+    level = np.log(np.where(factor > 0, factor, np.nan))
+    apart = [o for o, fault, _ in _faults(found, level, found.accord) if fault == "apart"]
     outputs = found.record.outputs
-    left = dict(apart)
-    for a, b in combinations([o for o, _ in apart], 2):
+    return tuple((outputs[a], outputs[b]) for a, b in _exchanged(found, apart))
+
+
+def _faults(
+    found: Aligned, level: FloatArray, agreement: FloatArray
+) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
+    """Sensors that do not go with the model as the others do, how, and the logarithm of their level beside theirs."""
+    own, goes = median(level - median(level, 0), 1), median(agreement, 1)
+    if len(own) < 3:
+        return
+    for o in range(len(own)):
+        rest = float(median(np.delete(goes, o), 0))
+        size = float(own[o] - median(np.delete(own, o), 0))
+        if not (np.isfinite(goes[o]) and rest >= _GOES):
+            continue
+        if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
+            yield o, "turned", size
+        elif abs(size) > _FAR and goes[o] >= _APART:
+            yield o, "level", size
+        elif rest >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
+            yield o, "apart", size
+
+
+def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
+    """Of sensors that stand apart, pairs that being exchanged mends; each sensor once."""
+    pairs: list[tuple[int, int]] = []
+    for a, b in combinations(apart, 2):
         changed = accord(found.measured[:, [a, b]], found.model[:, [b, a]])
-        if a in left and b in left and np.nanmin(median(changed, 1)) >= _GOES:
-            yield f"sensors {outputs[a]} and {outputs[b]} look exchanged: each moves as the model does at the other"
-            del left[a], left[b]
-    for words in left.values():
-        yield f"{words}: check its direction, place and cable"
+        is_free = not any({a, b} & set(pair) for pair in pairs)
+        if is_free and np.nanmin(median(changed, 1)) >= _GOES:
+            pairs.append((a, b))
+    return pairs
 
 
 def _reciprocity(record: FrfRecord) -> Iterator[str]:
