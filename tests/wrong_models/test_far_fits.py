@@ -32,8 +32,7 @@ def test_sensors_that_look_exchanged_are_fitted_so_whatever_a_model_bent_to_them
     ready = started(load_study(tmp_path / "study.toml"))
     problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
     [problem] = problems
-    away = np.array(problem.theta_start)
-    away[[0, 2]] += np.log([2.5, 1e-6])  # where the search ran to
+    away = problem.theta_start + np.log([0.12, 27.0, 1e-6, 6.6, 660.0, 1e-6])  # where the search ran to
     trial = base_trial(ready.study, ready.setups, problems, away)
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
     first = shortlisted(base, ALONE, "causes").rows[0]
