@@ -507,18 +507,3 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
         page.locator("[data-run] a", has_text="Results").first.click()
         page.frame_locator("iframe.report").locator("#figure-parameters .main-svg").first.wait_for()
         shown(page, screens, "14_frame_results")
-
-
-def test_the_first_page_is_there_in_a_second(page, tmp_path):
-    shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
-    with served(tmp_path) as bench:
-        page.goto(bench.address)
-        page.get_by_role("heading", name="New study").wait_for()
-        page.goto("about:blank")
-        page.goto(bench.address)
-        page.get_by_role("heading", name="New study").wait_for()
-        taken = page.evaluate("performance.now()")
-        memory = psutil.Process(bench.process.pid).memory_info().rss / 1e6
-    print(f"first page {taken:.0f} ms, server {memory:.0f} MB")  # noqa: T201
-    assert taken < 1000
-    assert memory < 150
