@@ -223,6 +223,13 @@ def test_of_small_misfits_only_what_matters_is_a_cause(share, left, distance, sh
     assert explains(Cause("mass", ("7",), "a mass is missing", share, left, moved=moved), misfit) is is_cause
 
 
+def test_what_few_averages_leave_is_no_misfit_that_a_cause_would_have_to_remove():
+    moved = (Moved("a", "1", 1.0, 0.95, (0.94, 0.96), 3.0),)
+    cause = Cause("window", ("all channels",), "resonances leak", 0.23, 1.065, moved=moved)
+    assert not explains(cause, 1.39)
+    assert explains(cause, 1.39, 30 / 28)
+
+
 def test_a_comparison_says_which_state_has_no_sound_answer(tmp_path):
     for name, truth in (("before", STUDY), ("after", SOFT)):
         (tmp_path / name).mkdir()

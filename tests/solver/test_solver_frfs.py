@@ -152,6 +152,7 @@ def test_damping_is_found_too_and_few_digits_do(tmp_path):
     assert found == pytest.approx(TRUE | {"eta": ETA}, rel=5e-3)
 
 
+@pytest.mark.slow  # modes of a solver go the same way in test_solver_study.py
 def test_runs_that_fail_and_kills_change_nothing(tmp_path):
     plain, broken = tmp_path / "plain", tmp_path / "broken"
     plain.mkdir()

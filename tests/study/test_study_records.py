@@ -171,6 +171,16 @@ def test_a_known_window_decay_is_read(tmp_path):
     assert np.array_equal(problem.record.decay, np.full(len(problem.record.frequency), 2.5))
 
 
+def test_leakage_of_segments_as_long_as_the_line_spacing_says_is_read(tmp_path):
+    text = replaced('path = "frf.npz"', 'path = "frf.npz"\nleakage = "hann"')
+    study = load_study(write_chain(tmp_path, text + "restarts = 0\n"))
+    record = run_study(study).identification.problem.record
+    assert record.segment == pytest.approx(1 / np.diff(record.frequency).mean())
+    uneven = chain_record().lines(np.array([4, 5, 7, 8, 9, 10, 11, 12]))
+    with pytest.raises(InputError, match="leakage.*not evenly spaced"):
+        run_study(load_study(write_chain(tmp_path / "uneven", text, uneven)))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "place", "words"),
     [

@@ -150,24 +150,26 @@ class Criticism:
 
 
 def noise_ratio(found: Identification) -> float | None:
-    """The noise in parts of what is stated, where that is all that is wrong: the residual has no order in it, but another size.
-
-    Coherence from few averages n gives a chi-square of n / (n - 2) per degree of freedom where all is right.
-    """
+    """The noise in parts of what is stated, where that is all that is wrong: the residual has no order in it, but another size."""
     tests = found.estimate.residual_tests
     is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
-    expected = 1.0
-    averages = [fit.measured.averages for fit in found.fits if fit.measured.noise_source == "coherence"]
-    if averages and len(averages) == len(found.problems) and all(averages):
-        n = float(min(one for one in averages if one))
-        expected = n / (n - 2) if n > 2 else np.inf
+    expected = expected_misfit(found)
     ratio = found.estimate.chi_square_per_dof
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
     if is_of_size or 1 / _TOLERANCE < ratio / expected < _TOLERANCE:
         return 1.0
     return float(np.sqrt(ratio)) if found.fits and is_normal and found.estimate.n_data >= _MANY else None
+
+
+def expected_misfit(found: Identification) -> float:
+    """Chi-square per degree of freedom where all is right: 1, and n / (n - 2) where coherence of few averages n is all noise."""
+    averages = [fit.measured.averages for fit in found.fits if fit.measured.noise_source == "coherence"]
+    if averages and len(averages) == len(found.problems) and all(averages):
+        n = float(min(one for one in averages if one))
+        return n / (n - 2) if n > 2 else np.inf
+    return 1.0
 
 
 def fits_noise(found: Identification) -> bool:
@@ -185,7 +187,7 @@ def is_sound(found: Identification) -> bool:
     return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
 
 
-def explains(cause: Cause, misfit: float) -> bool:
+def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
     """Whether a change is the cause of a misfit, not only one that lowers it.
 
     It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more than
@@ -196,8 +198,10 @@ def explains(cause: Cause, misfit: float) -> bool:
     cause : Cause
     misfit : float
         Chi-square per degree of freedom without it.
+    expected : float
+        The same where all is right, see `expected_misfit`.
     """
-    beyond = (misfit - cause.chi_square_per_dof) / (misfit - 1) if misfit > 1 else 0.0
+    beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and any(map(_matters, cause.moved)))
 
 

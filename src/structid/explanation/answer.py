@@ -10,7 +10,17 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate
 from structid.criticism.pool import MOST_DOFS
-from structid.criticism.verdict import Cause, Criticism, Moved, explains, is_sound, judged, noise_ratio, not_found
+from structid.criticism.verdict import (
+    Cause,
+    Criticism,
+    Moved,
+    expected_misfit,
+    explains,
+    is_sound,
+    judged,
+    noise_ratio,
+    not_found,
+)
 from structid.errors import StructidError
 from structid.estimation.search.work import ALONE, Work
 from structid.explanation.explain import ALIKE, Explanation, explained
@@ -80,7 +90,7 @@ def criticized(
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
-    is_cause = bool(made) and explains(made[0], found.estimate.chi_square_per_dof)
+    is_cause = bool(made) and explains(made[0], found.estimate.chi_square_per_dof, expected_misfit(found))
     accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering)
     if explanation.base.trial.is_large:

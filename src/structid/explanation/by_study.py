@@ -55,11 +55,12 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
         if item.term.kind in _ELASTIC and values.any() and not _acts(unknown, item.values):
             yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
     yield from _varying(trial)
-    if all(
-        isinstance(p, FrfProblem) and (p.channels is None or "window_decay" not in p.channels.kinds)
-        for p in trial.problems
-    ):
-        yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)
+    responses = [p for p in trial.problems if isinstance(p, FrfProblem)]
+    if len(responses) == len(trial.problems):
+        if all(p.channels is None or "window_decay" not in p.channels.kinds for p in responses):
+            yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)
+        if all(p.record.segment is None for p in responses):
+            yield _candidate("leakage", ("all channels",), 1.0)
 
 
 def _varying(trial: Trial) -> Iterator[Candidate]:

@@ -353,6 +353,13 @@ def _window(study: Tables, candidate: Candidate, strength: float) -> None:
         _append(record, "channel_error", {"property": "window_decay", "start": _round(strength)})
 
 
+def _leakage(study: Tables, candidate: Candidate, strength: float) -> None:
+    for record in _records(study):
+        if "time" in record or "modes" in record:
+            raise NoEditError("only averaged frequency responses read what leaks between lines")
+        record["leakage"] = "hann"
+
+
 def _other_modes(study: Tables, candidate: Candidate, strength: float) -> None:
     _record(study, candidate).setdefault("modes", {})["use"] = [int(text) for text in candidate.others]
 
@@ -392,6 +399,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "held": _held,
     "varies": _varies,
     "window": _window,
+    "leakage": _leakage,
     "channel": _left_out,
     "outlying_lines": _excluded,
     "tone": _tones,

@@ -27,7 +27,7 @@ _FINALISTS = 8
 #: Changes of a large model's records that are refitted, each from two starts.
 _OF_LARGE = 4
 #: Kinds that are always refitted to the end: smoothed data do not show them; and how many of them.
-_ALWAYS, _OF_ALWAYS = ("friction", "tone"), 2
+_ALWAYS, _OF_ALWAYS = ("friction", "tone", "leakage"), 3
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
 #: Of the sum of squares, what another start must reach.

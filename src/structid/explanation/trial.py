@@ -238,7 +238,8 @@ def _same_view(
 def _is_same(one: FrfRecord, other: FrfRecord) -> bool:
     return one is other or (
         one.values.shape == other.values.shape and one.outputs == other.outputs and one.inputs == other.inputs
-        and np.array_equal(one.frequency, other.frequency) and np.array_equal(one.values, other.values)
+        and one.segment == other.segment and np.array_equal(one.frequency, other.frequency)
+        and np.array_equal(one.values, other.values)
     )  # fmt: skip
 
 

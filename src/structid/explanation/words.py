@@ -16,6 +16,7 @@ _KINDS = {
     "load_delay": "delay",
     "load_polarity": "polarity",
     "tone": "outlying_lines",
+    "leakage": "window",
 }
 
 
@@ -55,6 +56,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "held": f"{first}, which the study holds, is not what the model says",
         "varies": f"{first} differs from record to record",
         "window": "the records were windowed, which adds damping",
+        "leakage": "resonances leak into the lines beside them: averages of segments of random motion under a Hann window",
         "delay": f"sensor {first} is late",
         "load_delay": f"the load at {first} is late",
         "polarity": f"sensor {first} reads with the opposite sense",

@@ -86,6 +86,9 @@ class FrfRecord(Shown):
     decay : (n_frequencies,) float array, optional
         Real part of the Laplace variable of each line, 1/s, at least 0: the values are taken at decay + i omega
         (see `structid.records.transforms.half_plane`). None on the imaginary axis, where FRFs are measured.
+    segment : float, optional
+        Duration, s, of the segments of random motion under a Hann window that were averaged: each line reads what leaks
+        from its neighbours, see `structid.observation.frf.leakage`. None where nothing leaks.
 
     Raises
     ------
@@ -104,6 +107,7 @@ class FrfRecord(Shown):
     noise_source: str = "unknown"
     source: str = ""
     decay: FloatArray | None = None
+    segment: float | None = None
 
     if TYPE_CHECKING:  # what is taken is more than what is kept
 
@@ -120,6 +124,7 @@ class FrfRecord(Shown):
             noise_source: str = "unknown",
             source: str = "",
             decay: ArrayLike | None = None,
+            segment: float | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -157,6 +162,8 @@ class FrfRecord(Shown):
             require_finite("decay", self.decay)
             if (self.decay < 0).any():
                 raise InputError(f"`decay` must be at least 0, got {self.decay.min():g} 1/s")
+        if self.segment is not None and not 0 < self.segment < np.inf:
+            raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
 
     def overview(self) -> Overview:
         """Kind, lines, channels, noise, and one row a sensor."""

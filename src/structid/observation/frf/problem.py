@@ -21,6 +21,7 @@ from structid.observation.frf.continuation import (
     thinned_lines,
 )
 from structid.observation.frf.forms import Form, WhitenedFrf
+from structid.observation.frf.leakage import LeakedFrf, leaking_lines
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Models, Response, response
@@ -108,6 +109,17 @@ class FrfProblem(ResponseProblem):
             raise InputError(f"form {self.form!r} needs measured values other than 0; use form 'output'")
         if self.channels is not None:
             self._require_sound_channels(self.channels)
+        if self.record.segment is not None:
+            self._require_linear(self.record.segment)
+
+    def _require_linear(self, segment: float) -> None:
+        leaking_lines(self.record, segment)
+        if self.form == "equation":
+            raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
+        if self._has_friction:
+            raise InputError(
+                "leakage of segments needs a structure without friction, which random motion does not know"
+            )
 
     def _require_sound_channels(self, channels: ChannelErrors) -> None:
         if self.form == "equation":
@@ -176,8 +188,14 @@ class FrfProblem(ResponseProblem):
         )
 
     @cached_property
-    def _observed(self) -> ObservedFrf:
-        return ObservedFrf(self.model, self.channels, self.record)
+    def _observed(self) -> ObservedFrf | LeakedFrf:
+        return self._observed_on(self.record, self.model)
+
+    def _observed_on(self, record: FrfRecord, model: Response | None = None) -> ObservedFrf | LeakedFrf:
+        if record.segment is None:
+            return ObservedFrf(model or self._response(record, False), self.channels, record)
+        lines, place = leaking_lines(record, record.segment)
+        return LeakedFrf(ObservedFrf(self._response(lines, False), self.channels, lines), place)
 
     @cached_property
     def _whitened(self) -> WhitenedFrf:
@@ -194,7 +212,7 @@ class FrfProblem(ResponseProblem):
         """The same for the lines of `record`, which has the same channels, with physical parameters."""
         if record is self.record and not self.measured_sliding:
             return self._observed.values(physical)
-        return ObservedFrf(self._response(record, False), self.channels, record).values(physical)
+        return self._observed_on(record).values(physical)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         if self.form == "equation":
@@ -224,6 +242,8 @@ class FrfProblem(ResponseProblem):
             return "takes no errors of channels"
         if self.form == "equation":
             return "takes no residual of form 'equation'"
+        if self.record.segment is not None:
+            return "takes no leakage of segments"
         if not self.structure.has_matrices:
             return "takes no FRFs that a solver gives"
         return "takes no dry friction" if self._has_friction else ""

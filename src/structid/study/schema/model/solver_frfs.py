@@ -22,6 +22,7 @@ _NOT_OF_FRFS = {
     "time": "time histories are fitted by matrices or modes of the solver; average them by [record.frf]",
     "structure": "a structure that differs from record to record asks for matrices or modes of the solver",
     "sensors": "sensors that are turned ask for matrices or modes of the solver; let it write FRFs in their directions",
+    "leakage": "leakage is taken into account by matrices or modes of the solver",
     "window_decay": "a window is taken into account by matrices or modes of the solver; correct the record for it",
 }
 

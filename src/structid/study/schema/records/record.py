@@ -11,11 +11,12 @@ import numpy as np
 
 from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs, renamed
+from structid.errors import InputError
 from structid.identification.setups.time import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.record import LOADS, Quantity
-from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list
+from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.records.sensors import SENSORS, used_names
@@ -24,6 +25,9 @@ from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
+
+#: Largest difference of line spacings that rounding explains, as a part of their mean.
+_EVEN = 0.02
 
 R = TypeVar("R", bound=FrfRecord | TimeRecord)
 
@@ -70,6 +74,8 @@ class RecordSource:
         How time histories become frequency response functions.
     window_decay : float, optional
         Known decay of an exponential window, 1/s: the FRF is H at s = decay + i omega.
+    leakage : str, optional
+        "hann" where segments of random motion under that window were averaged, each as long as one over the line spacing.
     time : TimeSource, optional
         How time histories are fitted themselves; their FRFs then only show the fit.
     modes : ModesSource, optional
@@ -88,6 +94,7 @@ class RecordSource:
     noise: NoiseSource
     frf: FrfSettings | None
     window_decay: float | None = None
+    leakage: str | None = None
     time: TimeSource | None = None
     modes: ModesSource | None = None
     aimed: Mapping[str, str] = field(default_factory=dict)
@@ -111,6 +118,11 @@ def record_table(changes: Table) -> Table:
         **_ALWAYS,
         "repeats": Key(TEXTS, "In place of `path`: two files or more of the same measurement, which give its noise"),
         "window_decay": Key(held_by(Positive), "Known decay of an exponential window on force and response, 1/s"),
+        "leakage": Key(
+            choice("hann"),
+            "Window of the segments of random motion that were averaged, each as long as one over the line spacing: lines"
+            " then read what leaks from their neighbours",
+        ),
         "noise": Key(table_of(NoiseSource), "Noise that the file does not state"),
         "frf": Key(FRF, "How time histories become frequency response functions"),
         "time": Key(TIME, "How time histories are fitted themselves"),
@@ -163,8 +175,14 @@ def read_source(
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
     names, noise = given.get("relabel", {}), _noise(section, averaged)
-    decay = given.get("window_decay")
-    return RecordSource(section, paths, options, used, names, noise, frf, decay, time, aimed=called, supports=supports)
+    decay, leakage = given.get("window_decay"), given.get("leakage")
+    if leakage is not None and time is not None:
+        raise section.error("is of averaged segments; [record.time] fits histories as they are", "leakage")
+    if leakage is not None and frf is not None and frf.others.get("window", leakage) != leakage:
+        raise section.error(f"is {leakage!r}, and the window in [record.frf] is another", "leakage")
+    return RecordSource(
+        section, paths, options, used, names, noise, frf, decay, leakage, time, aimed=called, supports=supports
+    )
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
@@ -196,10 +214,21 @@ def load_record(source: RecordSource) -> FrfRecord:
         record = _with_noise(record, source.noise)
     if source.window_decay is not None:
         record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
+    if source.leakage is not None:
+        with source.section.located("leakage"):
+            record = replace(record, segment=_segment(record))
     with source.section.located("channels_used"):
         record = record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
     with source.section.located("sensors"):
         return _relabelled(record, used_names(source.aimed, (*record.outputs, *record.inputs)))
+
+
+def _segment(record: FrfRecord) -> float:
+    """Duration of the segments behind a record, s: one over the spacing of its lines."""
+    gaps = np.diff(record.frequency)
+    if not len(gaps) or np.ptp(gaps) > _EVEN * gaps.mean():
+        raise InputError("the lines are not evenly spaced, so that they do not tell how long the segments were")
+    return float(1 / gaps.mean())
 
 
 def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
