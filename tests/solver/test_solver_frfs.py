@@ -233,7 +233,8 @@ def test_a_study_that_asks_for_more_than_frfs_is_refused(tmp_path, edit, message
     assert message in words, words
 
 
-def test_commands_say_what_frfs_alone_do_not_tell(tmp_path):
+def test_commands_say_what_frfs_alone_do_not_tell(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     path = study(tmp_path, {"k1": 1180.0, "k2": 810.0})
     done = RUN.invoke(cli.app, ["check", str(path)])
     words = " ".join(done.stdout.split())
