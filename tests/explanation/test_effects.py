@@ -32,6 +32,7 @@ BY_STUDY = {
     "held",
     "varies",
     "window",
+    "leakage",
 }
 
 
