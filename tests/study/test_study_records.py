@@ -177,7 +177,7 @@ def test_leakage_of_segments_as_long_as_the_line_spacing_says_is_read(tmp_path):
     record = run_study(study).identification.problem.record
     assert record.segment == pytest.approx(1 / np.diff(record.frequency).mean())
     uneven = chain_record().lines(np.array([4, 5, 7, 8, 9, 10, 11, 12]))
-    with pytest.raises(InputError, match="leakage.*not evenly spaced"):
+    with pytest.raises(InputError, match=r"leakage.*not evenly spaced"):
         run_study(load_study(write_chain(tmp_path / "uneven", text, uneven)))
 
 
