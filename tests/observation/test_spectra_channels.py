@@ -78,7 +78,7 @@ def test_no_transient_and_no_noise_on_the_force_leave_the_errors_of_frfs():
     problem = replace(problem, spectra=spectra)
     theta = problem.theta_start + 0.01
     theta[-2:] = [1.3e-3, -1.8e-3]
-    step = 1e-6
+    step = 1e-5
     columns = [
         (problem.residual(theta + step * e) - problem.residual(theta - step * e)) / (2 * step) for e in np.eye(16)
     ]
