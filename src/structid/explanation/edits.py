@@ -346,17 +346,21 @@ def _varies(study: Tables, candidate: Candidate, strength: float) -> None:
     raise NoEditError(f"{name} is one of several parameters of an [[unknown]]; declare it alone to let it vary")
 
 
+def _of_responses(study: Tables, why_not: str) -> list[Tables]:
+    """The records, all of frequency responses."""
+    records = _records(study)
+    if any("time" in record or "modes" in record for record in records):
+        raise NoEditError(why_not)
+    return records
+
+
 def _window(study: Tables, candidate: Candidate, strength: float) -> None:
-    for record in _records(study):
-        if "time" in record or "modes" in record:
-            raise NoEditError("a window's decay is a parameter of frequency responses only")
+    for record in _of_responses(study, "a window's decay is a parameter of frequency responses only"):
         _append(record, "channel_error", {"property": "window_decay", "start": _round(strength)})
 
 
 def _leakage(study: Tables, candidate: Candidate, strength: float) -> None:
-    for record in _records(study):
-        if "time" in record or "modes" in record:
-            raise NoEditError("only averaged frequency responses read what leaks between lines")
+    for record in _of_responses(study, "only averaged frequency responses read what leaks between lines"):
         record["leakage"] = "hann"
 
 

@@ -146,11 +146,10 @@ class FrfRecord(Shown):
         shape = (self.frequency.size, len(self.outputs), len(self.inputs))
         require_shape("values", self.values, shape, "one value per frequency, output and input")
         require_finite("values", self.values, "remove these lines or channels, or repair the file")
-        for name in ("variance", "coherence"):
-            array = getattr(self, name)
-            if array is None:
+        for name, given in (("variance", self.variance), ("coherence", self.coherence)):
+            if given is None:
                 continue
-            array = locked(array, np.float64)
+            array = locked(given, np.float64)
             object.__setattr__(self, name, array)
             require_shape(name, array, shape)
             require_finite(name, array)

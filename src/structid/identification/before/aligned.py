@@ -62,11 +62,10 @@ class Aligned:
     measured: ComplexArray
 
     @property
-    def factor(self) -> FloatArray:
-        """Measured over model, medians of magnitudes over the lines, (n_outputs, n_inputs); NaN where there are none."""
+    def level(self) -> FloatArray:
+        """Logarithm of measured over model, medians over the lines, (n_outputs, n_inputs); NaN where there are none."""
         size = np.abs(self.measured) / np.maximum(np.abs(self.model), np.finfo(float).tiny)
-        found: FloatArray = np.exp(median(np.log(np.maximum(size, np.finfo(float).tiny)), 0))
-        return found
+        return median(np.log(np.maximum(size, np.finfo(float).tiny)), 0)
 
     @property
     def accord(self) -> FloatArray:

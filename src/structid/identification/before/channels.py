@@ -45,10 +45,9 @@ _FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, 
 
 def channel_warnings(found: Aligned) -> tuple[str, ...]:
     """What does not look right in the channels of a record beside its initial model, the gravest first."""
-    record, factor, agreement = found.record, found.factor, found.accord
-    if not np.isfinite(factor).any():
+    record, level, agreement = found.record, found.level, found.accord
+    if not np.isfinite(level).any():
         return tuple(_reciprocity(record))
-    level = np.log(np.where(factor > 0, factor, np.nan))
     return (
         *_whole_record(found, level, agreement),
         *_single_loads(record, level, agreement),
@@ -158,11 +157,7 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
 
 def exchanged_sensors(found: Aligned) -> tuple[tuple[Dof, Dof], ...]:
     """Pairs of sensors each of which moves as the initial model does at the other."""
-    factor = found.factor
-    if not np.isfinite(factor).any():
-        return ()
-    level = np.log(np.where(factor > 0, factor, np.nan))
-    apart = [o for o, fault, _ in _faults(found, level, found.accord) if fault == "apart"]
+    apart = [o for o, fault, _ in _faults(found, found.level, found.accord) if fault == "apart"]
     outputs = found.record.outputs
     return tuple((outputs[a], outputs[b]) for a, b in _exchanged(found, apart))
 
