@@ -57,6 +57,15 @@ class LeakedFrf:
         return found.reshape(-1, *parts.shape[1:])
 
 
+def require_leaking(record: FrfRecord, segment: float) -> None:
+    """Refuse a record with a line so low that it reads what leaks from below 0 Hz."""
+    if record.frequency[0] * segment < LEAST_LINE:
+        raise InputError(
+            f"leakage of segments of {segment:g} s is modelled from {LEAST_LINE / segment:g} Hz on, and the lowest line is"
+            f" {record.frequency[0]:g} Hz; begin the band there"
+        )
+
+
 def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArray]:
     """The lines whose weighted sums a record of segments reads, and where those of each line stand among them.
 
@@ -65,17 +74,7 @@ def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArra
     record : FrfRecord
     segment : float
         Duration of its segments, s.
-
-    Raises
-    ------
-    InputError
-        If a line is so low that it reads what leaks from below 0 Hz.
     """
-    if record.frequency[0] * segment < LEAST_LINE:
-        raise InputError(
-            f"leakage of segments of {segment:g} s is modelled from {LEAST_LINE / segment:g} Hz on, and the lowest line is"
-            f" {record.frequency[0]:g} Hz; begin the band there"
-        )
     laplace = (record.laplace[:, None] + RATES / segment).ravel()
     order = np.argsort(laplace.imag, kind="stable")
     place = np.empty(len(order), dtype=np.int64)

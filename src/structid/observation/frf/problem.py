@@ -21,7 +21,7 @@ from structid.observation.frf.continuation import (
     thinned_lines,
 )
 from structid.observation.frf.forms import Form, WhitenedFrf
-from structid.observation.frf.leakage import LeakedFrf, leaking_lines
+from structid.observation.frf.leakage import LeakedFrf, leaking_lines, require_leaking
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Models, Response, response
@@ -110,10 +110,10 @@ class FrfProblem(ResponseProblem):
         if self.channels is not None:
             self._require_sound_channels(self.channels)
         if self.record.segment is not None:
-            self._require_linear(self.record.segment)
+            self._require_leakage(self.record.segment)
 
-    def _require_linear(self, segment: float) -> None:
-        leaking_lines(self.record, segment)
+    def _require_leakage(self, segment: float) -> None:
+        require_leaking(self.record, segment)
         if self.form == "equation":
             raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
         if self._has_friction:
@@ -308,7 +308,7 @@ class FrfProblem(ResponseProblem):
         """`stage_plans`, and with up to 60 lines first of all `frequency_continuation`.
 
         With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
-        FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver_stages` leads.
+        FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver.stages` leads.
         """
         if self.is_local:
             return ()
