@@ -15,7 +15,7 @@ import numpy as np
 import structid as sid
 from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
-from structid.observation.frf.large_lines import Pattern
+from structid.observation.frf.lines.large import Pattern
 from structid.observation.frf.response import response
 
 YOUNG, DENSITY, POISSON, LOSS = 70e9, 2700.0, 0.3, 0.02

@@ -14,7 +14,7 @@ import structid as sid
 from structid.dynamics.factorization import installed_factorizers
 from structid.identification.options import IdentifyOptions
 from structid.observation.contraction import element_products
-from structid.observation.frf.large_lines import sweep_error
+from structid.observation.frf.lines.large import sweep_error
 from structid.observation.frf.response import Models, response
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

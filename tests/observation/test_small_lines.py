@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize
 
 import structid as sid
-from structid.observation.frf.medium_lines import MediumLines
+from structid.observation.frf.lines.medium import MediumLines
 from structid.observation.frf.response import Models, response
 from structid.records.record import DERIVATIVES
 

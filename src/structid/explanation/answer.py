@@ -29,7 +29,7 @@ from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion
 from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
-from structid.observation.frf.solved_lines import NO_MATRICES
+from structid.observation.frf.lines.solved import NO_MATRICES
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for

@@ -13,7 +13,7 @@ from structid.dof import Dof
 from structid.dynamics.dense_fields import MOST_SMALLER
 from structid.errors import InputError
 from structid.observation.frf.channels import Channels
-from structid.observation.frf.lines import Lines
+from structid.observation.frf.lines.protocol import Lines
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters

@@ -17,18 +17,18 @@ from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import InputError
 from structid.observation.frf.channels import Channels, channels
-from structid.observation.frf.driven_lines import DrivenLines
 from structid.observation.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.observation.frf.large_lines import LargeLines, Pattern
 from structid.observation.frf.laws import law_coefficients
-from structid.observation.frf.lines import Lines
-from structid.observation.frf.medium_lines import MEDIUM_UP_TO, MediumLines
+from structid.observation.frf.lines.driven import DrivenLines
+from structid.observation.frf.lines.large import LargeLines, Pattern
+from structid.observation.frf.lines.medium import MEDIUM_UP_TO, MediumLines
+from structid.observation.frf.lines.protocol import Lines
+from structid.observation.frf.lines.small import SmallLines
+from structid.observation.frf.lines.solved import SolvedLines
 from structid.observation.frf.slopes import StiffnessSlopes
-from structid.observation.frf.small_lines import SmallLines
-from structid.observation.frf.solved_lines import SolvedLines
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
-from structid.solver.frf_model import SolverFrfs
+from structid.solver.frfs.model import SolverFrfs
 from structid.structure import Base, Structure
 from structid.structure.assembly import assembly
 from structid.unknowns import Parameters

@@ -13,7 +13,7 @@ from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
 from structid.observation.frf.channels import Channels
-from structid.observation.frf.lines import LineDerivatives
+from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
 

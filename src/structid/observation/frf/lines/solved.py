@@ -11,9 +11,9 @@ from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.errors import InputError
-from structid.observation.frf.lines import LineDerivatives
+from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.records import FrfRecord
-from structid.solver.frf_model import SolverFrfs
+from structid.solver.frfs.model import SolverFrfs
 from structid.structure import Structure
 from structid.unknowns import Parameters
 

@@ -17,7 +17,7 @@ from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import ErrorOf, FieldSweep, reading_error, reduced_sweep
 from structid.observation.contraction import ParameterForces
 from structid.observation.frf.channels import Channels
-from structid.observation.frf.lines import LineDerivatives
+from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
 #: Readings of so many sets of parameters are kept, and sweeps.

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.observation.frf.large_lines import LargeLines
-from structid.observation.frf.lines import LineDerivatives
-from structid.observation.frf.small_lines import SmallLines
+from structid.observation.frf.lines.large import LargeLines
+from structid.observation.frf.lines.protocol import LineDerivatives
+from structid.observation.frf.lines.small import SmallLines
 
 #: Largest eigenvalue problem that is tried, in degrees of freedom.
 MEDIUM_UP_TO = 256

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.observation.frf.channels import Channels
-from structid.observation.frf.lines import LineDerivatives, Lines
+from structid.observation.frf.lines.protocol import LineDerivatives, Lines
 from structid.observation.frf.slopes import StiffnessSlopes
 
 
