@@ -23,8 +23,8 @@ from structid.errors import FileError
 from structid.records import FrfRecord
 from structid.records.io import write_record
 from structid.solver.deck import with_lines
-from structid.solver.frf_model import FrfRuns
-from structid.solver.frfs_out import FrfsOut
+from structid.solver.frfs.model import FrfRuns
+from structid.solver.frfs.output import FrfsOut
 from structid.solver.solved import Units
 
 RUN = CliRunner()

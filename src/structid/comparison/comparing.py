@@ -23,7 +23,7 @@ from structid.identification.together import together
 from structid.observation import RecordProblem
 from structid.study.results.folder import plain
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
-from structid.study.run.solver_rounds import about_answer
+from structid.study.run.solver.rounds import about_answer
 from structid.study.run.start import started
 from structid.study.schema.study import Study, load_study
 

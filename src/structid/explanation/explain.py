@@ -112,7 +112,7 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
-    few = [*of_study(base), *(Screened(one, 1.0, base.cost) for one in data)]
+    few = [*of_study(base, work, f"{which}changes of the study"), *(Screened(one, 1.0, base.cost) for one in data)]
     tried = shortlist.tried + len(few)
     looked = [*few, *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]

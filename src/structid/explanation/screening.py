@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,25 +33,34 @@ _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 _Promises = dict[tuple[object, ...], tuple[float, Screened]]
 
 
-def of_study(base: Fitted) -> Iterator[Screened]:
+def of_study(base: Fitted, work: Work, name: str) -> list[Screened]:
     """Changes of sets and of the mesh that lower the misfit by one linear step at the fit, each with its best strength."""
-    for candidate in study_candidates(base.trial):
-        looked = [(_left(base, candidate, float(strength)), float(strength)) for strength in candidate.strengths]
-        left, strength = min(looked)
-        is_kept = left < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window")
-        if is_kept and np.isfinite(left):
-            yield Screened(candidate, strength, left)
+    candidates = list(study_candidates(base.trial))
+    changes = [(candidate, float(strength)) for candidate in candidates for strength in candidate.strengths]
+    left = iter(_left_by_step(base, changes, work, name))
+    found = []
+    for candidate in candidates:
+        least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
+        is_kept = least < (1 - _LEAST_DROP) * base.cost or candidate.kind in ("mesh", "shear", "window")
+        if is_kept and np.isfinite(least):
+            found.append(Screened(candidate, strength, least))
+    return found
 
 
-def _left(base: Fitted, candidate: Candidate, strength: float) -> float:
-    """What a linear step of the changed study leaves of the misfit; infinite where there is no such study."""
+def _left_by_step(base: Fitted, changes: Sequence[Change], work: Work, name: str) -> list[float]:
+    """What a linear step of each changed study leaves of the misfit; infinite where there is no such study."""
+    items = [(bare(candidate), strength) for candidate, strength in changes]
+    return [one["left"] for one in work.map(name, _stepped, base, items)]
+
+
+def _stepped(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
     try:
-        trial = base.trial.changed(candidate, strength)
+        trial = base.trial.changed(*change)
         at = trial.target.linearize(trial.theta_of(base.values))
     except (StructidError, np.linalg.LinAlgError):
-        return np.inf
+        return {"left": np.inf}
     basis = np.linalg.qr(at.jacobian)[0]
-    return float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))
+    return {"left": float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))}
 
 
 def screening_points(base: Fitted) -> list[Point]:
@@ -158,15 +167,10 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> 
 
     Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
     """
-    changes = [(bare(row.candidate), row.strength) for row in rows]
-    left = np.array([one["left"] for one in work.map(f"{name}, of modes", _left_by_modes, base, changes)])
+    left = np.array(_left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes"))
     first = range(min(_FIRST, len(rows)))
     order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
     return [rows[k] for k in (*first, *order)]
-
-
-def _left_by_modes(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
-    return {"left": _left(base, *change)}
 
 
 def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any]:

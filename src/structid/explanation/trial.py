@@ -29,7 +29,7 @@ from structid.observation.frf.problem import smooth_stage
 from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
 from structid.study.run.start import loaded
-from structid.study.schema.study import Study, load_study
+from structid.study.schema.study import Study, edited_study
 
 #: Keys of a record that change its model, not what was measured.
 _OF_MODEL = ("structure", "channel_error", "name")
@@ -209,7 +209,7 @@ def read_study(
     study: Study, tables: Mapping[str, Any], before: Sequence[tuple[Mapping[str, Any], AnySetup]]
 ) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
     """The study with other tables; records whose tables are as before are not read again."""
-    edited = load_study(study.path, tables)
+    edited = edited_study(study, tables)
     setups, models = [], Models()
     for source, (table, measured) in zip(edited.setups, before, strict=True):
         is_same = _of_record(source.section.table) == _of_record(table)

@@ -12,7 +12,7 @@ from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.needs import require_room
-from structid.study.run.solver_rounds import about_answer, from_nominal, with_solver
+from structid.study.run.solver.rounds import about_answer, from_nominal, with_solver
 from structid.study.run.start import Start, started
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study

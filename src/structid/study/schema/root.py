@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from structid.estimation.search.work import ALONE, Work
 from structid.files import digest, require_readable
@@ -64,16 +62,12 @@ class InputFiles:
         return path
 
 
-def read_root(
-    path: str | Path, edited: Mapping[str, Any] | None = None, work: Work = ALONE
-) -> tuple[Section, InputFiles]:
+def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:
     """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
 
     Parameters
     ----------
     path : path
-    edited : mapping, optional
-        Tables in place of those of the file.
     work : Work
         Where a solver runs.
 
@@ -83,13 +77,17 @@ def read_root(
         If there is no such file, it is no TOML, or a section is unknown.
     """
     source = read_study_text(path)
-    source = source if edited is None else replace(source, edited=edited)
+    files = InputFiles(source.path.parent, work=work)
+    files.path(source.path.name)
+    return root_of(source), files
+
+
+def root_of(source: StudyText) -> Section:
+    """The whole of a study file, its sections known by name."""
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")
-    files = InputFiles(source.path.parent, work=work)
-    files.path(source.path.name)
-    return root, files
+    return root
 
 
 def title_of(root: Section) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from structid.structure import Structure
 from structid.study.schema.method import read_method
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups
-from structid.study.schema.root import read_root, title_of
+from structid.study.schema.root import InputFiles, read_root, root_of, title_of
 from structid.study.schema.section import Section
 from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
@@ -84,14 +84,12 @@ class Study:
         return self.root.section(name) or self.root
 
 
-def load_study(path: str | Path, edited: Mapping[str, Any] | None = None, work: Work = ALONE) -> Study:
+def load_study(path: str | Path, work: Work = ALONE) -> Study:
     """The study in the TOML file at `path`.
 
     Parameters
     ----------
     path : path
-    edited : mapping, optional
-        Tables in place of those of the file; places of errors are then those of what it had.
     work : Work
         Where a solver runs, in a study that has one.
 
@@ -101,10 +99,24 @@ def load_study(path: str | Path, edited: Mapping[str, Any] | None = None, work: 
         If the file or one that it names is missing, a key is unknown, missing or of the wrong kind, or structure
         and unknowns contradict each other; the message gives file, line, section and key.
     """
-    root, files = read_root(path, edited, work)
+    root, files = read_root(path, work)
+    return _read(root, files)
+
+
+def edited_study(study: Study, tables: Mapping[str, Any], work: Work = ALONE) -> Study:
+    """The study with other tables, as `load_study` reads it; structures whose tables are as before are not made again.
+
+    Places of errors are those of what the file had.
+    """
+    files = InputFiles(study.path.parent, dict(study.digests), work)
+    found = _read(root_of(replace(study.root.source, edited=tables)), files, study.setups)
+    return found if found.solved is not None else replace(found, solved=study.solved)
+
+
+def _read(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
     if "record" not in root.table:
         raise root.error("the section [record] is missing; add it")
-    setups = read_setups(root, files)
+    setups = read_setups(root, files, before)
     options = read_method(root.section("method"))
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
     options = replace(options, regularization=terms)

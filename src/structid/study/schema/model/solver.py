@@ -12,13 +12,13 @@ from structid.errors import InputError
 from structid.modal.files.nastran import PUNCH_SUFFIXES
 from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.solver.differences import solved_modes
-from structid.solver.frfs_out import FrfsOut
+from structid.solver.frfs.output import FrfsOut
+from structid.solver.frfs.solved import solved_frfs
 from structid.solver.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
 from structid.solver.matrices import solved_matrices
 from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.solver.runs import Solver
 from structid.solver.solved import Solved, Units
-from structid.solver.solved_frfs import solved_frfs
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.meshes import read_mesh
 from structid.study.schema.kinds import BOOLEAN, NUMBER, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited, list_of

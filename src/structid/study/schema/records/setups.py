@@ -52,8 +52,15 @@ class SetupSource:
                 setup.channel_errors(self.channel_unknowns[:count])
 
 
-def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
-    """The set-ups that ``[record]`` or several ``[[record]]`` describe.
+def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> tuple[SetupSource, ...]:
+    """The set-ups that ``[record]`` or several ``[[record]]`` describe; one structure for all whose tables are the same.
+
+    Parameters
+    ----------
+    root : Section
+    files : InputFiles
+    before : sequence of SetupSource
+        Of the same study with other tables.
 
     Raises
     ------
@@ -61,7 +68,12 @@ def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
         If one of them, the structure or the unknowns cannot be read.
     """
     records, structure = _records(root), root.inner("structure")
-    structures = [read_structure(structure, files, record.section("structure"), record) for record in records]
+    made_of = [(_structure_tables(source.section), source.structure) for source in before]
+    for record in records:
+        tables = _structure_tables(record)
+        made = next((known for own, known in made_of if own == tables), None)
+        made_of.append((tables, made or read_structure(structure, files, record.section("structure"), record)))
+    structures = [made for _, made in made_of[len(before) :]]
     known = frozenset(element.name for made in structures for element in (*made.elements, *made.sets))
     names: set[str] = set()
     setups = []
@@ -77,6 +89,11 @@ def read_setups(root: Section, files: InputFiles) -> tuple[SetupSource, ...]:
         names.add(name)
         setups.append(SetupSource(name, made, unknown, source, errors))
     return tuple(setups)
+
+
+def _structure_tables(record: Section) -> tuple[object, ...]:
+    """All tables that the structure of a record is made of."""
+    return record.source.table["structure"], record.table.get("structure"), record.table.get("sensors")
 
 
 def _records(root: Section) -> Sequence[Section]:

@@ -9,8 +9,8 @@ import numpy as np
 from structid.arrays import ComplexArray
 from structid.estimation.search.work import Work
 from structid.solver.expansion import Point
-from structid.solver.frf_model import FrfRuns, SolverFrfs
-from structid.solver.frfs_out import FrfsOut
+from structid.solver.frfs.model import FrfRuns, SolverFrfs
+from structid.solver.frfs.output import FrfsOut
 from structid.solver.runs import Solver, needed_runs, run_words
 from structid.solver.solved import Checked, Solved, Units, model_parameters
 from structid.solver.steps import StepRules, taken

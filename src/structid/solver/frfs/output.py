@@ -15,8 +15,8 @@ from structid.modal.files.nastran import PUNCH_SUFFIXES
 from structid.records import FrfRecord, TimeRecord
 from structid.records.io import read_record
 from structid.solver.deck import FREQUENCIES
+from structid.solver.frfs.punched import punched_frfs
 from structid.solver.outputs import there
-from structid.solver.punched_frfs import punched_frfs
 from structid.solver.solved import Units
 
 #: Relative difference of frequencies that is rounding of a printed number.

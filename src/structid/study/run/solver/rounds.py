@@ -15,16 +15,16 @@ from structid.identification.identify import identify_together
 from structid.identification.options import IdentifyOptions
 from structid.identification.together import places, together
 from structid.observation import FrfProblem, RecordProblem
+from structid.solver.frfs.solved import SolvedFrfs
 from structid.solver.runs import point_words
 from structid.solver.solved import Checked, Solved
-from structid.solver.solved_frfs import SolvedFrfs
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
-from structid.study.run.solver_moves import about, deck_std, deck_values, tables, within
-from structid.study.run.solver_stages import confirmed, led_near
+from structid.study.run.solver.moves import about, deck_std, deck_values, tables, within
+from structid.study.run.solver.stages import confirmed, led_near
 from structid.study.run.start import Start, started, study_problems
 from structid.study.run.workers import threads_for
-from structid.study.schema.study import load_study
+from structid.study.schema.study import edited_study
 
 MOST_ROUNDS = 12
 #: The answer stays where it moves by less than this part of its standard deviation, or of its value.
@@ -106,7 +106,7 @@ def from_nominal(result: StudyResult) -> StudyResult:
     study, found = result.study, result.identification
     if study.solved is None or study.solved.is_exact:
         return result
-    first = load_study(study.path, tables(study, {one.name: None for one in study.solved.solver.deck.parameters}))
+    first = edited_study(study, tables(study, {one.name: None for one in study.solved.solver.deck.parameters}))
     known: dict[str, float] = {}
     for source in first.setups:
         known |= dict(zip(source.parameters.names, source.parameters.start.tolist(), strict=True))

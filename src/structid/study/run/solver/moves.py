@@ -16,7 +16,7 @@ from structid.identification.identified import Identification
 from structid.identification.together import by_name
 from structid.observation import RecordProblem
 from structid.solver.solved import Solved
-from structid.study.schema.study import Study, load_study
+from structid.study.schema.study import Study, edited_study
 
 #: Most that a parameter moves in a round, as a part of its value.
 _FARTHEST = 0.5
@@ -82,12 +82,12 @@ def about(
     study: Study, at: Mapping[str, float], known: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
     """The study with differences about `at`, searches beginning at the `known` values of parameters; see `tables` for `step`."""
-    moved = load_study(study.path, tables(study, at, step), work)
+    moved = edited_study(study, tables(study, at, step), work)
     sources = []
     for before, after in zip(study.setups, moved.setups, strict=True):
         own = before.parameters
         values = np.array([known.get(name, start) for name, start in zip(own.names, own.start, strict=True)])
         inside = (values > own.transforms.lower) & (values < own.transforms.upper)
         begun = own.started_at(np.where(inside, values, own.start))
-        sources.append(replace(before, structure=after.structure, parameters=begun))
+        sources.append(replace(after, parameters=begun))
     return replace(moved, setups=tuple(sources))

@@ -27,11 +27,11 @@ from structid.observation.frf.continuation import start_deviation
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
-from structid.solver.frf_model import FrfRuns, SolverFrfs
+from structid.solver.frfs.model import FrfRuns, SolverFrfs
+from structid.solver.frfs.solved import SolvedFrfs
 from structid.solver.runs import RunFailedError
-from structid.solver.solved_frfs import SolvedFrfs
 from structid.structure import Structure
-from structid.study.run.solver_moves import about, deck_values, within
+from structid.study.run.solver.moves import about, deck_values, within
 from structid.study.run.start import Start, started
 from structid.study.schema.study import Study
 
