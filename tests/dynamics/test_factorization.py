@@ -56,6 +56,24 @@ def test_solution_equals_the_dense_one_for_matrix_after_matrix(name, is_complex)
         assert np.iscomplexobj(factor.solve(right)) == is_complex
 
 
+@needs_mkl
+def test_an_analysis_serves_whoever_allows_fewer_threads_later(monkeypatch):
+    """The library reads beyond its memory where it factorizes with fewer threads than it analysed with."""
+    line = sparse.diags_array([2 * np.ones(13), -np.ones(12), -np.ones(12)], offsets=[0, 1, -1])
+    whole = sparse.kron(sparse.kron(line, sparse.eye_array(13)), np.ones((4, 4)) + 4 * np.eye(4))
+    whole = whole + sparse.kron(sparse.kron(sparse.eye_array(13), line), np.ones((4, 4)) + 4 * np.eye(4))
+    matrix = sparse.csc_array(sparse.kron(whole, line) * (1 + 0.02j))
+    matrix.sort_indices()
+    right = np.random.default_rng(2).standard_normal((matrix.shape[0], 3))
+    monkeypatch.setenv("STRUCTID_THREADS", "2")
+    analysis = factorizer("pardiso").analyse(matrix.indices, matrix.indptr)
+    first = analysis.factor(matrix.data).solve(right)
+    for threads in ("1", "4"):
+        monkeypatch.setenv("STRUCTID_THREADS", threads)
+        again = analysis.factor(matrix.data).solve(right)
+        assert again == pytest.approx(first, rel=1e-9, abs=1e-9 * np.abs(first).max())
+
+
 @pytest.mark.parametrize("name", AVAILABLE)
 def test_singular_matrix_is_named(name):
     chain = sparse.diags_array([-np.ones(79), 2 * np.ones(80), -np.ones(79)], offsets=[-1, 0, 1]).tolil()

@@ -64,11 +64,11 @@ def _version() -> str:
 
 
 @contextmanager
-def _threads(n: int) -> Iterator[None]:
-    """MKL with the threads that a factorization of n unknowns may take, in this thread alone."""
+def _threads(count: int) -> Iterator[None]:
+    """MKL with so many threads, in this thread alone."""
     library = _library()
     assert not isinstance(library, str)
-    before = library.MKL_Set_Num_Threads_Local(ctypes.c_int(usable_threads(n)))
+    before = library.MKL_Set_Num_Threads_Local(ctypes.c_int(count))
     try:
         yield
     finally:
@@ -106,6 +106,9 @@ class _Handle:
         self.options[17] = -1  # report the entries of the factor
         self.order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.options[_SPARSE] = 0 if loaded is None else _ORDERED
+        self.threads = usable_threads(
+            self.n
+        )  # the library crashes where an analysis is used with fewer than it was made with
         self.analysed = False
         weakref.finalize(self, _release, kind, self.n, self.memory, self.options)
 
@@ -113,7 +116,7 @@ class _Handle:
         """One phase; the solution where there are right-hand sides (n, n_right) in columns."""
         solution = None if right is None else np.empty_like(right, order="F")
         n_right = 1 if right is None else right.shape[1]
-        with _threads(self.n):
+        with _threads(self.threads):
             error = _call(
                 self.memory, self.kind, phase, self.n, entries, self.indptr, self.indices, self.order, n_right,
                 self.options, right, solution,

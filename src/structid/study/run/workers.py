@@ -293,9 +293,22 @@ def results(shared: Any, task: Task, batch: Batch) -> Answer:
 @contextmanager
 def one_thread(pools: ThreadpoolController) -> Iterator[None]:
     """BLAS, MKL, OpenMP, numba and the factorizers with one thread."""
-    numba = sys.modules.get("numba")
-    before, variable = numba.get_num_threads() if numba else 1, os.environ.get(THREADS_VARIABLE)
+    variable = os.environ.get(THREADS_VARIABLE)
     os.environ[THREADS_VARIABLE] = "1"
+    try:
+        with _one_in_products(pools):
+            yield
+    finally:
+        if variable is None:
+            os.environ.pop(THREADS_VARIABLE, None)
+        else:
+            os.environ[THREADS_VARIABLE] = variable
+
+
+@contextmanager
+def _one_in_products(pools: ThreadpoolController) -> Iterator[None]:
+    numba = sys.modules.get("numba")
+    before = numba.get_num_threads() if numba else 1
     try:
         if numba:
             numba.set_num_threads(1)
@@ -304,16 +317,12 @@ def one_thread(pools: ThreadpoolController) -> Iterator[None]:
     finally:
         if numba:
             numba.set_num_threads(before)
-        if variable is None:
-            os.environ.pop(THREADS_VARIABLE, None)
-        else:
-            os.environ[THREADS_VARIABLE] = variable
 
 
 def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
-    """One thread while Jacobians of this size are worked with, to which more threads bring nothing; else as it is."""
+    """One thread for products with Jacobians of this size, to which more bring nothing; factorizations keep theirs."""
     size = sum(problem.n_data * len(problem.names) for problem in problems)
-    return one_thread(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
+    return _one_in_products(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
 
 
 def in_batches(
