@@ -11,8 +11,8 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.receptance import DynamicStiffness
 
-#: Products with Z^-1 M that follow the solutions of one factorization into the basis: so many fields in all, if few.
-_FIELDS, _MOST_MOMENTS = 42, 8
+#: Products with Z^-1 M that follow the solutions of one factorization into the basis: so many real fields in all, if few.
+_FIELDS, _MOST_MOMENTS = 84, 8
 #: Part of a new vector that must be new, or rounding fills the basis.
 _NEW = 1e-9
 
@@ -46,8 +46,8 @@ class FieldBasis:
 
     def grow(self, solver: Any, fields: NDArray[Any]) -> None:
         """Take in the solution at one line and its moments there."""
-        moments = [fields]
-        for _ in range(0 if self.mass is None else min(_MOST_MOMENTS, max(1, _FIELDS // fields.shape[1] - 1))):
+        moments, each = [fields], fields.shape[1] * (2 if np.iscomplexobj(fields) else 1)
+        for _ in range(0 if self.mass is None else min(_MOST_MOMENTS, max(1, _FIELDS // each - 1))):
             moments.append(solver.solve(self.mass @ (moments[-1] / np.linalg.norm(moments[-1], axis=0))))
         found = np.concatenate(moments, axis=1)
         del moments

@@ -67,11 +67,11 @@ class DynamicStiffness:
                 found.append((row, self.coefficients[:, law].astype(np.complex128)))
         return tuple(found)
 
-    def entries(self, line: int) -> NDArray[Any]:
-        """Entries of Z at one line, real where nothing damps."""
+    def entries(self, line: int, is_damped: bool = True) -> NDArray[Any]:
+        """Entries of Z at one line, real where nothing damps; or of its real part."""
         real = self._combined([float(factor[line].real) for _, factor in self.merged])
         imaginary = [float(factor[line].imag) for _, factor in self.merged]
-        if not any(imaginary):
+        if not is_damped or not any(imaginary):
             return real
         total = np.empty(len(real), dtype=np.complex128)
         total.real = real
@@ -86,8 +86,8 @@ class DynamicStiffness:
                 total += row if factor == 1.0 else factor * row
         return total
 
-    def solver(self, line: int) -> _LineFactor:
-        """The factorization of Z at one line; it holds until the next one.
+    def solver(self, line: int, is_damped: bool = True) -> _LineFactor:
+        """The factorization of Z at one line, or of its real part; it holds until the next one.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class DynamicStiffness:
         """
         frequency = float(self.frequency[line])
         try:
-            return _LineFactor(self.analysis.factor(self.entries(line)), frequency)
+            return _LineFactor(self.analysis.factor(self.entries(line, is_damped)), frequency)
         except SingularMatrixError as error:
             raise singular_model(frequency, frequency) from error
 

@@ -18,6 +18,8 @@ from structid.dynamics.receptance import DynamicStiffness
 FEWEST_LINES = 20
 #: The basis may have so many vectors, or this many for each right-hand side.
 _MOST_COLUMNS, _MOST_EACH = 600, 10
+#: Lines at which the basis begins without damping: a real factorization takes a quarter of the products.
+_UNDAMPED = 2
 #: Other lines may be off by more than the one that is verified: it must be better than asked by this factor.
 _SAFE = 0.3
 
@@ -81,6 +83,9 @@ class FieldSweep:
             If Z cannot be factorized at a line that is chosen.
         """
         most = min(len(self.right), max(_MOST_COLUMNS, _MOST_EACH * self.right.shape[1]))
+        while self.n_factorizations < _UNDAMPED and self.n_lines >= FEWEST_LINES:
+            solver = self._solver(is_damped=False)
+            self._grow(solver, solver.solve(self.right))
         while self.n_lines >= FEWEST_LINES:
             solver = None
             if self._exact is None:
@@ -92,18 +97,22 @@ class FieldSweep:
                 error = error_of(self._line, self._exact, self.fields(self._line))
                 if error <= _SAFE:
                     return error
-            self.basis.grow(solver or self._solver(), self._exact)
-            self._visited[self._line], self._exact = True, None
-            self._line = int(np.argmax(np.where(self._visited, -1.0, self.basis.residuals)))
+            self._grow(solver or self._solver(), self._exact)
+            self._exact = None
         return None
+
+    def _grow(self, solver: Any, fields: NDArray[Any]) -> None:
+        self.basis.grow(solver, fields)
+        self._visited[self._line] = True
+        self._line = int(np.argmax(np.where(self._visited, -1.0, self.basis.residuals)))
 
     def fields(self, line: int) -> NDArray[Any]:
         """Fields of the basis at a line, (n_dofs, n_columns)."""
         return self.basis.fields(line)
 
-    def _solver(self) -> Any:
+    def _solver(self, is_damped: bool = True) -> Any:
         self.n_factorizations += 1
-        return self.stiffness.solver(self._line)
+        return self.stiffness.solver(self._line, is_damped)
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,14 +119,17 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
     InputError
         If it is asked for and the study has what such a search cannot do.
     """
+    dense = options.method
+    if any(problem.is_reduced for problem in problems):
+        dense = dense.for_reduced()
     if options.matrix_free is False:
-        return options.method
+        return dense
     obstacle = matrix_free_obstacle(problems, options)
     if obstacle and options.matrix_free:
         raise InputError(f"search 'matrix_free' {obstacle}; leave it out, or choose 'levenberg_marquardt'")
     whole = together(problems)
     if not options.matrix_free and (obstacle or dense_search_fits(len(whole.names), whole.n_data)[0]):
-        return options.method
+        return dense
     return MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
 
 

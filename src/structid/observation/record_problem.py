@@ -229,6 +229,11 @@ class RecordProblem(ParameterProblem, ABC):
         """Whether a few lines are enough to tell what all of them cost."""
         return False
 
+    @property
+    def is_reduced(self) -> bool:
+        """Whether predictions come from a reduced basis, and are off by a small part of their own."""
+        return False
+
     def with_lines(self, keep: IntArray) -> Self:
         """The same on some of its lines, to measure what they cost; the whole where there is no such part."""
         return self

@@ -144,6 +144,10 @@ class Method(Protocol[P]):
         """The same where the minimum is known to be close."""
         ...
 
+    def for_reduced(self) -> Method[Any]:
+        """The same for a problem whose residual is off by a small part of its own."""
+        ...
+
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
         """Whether the end of a search misses the noise: a larger chi-square has less than this probability."""
         ...

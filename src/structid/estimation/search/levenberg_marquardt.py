@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, cast
+from typing import ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ _KEPT = 0.7
 _NEGLIGIBLE = 0.01
 #: Rounds of holding those that leave the reach of the search and solving for the others again.
 _MOST_HOLDS = 4
+#: Gain below which a reduced basis promises nothing: of thousands of values, some hundredths of a standard deviation.
+_OF_REDUCED = 1e-8
 
 
 class WithJacobian:
@@ -33,6 +35,9 @@ class WithJacobian:
 
     def for_stages(self) -> LevenbergMarquardt:
         return LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
+
+    def for_reduced(self) -> Self:
+        return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
         """By the law of chi-square that the errors of the data rows give it."""
@@ -161,6 +166,9 @@ class LevenbergMarquardt(WithJacobian):
     initial_damping: Positive = 1e-2
     largest_step: Positive = 0.7
     acceleration: NotNegative = 0.75
+
+    def for_reduced(self) -> LevenbergMarquardt:
+        return replace(self, gain_tolerance=max(self.gain_tolerance, _OF_REDUCED))
 
     def for_polishing(self) -> LevenbergMarquardt:
         """Steps are hardly damped."""

@@ -103,6 +103,9 @@ class MatrixFree:
     def for_polishing(self) -> MatrixFree:
         return replace(self, initial_damping=1e-9)
 
+    def for_reduced(self) -> MatrixFree:
+        return self
+
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
         """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
         at, data = minimum.linearization, minimum.linearization.residual[: problem.n_data]

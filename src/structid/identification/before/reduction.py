@@ -53,8 +53,7 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     theta : (n_params,) float array
         Free variables.
     """
-    is_swept = problem.reduced is not None and problem.is_large
-    if not (problem.structure.components or is_swept):
+    if not (problem.structure.components or problem.is_reduced):
         return None
     found = problem.predicted(theta)
     size = np.abs(found).reshape(len(found), -1).max(axis=1)

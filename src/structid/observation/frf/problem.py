@@ -155,6 +155,10 @@ class FrfProblem(ResponseProblem):
         return self.model.is_large
 
     @property
+    def is_reduced(self) -> bool:
+        return self.reduced is not None and self.is_large
+
+    @property
     def is_local(self) -> bool:
         return not self.structure.has_matrices
 
