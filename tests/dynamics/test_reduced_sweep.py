@@ -41,6 +41,22 @@ def test_reduced_readings_are_as_close_as_verified(tolerance, loss):
     assert 0 < found.n_basis < 120
 
 
+@pytest.mark.parametrize("mode", [0, 7])
+def test_a_line_at_an_undamped_resonance_where_the_basis_begins(mode):
+    """Free of damping the matrix is singular there; with it every line is sound."""
+    free = np.linalg.eigvalsh(2 * np.eye(120) - np.eye(120, k=1) - np.eye(120, k=-1))
+    z, pattern, loads, _ = chain(61)
+    omega = np.sort([*np.linspace(0.005, 0.25, 60), np.sqrt(free[mode])])
+    omega[len(omega) // 2] = np.sqrt(free[mode])
+    coefficients = np.stack([-(omega**2) + 0j, 1j * omega, np.ones(61) + 0j, 1j * np.ones(61)], axis=1)
+    z = DynamicStiffness(z.analysis, z.data, coefficients, omega / (2 * np.pi))
+    damped = (1 + 0.02j) * (2 * np.eye(120) - np.eye(120, k=1) - np.eye(120, k=-1))
+    exact = np.array([np.linalg.solve(damped - w**2 * np.eye(120), loads) for w in omega])[:, [5, 60]]
+    found = reduced_sweep(z, pattern, loads, sparse.csc_array(np.eye(120)[:, [5, 60]]), 1e-6)
+    off = np.abs(found.values - exact).max((1, 2)) / np.abs(exact).max((1, 2))
+    assert off.max() <= 1e-6
+
+
 def test_few_lines_are_solved_one_by_one():
     z, pattern, loads, exact = chain(FEWEST_LINES - 1)
     sensors = sparse.csc_array(np.eye(120)[:, :2])

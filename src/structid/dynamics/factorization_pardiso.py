@@ -106,9 +106,7 @@ class _Handle:
         self.options[17] = -1  # report the entries of the factor
         self.order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.options[_SPARSE] = 0 if loaded is None else _ORDERED
-        self.threads = usable_threads(
-            self.n
-        )  # the library crashes where an analysis is used with fewer than it was made with
+        self.threads = usable_threads(self.n)  # with fewer than it analysed with, the library reads beyond its memory
         self.analysed = False
         weakref.finalize(self, _release, kind, self.n, self.memory, self.options)
 

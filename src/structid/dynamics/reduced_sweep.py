@@ -13,6 +13,7 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.field_basis import FieldBasis
 from structid.dynamics.receptance import DynamicStiffness
+from structid.errors import SingularModelError
 
 #: Fewer lines than this are solved one by one.
 FEWEST_LINES = 20
@@ -84,8 +85,11 @@ class FieldSweep:
         """
         most = min(len(self.right), max(_MOST_COLUMNS, _MOST_EACH * self.right.shape[1]))
         while self.n_factorizations < _UNDAMPED and self.n_lines >= FEWEST_LINES:
-            solver = self._solver(is_damped=False)
-            self._grow(solver, solver.solve(self.right))
+            try:
+                solver = self._solver(is_damped=False)
+                self._grow(solver, solver.solve(self.right))
+            except SingularModelError:
+                break  # a line at an undamped resonance: with damping it may be sound, which the next step tells
         while self.n_lines >= FEWEST_LINES:
             solver = None
             if self._exact is None:
