@@ -135,6 +135,19 @@ def test_a_state_that_is_not_determined_ends_with_1_and_results(states, tmp_path
     assert "later state:" in done.stdout
 
 
+def test_a_state_whose_model_is_wrong_ends_with_3_and_its_verdict(states, tmp_path):
+    """One sensor is turned round: whatever its values are, they are no change of the structure."""
+    before, _ = states
+    turned = replaced("[record]\n", '[record]\nrelabel = {"1X" = "1X-"}\n', COMPARED)
+    wrong = write_chain(tmp_path / "wrong", turned, chain_record(1))
+    done = invoke("compare", before, wrong, "--no-report", "--out", tmp_path / "out")
+    assert done.exit_code == 3
+    assert "the answer of the later state is not sound" in done.stdout
+    assert "Wrong model: " in done.stdout
+    assert "what is declared changed is no finding" in done.stderr
+    assert (tmp_path / "out" / "compare.json").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

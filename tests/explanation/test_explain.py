@@ -187,6 +187,23 @@ def test_causes_may_be_left_alone(tmp_path):
     assert answer["verdict"] in ("wrong_model", "approximate")
     assert done.exit_code == (3 if answer["verdict"] == "wrong_model" else 0)
     assert not (tmp_path / "out" / "suggestions").exists()
+    assert answer["verdict_text"].endswith(
+        "No change of model or record was tried that might explain it: `structid explain` does."
+    )
+
+
+def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path):
+    """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
+    ready = started(load_study(written(tmp_path, off())))
+    doubts = ("sensor 3X does not go with the model as the others do",)
+    looks = tuple(replace(look, warnings=(*doubts, "reciprocity: as it is"), of_sensors=doubts) for look in ready.looks)
+    ready = replace(ready, looks=looks)
+    result = run_started(ready)
+    assert any("sensor 3X" in one for one in result.identification.warnings)
+    answer, _ = criticized(ready, result)
+    assert answer.criticism.judgement.verdict == "sound"
+    assert not any("sensor 3X" in one for one in answer.identification.warnings)
+    assert any("reciprocity" in one for one in answer.identification.warnings)
 
 
 def test_explain_looks_for_causes_of_a_sound_answer_too(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.errors import FileError
-from structid.records import read_record, write_record
+from structid.records import ReadOptions, read_record, write_record
 
 TIME = "time_s,12Z+ [mm/s^2],3Z- [kN]\n0.0,1,2\n0.1,3,4\n0.2,5,6\n"
 FRF = (
@@ -122,3 +122,11 @@ def test_written_headers(tmp_path, frf, history):
                           "1X-/3Z- [(m/s)/N] std"]  # fmt: skip
     assert header[-4] == "12Z-/4RX+ [(m/s)/(N m)] re"
     assert header[13] == "2RZ+/4RX+ [(rad/s)/(N m)] re"
+
+
+def test_a_unit_beside_one_in_the_header_is_that_one_or_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(FRF, encoding="utf-8")
+    read_record(path, ReadOptions(unit="g/lbf"))
+    with pytest.raises(FileError, match=r"line 1 says the unit of each column, but `unit` 'g/N' was given"):
+        read_record(path, ReadOptions(unit="g/N"))

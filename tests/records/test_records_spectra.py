@@ -144,7 +144,8 @@ def test_variance_is_none_without_enough_averages(rng):
     "changes, word",
     [
         ({"inputs": ["5X"]}, r"no force channel 5X\+; it has 1X\+"), ({"outputs": ["1X"]}, "motion channels"),
-        ({"inputs": []}, "inputs"), ({"outputs": []}, "outputs"), ({"segment_length": None}, "segment_length"),
+        ({"inputs": []}, "no channel is a force.*`structid modes` gives modes"),
+        ({"outputs": []}, "outputs"), ({"segment_length": None}, "segment_length"),
         ({"segment_length": 1000}, "longer than the longest record"), ({"segment_length": 1}, "at least 2"),
         ({"overlap": 1.0}, "overlap"), ({"window": "round"}, "window"), ({"detrend": "cubic"}, "detrend"),
         ({"estimator": "H3"}, "H1, H2 or Hv"), ({"inputs": ["1X", "3X"]}, "coherent"),

@@ -32,7 +32,7 @@ WRONG = [
     ("mass = 2.4", "mass = -2.4", "mass = -2.4", ['"mass 1" mass: must be a number of at least 0', "-2.4"]),
     ("mass = 2.4\n", "", "[[structure.point_mass]]", ["`mass` is missing", "add `mass = ...`"]),
     ("mass = 2.4", "mass = [2.4, 2.4]", "[[structure.point_mass]]", ["must be one number or 1"]),
-    ("nodes = 1\n", "nodes = 7\n", "nodes = 7", ["node 7 does not exist", "[structure.nodes]"]),
+    ("nodes = 1\n", "nodes = 7\n", "nodes = 7", ["node 7 does not exist; the nearest is 3", "[structure.nodes]"]),
     ("nodes = 1\n", "nodes = [[1, 2], [3]]\n", "nodes = [[1", ["must be node numbers"]),
     ("nodes = 1\n", "nodes = 1.5\n", "nodes = 1.5", ["must be node numbers"]),
     ('first = "1X"', 'first = "1Q"', 'first = "1Q"', ['"ground" first', "'1Q'", "12Z+"]),

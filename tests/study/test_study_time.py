@@ -146,6 +146,11 @@ def test_output_error_is_reached_from_the_study_file(tmp_path):
         ),
         ("relative_noise = 0.01", "relative_noise = 0.01\ntones = [-50.0]", "must be a number greater than 0"),
         ('path = "time.npz"', 'repeats = ["time.npz", "time.npz"]', "takes one time record"),
+        (
+            "relative_noise = 0.01",
+            "relative_noise = 0.01\n[record.noise]\nrelative = 0.5",
+            "noise: is of frequency responses; with \\[record.time\\]",
+        ),
     ],
 )
 def test_what_a_time_fit_cannot_use_is_named(tmp_path, old, new, words):

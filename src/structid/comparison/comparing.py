@@ -190,7 +190,7 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
     for word, state in (("baseline", baseline), ("later state", later)):
         if state.estimate.status is not Status.CONVERGED:
             warnings.append(f"{word}: {state.estimate.status.words}")
-        elif state.doubt:
+        if state.doubt:
             warnings.append(
                 f"the answer of the {word} is not sound, and what is declared changed rests on it: {state.doubt}"
             )
@@ -223,7 +223,7 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
         )
     same = set(baseline.inputs.items()) & set(later.inputs.items())
     shared = sorted(name for name, _ in same if not name.endswith(".toml"))
-    if shared and baseline.path != later.path:
+    if shared:
         warnings.append(f"both states read the same {', '.join(shared)}: independent data are assumed")
     return tuple(warnings)
 

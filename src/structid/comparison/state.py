@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.arrays import FloatArray, locked
-from structid.criticism.verdict import judged
+from structid.criticism.verdict import NOT_TRIED, judged
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
@@ -73,6 +73,8 @@ class State:
         None where the study of a results folder cannot be read without the files beside it.
     doubt : str
         The verdict in words, where the answer is not sound.
+    is_wrong : bool
+        Whether the model does not explain the record.
     """
 
     title: str
@@ -83,6 +85,7 @@ class State:
     held: tuple[str, ...]
     drawn: Drawn | None
     doubt: str = ""
+    is_wrong: bool = False
 
 
 def state_of(result: StudyResult) -> State:
@@ -91,9 +94,12 @@ def state_of(result: StudyResult) -> State:
     drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
     study = result.study
     held = tuple(item.name for item in found.held)
-    judgement = judged(found)
+    judgement = judged(found, untried=NOT_TRIED)
     doubt = "" if judgement.verdict == "sound" else judgement.words
-    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, doubt)
+    is_wrong = judgement.verdict == "wrong_model"
+    return State(
+        study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, doubt, is_wrong
+    )
 
 
 def stored_state(folder: Path) -> State:
@@ -129,7 +135,7 @@ def stored_state(folder: Path) -> State:
         ) from error
     title, drawn = str(texts.get("title", folder.name)), _drawn(folder, channels)
     doubt = "" if texts.get("verdict", "sound") == "sound" else str(texts.get("verdict_text", ""))
-    return State(title, folder, estimate, inputs, None, held, drawn, doubt)
+    return State(title, folder, estimate, inputs, None, held, drawn, doubt, texts.get("verdict") == "wrong_model")
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:

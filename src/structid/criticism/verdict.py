@@ -38,6 +38,7 @@ _DOUBT, _TOLERANCE = 1e-3, 1.25
 _SHOWS = 1.1
 #: Data from which on their order says whether a residual is noise.
 _MANY = 300
+NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,11 @@ def _matters(value: Moved) -> bool:
 
 
 def judged(
-    found: Identification, causes: Sequence[Cause] = (), n_tried: int = 0, suggestions: Sequence[Cause] = ()
+    found: Identification,
+    causes: Sequence[Cause] = (),
+    n_tried: int = 0,
+    suggestions: Sequence[Cause] = (),
+    untried: str = "",
 ) -> Judgement:
     """The verdict on an identification; records that stand out from the others are among its reasons.
 
@@ -223,8 +228,14 @@ def judged(
         How many changes were tried; 0 where none were.
     suggestions : sequence of Cause
         What lowers the misfit most, where there is no cause.
+    untried : str
+        Why no changes were tried, where they might tell more.
     """
     given = _judged(found, causes, n_tried, suggestions)
+    if untried and not fits_noise(found):
+        given = replace(
+            given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
+        )
     return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from structid.criticism.candidate import Candidate
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.verdict import (
+    NOT_TRIED,
     Cause,
     Criticism,
     Moved,
@@ -35,6 +36,7 @@ from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4
+_NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
@@ -56,6 +58,9 @@ def criticized(
         Where candidates are looked at and refitted.
     """
     found = result.identification
+    if is_sound(found):
+        found = replace(found, warnings=tuple(one for one in found.warnings if one not in ready.sensor_warnings))
+        result = replace(result, identification=found)
     if is_sound(found) and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     if any(one.warning for one in found.truncations) and not explain:
@@ -67,7 +72,7 @@ def criticized(
     if found.estimate.chi_square_per_dof <= 1 and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
     if not ready.study.structure.has_matrices:
         return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
     theta = found.estimate.theta
@@ -100,8 +105,7 @@ def criticized(
 
 
 def _without_causes(result: StudyResult, why: str) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    judgement = judged(result.identification)
-    return replace(result, criticism=Criticism(replace(judgement, reasons=(*judgement.reasons, why)))), ()
+    return replace(result, criticism=Criticism(judged(result.identification, untried=why))), ()
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:

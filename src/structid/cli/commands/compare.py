@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
+from structid.cli.base import NOT_DETERMINED, WRONG_MODEL, Png, Report, check_png, fail, results_folder
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.comparison import comparing
@@ -25,7 +25,8 @@ def compare(
 ) -> None:
     """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.
 
-    Every change is tested, corrected for their number. Exit code 1: a state is not determined (results are written).
+    Every change is tested, corrected for their number. Exit code 1: a state is not determined; 3: its model does not
+    explain its record (results are written).
 
     \b
     Examples:
@@ -46,5 +47,7 @@ def compare(
             name = comparison_page(found).write(staged, png).name
     show(comparison_text(found))
     typer.echo(str(folder / name))
+    if found.baseline.is_wrong or found.later.is_wrong:
+        fail("the model of a state does not explain its record: what is declared changed is no finding", WRONG_MODEL)
     if not found.comparison.is_complete:
         fail("the data do not determine every change; see the warnings", NOT_DETERMINED)

@@ -43,6 +43,11 @@ _TURNS = ((180 / np.pi, "deg", "rad"), (1e3, "mrad", "rad"))
 _FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, "kN", "N"))
 
 
+def sensor_warnings(found: Aligned) -> tuple[str, ...]:
+    """Those of `channel_warnings` that are false where the model comes to explain the record as it is."""
+    return tuple(_sensors(found, found.level, found.accord))
+
+
 def channel_warnings(found: Aligned) -> tuple[str, ...]:
     """What does not look right in the channels of a record beside its initial model, the gravest first."""
     record, level, agreement = found.record, found.level, found.accord

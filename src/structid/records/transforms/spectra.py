@@ -159,7 +159,10 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
     if not dofs:
-        raise InputError("`inputs` must name at least one force channel, got none")
+        raise InputError(
+            "no channel is a force, so `inputs` names none: name the channel of the load (`quantities`), or of the support that"
+            " drives the structure; of ambient motion `structid modes` gives modes, which a study takes in [record.modes]"
+        )
     present = list(zip(record.channels, record.quantities, strict=True))
     pairs = list(zip(dofs, quantities, strict=True))
     missing = [str(dof) for dof, quantity in pairs if (dof, quantity) not in present]
@@ -364,7 +367,9 @@ def _total_least_squares(spectra: Spectra) -> ComplexArray:
         joint[:, inputs, inputs] = yy[:, o]
         scale = np.sqrt(np.einsum("fii->fi", joint).real)
         if (scale[:, inputs] == 0).any():
-            raise InputError("Hv needs power on every output at every line; use H1 or check the silent output")
+            raise InputError(
+                f"output {o + 1} of {outputs} has no power at some lines, as a dead channel has none: check it, or leave it out"
+            )
         vector = np.linalg.eigh(joint / (scale[:, :, None] * scale[:, None, :]))[1][:, :, 0]
         weight = vector.conj() / scale
         if (weight[:, inputs] == 0).any():

@@ -50,6 +50,12 @@ class Start:
         titled = zip(prefixes(self.setups), self.looks, strict=True)
         return tuple(name + words for name, look in titled for words in look.warnings)
 
+    @property
+    def sensor_warnings(self) -> tuple[str, ...]:
+        """Those of them that a sound answer proves wrong."""
+        titled = zip(prefixes(self.setups), self.looks, strict=True)
+        return tuple(name + words for name, look in titled for words in look.of_sensors)
+
 
 def started(study: Study) -> Start:
     """The study's records read and compared with their initial models.

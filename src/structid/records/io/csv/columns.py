@@ -326,7 +326,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         values=parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
-        kind=_kind(table, columns),
+        kind=_kind(table, columns, options.unit),
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
@@ -336,7 +336,11 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     return selected(table.path, made, rest)
 
 
-def _kind(table: Table, columns: list[_Column]) -> FrfKind:
+def _kind(table: Table, columns: list[_Column], unit: str) -> FrfKind:
+    if unit and any(column.unit is not None and column.unit != parse_frf_unit(unit) for column in columns):
+        raise FileError(
+            f"{table.path}: line 1 says the unit of each column, but `unit` {unit!r} was given; leave the option out"
+        )
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(

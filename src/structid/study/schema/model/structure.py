@@ -309,8 +309,8 @@ def _flat(nodes: Any) -> list[int]:
 
 def _require_node(entry: Section, key: str, node: int, nodes: Mapping[int, Any]) -> None:
     if node not in nodes:
-        near = difflib.get_close_matches(str(node), [str(label) for label in nodes], 1, 0.0)
-        raise entry.error(f"node {node} does not exist; the nearest is {near[0]}, or add it to [structure.nodes]", key)
+        near = min(nodes, key=lambda label: (abs(label - node), label))
+        raise entry.error(f"node {node} does not exist; the nearest is {near}, or add it to [structure.nodes]", key)
 
 
 def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> Dof:

@@ -174,6 +174,10 @@ def read_source(
         options = ReadOptions(**{name: value for name, value in given.items() if name in own})
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
+    if time is not None and section.section("noise") is not None:
+        raise section.error(
+            "is of frequency responses; with [record.time], `noise` or `relative_noise` there says the noise", "noise"
+        )
     names, noise = given.get("relabel", {}), _noise(section, averaged)
     decay, leakage = given.get("window_decay"), given.get("leakage")
     if leakage is not None and time is not None:
