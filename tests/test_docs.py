@@ -67,7 +67,7 @@ def test_every_step_of_the_first_bridge_goes_as_the_page_says(tmp_path, monkeypa
     modes = json.loads((tmp_path / "hammer_modes" / "modes.json").read_text())
     assert modes["frequency_hz"] == pytest.approx([7.291, 11.018, 25.050, 31.227, 50.229], abs=1e-3)
     found = json.loads((tmp_path / "found" / "estimate.json").read_text())
-    assert found["verdict_text"] in " ".join(page.split())
+    assert found["verdict_text"].partition(" No change of model or record was tried")[0] in " ".join(page.split())
     truth = runpy.run_path(str(folder / "make_records.py"))["TRUTH"]
     assert {one["name"] for one in found["parameters"]} == set(truth)
     for one in found["parameters"]:
