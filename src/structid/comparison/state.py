@@ -6,11 +6,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from structid.arrays import FloatArray, locked
-from structid.criticism.verdict import NOT_TRIED, judged
+from structid.criticism.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
@@ -71,10 +72,8 @@ class State:
         Names of the regularizations that hold its parameters.
     drawn : Drawn or None
         None where the study of a results folder cannot be read without the files beside it.
-    doubt : str
-        The verdict in words, where the answer is not sound.
-    is_wrong : bool
-        Whether the model does not explain the record.
+    judgement : Judgement
+        The verdict, and its words.
     """
 
     title: str
@@ -84,8 +83,17 @@ class State:
     result: StudyResult | None
     held: tuple[str, ...]
     drawn: Drawn | None
-    doubt: str = ""
-    is_wrong: bool = False
+    judgement: Judgement
+
+    @property
+    def doubt(self) -> str:
+        """The verdict in words, where the answer is not sound."""
+        return "" if self.judgement.verdict == "sound" else self.judgement.words
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the model does not explain the record."""
+        return self.judgement.verdict == "wrong_model"
 
 
 def state_of(result: StudyResult) -> State:
@@ -95,11 +103,7 @@ def state_of(result: StudyResult) -> State:
     study = result.study
     held = tuple(item.name for item in found.held)
     judgement = judged(found, untried=NOT_TRIED)
-    doubt = "" if judgement.verdict == "sound" else judgement.words
-    is_wrong = judgement.verdict == "wrong_model"
-    return State(
-        study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, doubt, is_wrong
-    )
+    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, judgement)
 
 
 def stored_state(folder: Path) -> State:
@@ -134,8 +138,8 @@ def stored_state(folder: Path) -> State:
             " `structid identify`"
         ) from error
     title, drawn = str(texts.get("title", folder.name)), _drawn(folder, channels)
-    doubt = "" if texts.get("verdict", "sound") == "sound" else str(texts.get("verdict_text", ""))
-    return State(title, folder, estimate, inputs, None, held, drawn, doubt, texts.get("verdict") == "wrong_model")
+    judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
+    return State(title, folder, estimate, inputs, None, held, drawn, judgement)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
