@@ -310,6 +310,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     of_outputs = _called(table, "outputs", [match["output"] for match in matches], options.outputs)
     of_inputs = _called(table, "inputs", [match["input"] for match in matches], options.inputs)
     columns = [_column_of(table, j, match, of_outputs, of_inputs) for j, match in enumerate(matches, start=1)]
+    _require_unit(table, columns, options.unit)
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
     parts: dict[str, FloatArray] = {}
@@ -326,7 +327,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         values=parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
-        kind=_kind(table, columns, options.unit),
+        kind=_kind(table, columns),
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
@@ -336,11 +337,15 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     return selected(table.path, made, rest)
 
 
-def _kind(table: Table, columns: list[_Column], unit: str) -> FrfKind:
-    if unit and any(column.unit is not None and column.unit != parse_frf_unit(unit) for column in columns):
+def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
+    """Refuse a unit that is given beside another in the header."""
+    if unit and {column.unit for column in columns} - {None, parse_frf_unit(unit)}:
         raise FileError(
             f"{table.path}: line 1 says the unit of each column, but `unit` {unit!r} was given; leave the option out"
         )
+
+
+def _kind(table: Table, columns: list[_Column]) -> FrfKind:
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(
