@@ -13,6 +13,7 @@ from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, explains
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
+from structid.identification.before.channels import ChannelWarnings
 from structid.records.io import read_record, write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
@@ -195,9 +196,8 @@ def test_causes_may_be_left_alone(tmp_path):
 def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path):
     """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
     ready = started(load_study(written(tmp_path, off())))
-    doubts = ("sensor 3X does not go with the model as the others do",)
-    looks = tuple(replace(look, warnings=(*doubts, "reciprocity: as it is"), of_sensors=doubts) for look in ready.looks)
-    ready = replace(ready, looks=looks)
+    doubts = ChannelWarnings((), ("sensor 3X does not go with the model as the others do",), ("reciprocity: as it is",))
+    ready = replace(ready, looks=tuple(replace(look, warnings=doubts) for look in ready.looks))
     result = run_started(ready)
     assert any("sensor 3X" in one for one in result.identification.warnings)
     answer, _ = criticized(ready, result)

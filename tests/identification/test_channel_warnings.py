@@ -43,7 +43,7 @@ def far(seed):
 
 
 def told(made):
-    return channel_warnings(aligned(made, made.predicted(np.asarray(made.theta_start))))
+    return channel_warnings(aligned(made, made.predicted(np.asarray(made.theta_start)))).words
 
 
 def with_values(made, change):

@@ -61,8 +61,8 @@ def criticized(
     if is_sound(found):
         found = replace(found, warnings=tuple(one for one in found.warnings if one not in ready.sensor_warnings))
         result = replace(result, identification=found)
-    if is_sound(found) and not explain:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        if not explain:
+            return replace(result, criticism=Criticism(judged(found))), ()
     if any(one.warning for one in found.truncations) and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     ratio = noise_ratio(found)

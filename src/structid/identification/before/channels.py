@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -43,22 +43,30 @@ _TURNS = ((180 / np.pi, "deg", "rad"), (1e3, "mrad", "rad"))
 _FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, "kN", "N"))
 
 
-def sensor_warnings(found: Aligned) -> tuple[str, ...]:
-    """Those of `channel_warnings` that are false where the model comes to explain the record as it is."""
-    return tuple(_sensors(found, found.level, found.accord))
+class ChannelWarnings(NamedTuple):
+    """What does not look right in the channels of a record: of all of them or of loads, of sensors, and of pairs of places.
+
+    Those of sensors are false where the model comes to explain the record as it is.
+    """
+
+    of_loads: tuple[str, ...] = ()
+    of_sensors: tuple[str, ...] = ()
+    of_pairs: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """All of them, the gravest first."""
+        return (*self.of_loads, *self.of_sensors, *self.of_pairs)
 
 
-def channel_warnings(found: Aligned) -> tuple[str, ...]:
-    """What does not look right in the channels of a record beside its initial model, the gravest first."""
+def channel_warnings(found: Aligned) -> ChannelWarnings:
+    """What does not look right beside the initial model, and by reciprocity."""
     record, level, agreement = found.record, found.level, found.accord
+    of_pairs = tuple(_reciprocity(record))
     if not np.isfinite(level).any():
-        return tuple(_reciprocity(record))
-    return (
-        *_whole_record(found, level, agreement),
-        *_single_loads(record, level, agreement),
-        *_sensors(found, level, agreement),
-        *_reciprocity(record),
-    )
+        return ChannelWarnings(of_pairs=of_pairs)
+    of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
+    return ChannelWarnings(of_loads, tuple(_sensors(found, level, agreement)), of_pairs)
 
 
 def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.search.work import StageProgress, Work
 from structid.identification.before.aligned import ResonancePair, aligned
-from structid.identification.before.channels import channel_warnings, sensor_warnings
+from structid.identification.before.channels import ChannelWarnings, channel_warnings
 from structid.identification.before.reduction import Truncation, modes_truncation
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
@@ -35,15 +35,12 @@ class Look:
     Attributes
     ----------
     resonances : tuple of ResonancePair
-    warnings : tuple of str
+    warnings : ChannelWarnings
         Senses, units and levels of channels that do not look right.
-    of_sensors : tuple of str
-        Those of them that a sound answer proves wrong.
     """
 
     resonances: tuple[ResonancePair, ...] = ()
-    warnings: tuple[str, ...] = ()
-    of_sensors: tuple[str, ...] = ()
+    warnings: ChannelWarnings = field(default_factory=ChannelWarnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +148,7 @@ class RecordSetup(ABC, Generic[P]):
 def look(problem: FrfProblem, predicted: ComplexArray) -> Look:
     """FRFs beside the initial model, which gives `predicted` at their lines."""
     beside = aligned(problem, predicted)
-    return Look(beside.pairs, channel_warnings(beside), sensor_warnings(beside))
+    return Look(beside.pairs, channel_warnings(beside))
 
 
 #: A record of any kind; its problem is only handed back to it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -47,14 +47,16 @@ class Start:
     @property
     def channel_warnings(self) -> tuple[str, ...]:
         """Those that only a comparison with the initial models gives."""
-        titled = zip(prefixes(self.setups), self.looks, strict=True)
-        return tuple(name + words for name, look in titled for words in look.warnings)
+        return self._titled(look.warnings.words for look in self.looks)
 
     @property
     def sensor_warnings(self) -> tuple[str, ...]:
         """Those of them that a sound answer proves wrong."""
-        titled = zip(prefixes(self.setups), self.looks, strict=True)
-        return tuple(name + words for name, look in titled for words in look.of_sensors)
+        return self._titled(look.warnings.of_sensors for look in self.looks)
+
+    def _titled(self, of_each: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
+        """Warnings of each record with its name before them, where there are several."""
+        return tuple(name + words for name, own in zip(prefixes(self.setups), of_each, strict=True) for words in own)
 
 
 def started(study: Study) -> Start:
