@@ -84,14 +84,17 @@ absolute = 1e-6
 [method]
 restarts = 0
 """
+BASE = '[[structure.base]]\nname = "table"\nsupports = ["1X", "6X"]\n\n'
 FREQUENCY = np.linspace(2.0, 60.0, 120)
 
 
 def written(folder: Path, text: str = STUDY, truth: str = STUDY, seed: int | None = 1) -> Path:
     """The path of a study whose record is that of `truth`, with the noise stated, or without where there is no seed."""
-    outputs, inputs = ["2X", "3X", "4Y", "5Y"], ["4Y"]
+    outputs, inputs, kind = ["2X", "3X", "4Y", "5Y"], ["4Y"], "receptance"
+    if BASE in truth:
+        inputs, kind = ["1X"], "transmissibility"
     blank = np.ones((len(FREQUENCY), len(outputs), len(inputs)), complex)
-    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, blank, outputs, inputs, "receptance"))
+    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, blank, outputs, inputs, kind))
     path = folder / "study.toml"
     path.write_text(truth, encoding="utf-8")
     [problem] = study_problems(load_study(path))
@@ -100,9 +103,19 @@ def written(folder: Path, text: str = STUDY, truth: str = STUDY, seed: int | Non
         rng = np.random.default_rng(seed)
         noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
         values = values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-6)
-    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, values, outputs, inputs, "receptance"))
+    write_record(folder / "frf.npz", FrfRecord(FREQUENCY, values, outputs, inputs, kind))
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def shaken(text: str = STUDY) -> str:
+    """The study with both feet on a table that moves along X in place of a force."""
+    return text.replace("[[unknown]]", BASE + "[[unknown]]", 1)
+
+
+def written_shaken(folder: Path, seed: int | None = 1) -> Path:
+    """The same with transmissibilities from the table."""
+    return written(folder, shaken(), shaken(), seed)
 
 
 def off(text: str = STUDY) -> str:

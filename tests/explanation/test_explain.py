@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from frame_cases import STUDY, of_histories, off, written, written_histories, written_modes
+from frame_cases import BASE, STUDY, of_histories, off, shaken, written, written_histories, written_modes
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
@@ -41,6 +41,8 @@ FAULTS = {
     "dashpot": (DAMPED, "dashpot", "3X"),
     "joint": (LOOSE, "joint", "girder:1/3RZ"),
     "untied": (WEAK, "untied", "girder:2"),
+    "support, shaken": (shaken(SOFT), "support", "6RZ"),
+    "mass, shaken": (shaken(HEAVY), "mass", "4"),
 }
 
 
@@ -52,13 +54,14 @@ def answered(path, explain=None):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     truth, kind, where = FAULTS[fault]
-    result, fits = answered(written(tmp_path, off(), truth))
+    study = shaken(off()) if BASE in truth else off()
+    result, fits = answered(written(tmp_path, study, truth))
     assert result.criticism.judgement.verdict == "wrong_model"
     alike = [cause for cause in result.criticism.causes if cause.is_alike]
     assert len({cause.words for cause in result.criticism.causes}) == len(result.criticism.causes)
     assert (kind, (where,)) in [(cause.kind, cause.where) for cause in alike]
     assert result.criticism.causes[0].is_alike
-    assert result.criticism.causes[0].kind == "support" or fault != "support"  # not the joint there, which is the same
+    assert result.criticism.causes[0].kind == "support" or kind != "support"  # not the joint there, which is the same
     assert result.criticism.causes[0].chi_square_per_dof < 1.2
     text, lines = suggestion_text(result.study, fits[0].trial.changes)
     assert "# how the test was made" in text  # comments stay

@@ -136,3 +136,11 @@ NODES = {1: (0.0, 0.0), 2: (1.0, 0.0)}
 def test_bad_structures_are_refused_with_the_place(make, fragment):
     with pytest.raises(InputError, match=fragment):
         make()
+
+
+def test_total_mass_is_along_a_direction_that_is_active():
+    """A beam has mass along itself too; of a model that moves across it only, that across is the total."""
+    parts = [Beam("beam", [[1, 2]], 3.0, 1.0), PointMass("floor", [2], 4.0, directions=["Y"])]
+    structure = Structure({1: [0.0, 0.0], 2: [2.0, 0.0]}, parts, ["1Y", "1RZ"], active=["Y", "RZ"])
+    assert structure.mass_of() == pytest.approx(10.0)
+    assert structure.mass_of(direction="X") == pytest.approx(6.0)

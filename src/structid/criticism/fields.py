@@ -12,8 +12,9 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof
 from structid.observation import FrfProblem
+from structid.observation.frf.response import driving_bases
 from structid.records.record import DERIVATIVES
-from structid.structure import Structure
+from structid.structure import Base, Structure
 from structid.structure.elements.element import dof_code, dof_of_code
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
@@ -41,7 +42,8 @@ class ElementMatrix(NamedTuple):
 class Fields:
     """The dynamic stiffness Z of a model at lines of its record, and what follows from it.
 
-    Z is complex symmetric; all products are with the transpose. Friction is not part of it.
+    Z is complex symmetric; all products are with the transpose. Friction is not part of it. Supports that drive the
+    structure are free in it, with a motion that is given: no force and no change of Z moves them.
 
     Attributes
     ----------
@@ -60,9 +62,21 @@ class Fields:
     channel_values: FloatArray
     frf: ComplexArray
 
-    @property
+    @cached_property
+    def _bases(self) -> tuple[Base, ...]:
+        return driving_bases(self.problem.structure, self.problem.record)
+
+    @cached_property
     def structure(self) -> Structure:
-        return self.problem.structure
+        """Of the problem, supports that drive it let go."""
+        whole = self.problem.structure
+        return whole.let_go(self._bases) if self._bases else whole
+
+    @cached_property
+    def undriven(self) -> IntArray:
+        """The degrees of freedom whose motion is not given."""
+        given = self.structure.selection([base.supports[0].unsigned for base in self._bases])
+        return np.setdiff1d(np.arange(self.structure.n_dofs), given.indices)
 
     @property
     def laplace(self) -> ComplexArray:
@@ -80,18 +94,25 @@ class Fields:
 
     @cached_property
     def flexibility(self) -> ComplexArray:
-        """Z^-1, (n_lines, n_dofs, n_dofs)."""
-        found: ComplexArray = np.linalg.inv(self.stiffness_of(self.structure))
+        """G = Z^-1, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom, the inverse for all others."""
+        whole = self.stiffness_of(self.structure)
+        own = np.s_[:, self.undriven[:, None], self.undriven]
+        found = np.zeros_like(whole)
+        found[own] = np.linalg.inv(whole[own])
         return found
 
     @cached_property
     def under_loads(self) -> ComplexArray:
-        """x = Z^-1 f, (n_lines, n_dofs, n_inputs)."""
-        return self.flexibility @ self.structure.selection(self.problem.record.inputs).toarray()
+        """x = G f under forces, x = b - G Z b under motions b of supports, (n_lines, n_dofs, n_inputs)."""
+        loads = self.structure.selection(self.problem.record.inputs).toarray()
+        if not self._bases:
+            return self.flexibility @ loads
+        found: ComplexArray = loads - self.flexibility @ (self.stiffness_of(self.structure) @ loads)
+        return found
 
     @cached_property
     def under_sensors(self) -> ComplexArray:
-        """y = Z^-1 s, (n_lines, n_dofs, n_outputs)."""
+        """y = G s, (n_lines, n_dofs, n_outputs)."""
         return self.flexibility @ self.structure.selection(self.problem.record.outputs).toarray()
 
     @cached_property
@@ -104,13 +125,14 @@ class Fields:
 
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
-        """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,)."""
+        """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,); none that is driven."""
         numbering = self.structure.numbering
         rows = numbering.matrix
         found = {}
         for place in np.flatnonzero(np.diff(rows.indptr)).tolist():
-            dof = dof_of_code(int(numbering.codes[place])).unsigned
-            found[dof] = rows[[place], :].toarray()[0]
+            follow = rows[[place], :].toarray()[0]
+            if follow[self.undriven].any():
+                found[dof_of_code(int(numbering.codes[place])).unsigned] = follow
         return found
 
     @cached_property

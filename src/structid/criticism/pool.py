@@ -95,7 +95,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
         where = (dof.place,)
         rubs = (
             Candidate("friction", where, rubbing(column), _RUBBING, _POSITIVE)
-            if len(fields.problem.record.inputs) == 1
+            if len(fields.problem.record.inputs) == 1 and fields.problem.record.kind != "transmissibility"
             else None
         )
         for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):

@@ -14,7 +14,7 @@ from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.views import views
-from structid.errors import InputError, StructidError
+from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
@@ -197,11 +197,6 @@ def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[Reco
     columns = JointProblem(tuple(problems), first_prior_counts=True).columns
     own = [theta[index] for index in columns]
     shown = views(setups, problems, own, study.options)
-    if any(view.record.kind == "transmissibility" for view in shown):
-        raise InputError(
-            f"{study.path}: causes are looked for in records with measured forces, or modes; this study has supports that"
-            " drive the structure. Read the misfit of each sensor in the report of `structid identify`"
-        )
     return Trial(study, tuple(setups), tuple(problems), shown)
 
 

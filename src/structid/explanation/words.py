@@ -58,11 +58,11 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "window": "the records were windowed, which adds damping",
         "leakage": "resonances leak into the lines beside them: averages of segments of random motion under a Hann window",
         "delay": f"sensor {first} is late",
-        "load_delay": f"the load at {first} is late",
+        "load_delay": f"the drive at {first} is late",
         "polarity": f"sensor {first} reads with the opposite sense",
-        "load_polarity": f"the load at {first} acts with the opposite sense",
+        "load_polarity": f"the drive at {first} acts with the opposite sense",
         "swap": f"the cables of {' and '.join(where)} are exchanged",
-        "load_swap": f"the loads {' and '.join(where)} are exchanged",
+        "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
@@ -73,7 +73,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         + ("" if value is None else f" {value:.3g} times that"),
     }  # fmt: skip
     if candidate.kind in ("sensor_gain", "load_gain"):
-        what = f"sensor {first}" if candidate.kind == "sensor_gain" else f"the load at {first}"
+        what = f"sensor {first}" if candidate.kind == "sensor_gain" else f"the drive at {first}"
         unit = "" if value is None else unit_of(value)
         if unit:
             return f"{what} is in another unit than stated ({unit})"

@@ -13,7 +13,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
 from structid.structure.blocks import ElementMatrices
-from structid.structure.elements.element import TRANSLATIONS, Layer, Term, shear_share
+from structid.structure.elements.element import Layer, Term, shear_share
 from structid.structure.sliding import Lengthening
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
@@ -287,18 +287,20 @@ def weighed(
 def rigid_mass(
     properties: Sequence[Property],
     values: FloatArray,
-    direction: str | None,
+    directions: Sequence[str],
     lengthenings: Mapping[str, Lengthening],
 ) -> tuple[float, FloatArray]:
-    """Mass that takes part in rigid motion, and its derivative with respect to every value; see `Structure.mass_of`."""
+    """Mass that takes part in rigid motion along the first of `directions` that has any, and its derivative with respect to every
+    value; see `Structure.mass_of`.
+    """
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, layer) for item in properties for layer in item.term.layers]
     masses = [
         (i, layer) for i, layer in pairs if (i.term.kind == "mass" or layer.law == "inertia") and not layer.reduced
     ]
-    for candidate in (direction,) if direction else TRANSLATIONS:
+    for direction in directions:
         for item, layer in masses:
-            unit = _rigid(layer, DIRECTIONS.index(candidate))
+            unit = _rigid(layer, DIRECTIONS.index(direction))
             scale = _scale(properties, item.element, layer, lengthenings)
             factor = 1.0 if scale is None else scale.of(values)
             gradient[item.values] += unit * factor

@@ -19,7 +19,7 @@ from structid.shown import Overview, Shown, counted, listed
 from structid.structure.component import Component, Reduction, reductions
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
-from structid.structure.elements.element import dof_code, dof_of_code, joined_codes
+from structid.structure.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.structure.inside import NumberedTerms, numbered_terms
 from structid.structure.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
@@ -326,15 +326,19 @@ class Structure(Shown, StructurePlots):
         values : (n_values,) float array, optional
             Property values; the nominal ones by default.
         direction : {"X", "Y", "Z"}, optional
-            By default the first translation in which the structure has any mass.
+            By default the first translation in which the structure has any mass, active ones before others.
         """
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, direction, self._lengthenings)[0]
+        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, direction, self._lengthenings)[1]
+        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[1]
+
+    def _along(self, direction: str | None) -> Sequence[str]:
+        """Translations in which mass is looked for."""
+        return (direction,) if direction else sorted(TRANSLATIONS, key=lambda one: one not in self.active)
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
