@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, explains
+from structid.dof import parse_dof
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
 from structid.identification.before.channels import ChannelWarnings
@@ -164,6 +165,20 @@ def test_two_faults_are_both_named(tmp_path):
     found = {(cause.kind, cause.where) for cause in result.criticism.causes}
     assert ("mass", ("4",)) in found
     assert {("support", ("6RZ",)), ("joint", ("right:1/6RZ",))} & found
+
+
+def test_a_second_cause_tells_its_own_value(tmp_path):
+    """Not that of the first: a spring's stiffness, a mass, is no gain."""
+    path = written(tmp_path, off(), SOFT)
+    record = read_record(tmp_path / "frf.npz")
+    values = np.array(record.values)
+    values[:, record.outputs.index(parse_dof("3X"))] *= 1.2
+    write_record(tmp_path / "frf.npz", replace(record, values=values))
+    result, _ = answered(path)
+    [gain] = [one for one in result.criticism.causes if one.kind == "sensor_gain"]
+    assert gain.where == ("3X",)
+    assert dict(one[:2] for one in gain.found)["gain[3X+]"] == pytest.approx(1.2, abs=0.01)
+    assert "by a factor of 1.2" in gain.words
 
 
 def test_command_tells_the_verdict_first_and_ends_with_3(tmp_path):

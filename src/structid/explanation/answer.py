@@ -151,13 +151,15 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         ),
         key=lambda one: -one.distance,
     )  # fmt: skip
-    value = added[0][1] if added and candidate.kind not in _STATISTICAL else None
     changes = fitted.trial.changes
+    first = base if len(changes) == 1 else explanation.causes[0]
+    own = [value for name, value, _ in added if name not in first.values]
+    value = own[0] if own and candidate.kind not in _STATISTICAL else None
     return Cause(
         kind=cause_kind(candidate, value),
         where=_places(candidate),
         words=cause_words(candidate, value),
-        share=max(0.0, 1 - fitted.cost / (base if len(fitted.trial.changes) == 1 else explanation.causes[0]).cost),
+        share=max(0.0, 1 - fitted.cost / first.cost),
         chi_square_per_dof=fitted.cost / max(base.trial.target.n_data - len(target.names), 1),
         found=added,
         moved=tuple(moved),
