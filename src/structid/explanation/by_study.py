@@ -32,6 +32,8 @@ _SHEARS = {
     "shear_stiffness_z": "bending_stiffness_y",
     "shear_stiffness_y": "bending_stiffness_z",
 }
+#: Of the loss factor that a set has, with how much viscous damping begins beside it; as much again looks worse at first.
+_VISCOUS_PART = 0.3
 #: Sets that are tried one by one.
 _MOST_SLENDER = 6
 
@@ -125,7 +127,7 @@ def _damping(element: ElementSet, middle: float) -> Iterator[Candidate]:
     loss = np.asarray(vars(element)["loss_factor"], dtype=float)
     if loss.any():
         if "stiffness_damping" in known or isinstance(element, Spring):
-            strengths = np.array([np.mean(loss) / (2 * np.pi * middle)])
+            strengths = np.array([_VISCOUS_PART * np.mean(loss) / (2 * np.pi * middle)])
             yield Candidate("damping_law", (element.name, "viscous"), strengths=strengths, detail={"frequency": middle})
     else:
         yield _candidate("damping_law", (element.name, "loss factor"), 0.005)
