@@ -52,6 +52,29 @@ def test_poisson_integral_of_a_free_structure_is_made_of_its_accelerance():
     np.testing.assert_allclose(found.values[:, 0, 0], receptance(found.laplace, 1.0), rtol=1e-2)
 
 
+def chain(s: np.ndarray) -> np.ndarray:
+    """Motion (n_lines, 2, 1) of two masses on springs, per motion of the ground below the first."""
+    mass, stiffness, damping = (
+        np.diag([1.0, 0.7]),
+        np.array([[3.0, -1.8], [-1.8, 1.8]]),
+        np.array([[0.07, -0.03], [-0.03, 0.03]]),
+    )
+    z = s[:, None, None] ** 2 * mass + s[:, None, None] * damping + stiffness
+    pull = np.zeros((len(s), 2, 1), complex)
+    pull[:, 0, 0] = 1.2 + 0.04 * s
+    return np.linalg.solve(z, pull)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.1, 0.02])
+def test_poisson_integral_gives_transmissibility_right_of_the_axis(ratio):
+    at = np.geomspace(0.05, 4, 60)
+    lines = sid.FrfRecord(OMEGA / (2 * np.pi), chain(1j * OMEGA), ("1X", "2X"), ("0X",), "transmissibility")
+    found = right_half_plane(lines, at / (2 * np.pi), ratio * at)
+    assert found.kind == "transmissibility"
+    np.testing.assert_allclose(found.values, chain(found.laplace), rtol=0.03)
+    assert len(found.frequency) >= 55
+
+
 def test_poisson_integral_starts_from_any_vertical_line():
     at = np.geomspace(0.1, 5, 40)
     first = sid.FrfRecord(

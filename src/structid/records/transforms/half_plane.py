@@ -31,8 +31,9 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): a Lorentzian
     average, which takes noise down too. It is made of receptance, mobility and accelerance, each then brought to the
     record's kind by powers of s, and the one with the smallest error is taken at each line: receptance is cut off
-    best at the end of the band, accelerance alone is bounded at 0 where a structure is free. Beyond the last line
-    receptance and mobility count as 0, accelerance, which tends to a real limit, as its mean near the end.
+    best at the end of the band, accelerance alone is bounded at 0 where a structure is free, and so is transmissibility,
+    which counts as accelerance. Beyond the last line receptance and mobility count as 0, accelerance, which tends to a
+    real limit, as its mean near the end.
 
     Parameters
     ----------
@@ -102,6 +103,8 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
 
 def _best_of_kinds(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
     """Values in the record's kind and E|error|^2, from the kind of least error at each value."""
+    if record.kind == "transmissibility":  # as accelerance, it is bounded at 0 and tends to a real limit
+        record = replace(record, kind="accelerance")
     seen = laplace - own
     values = np.zeros((len(laplace), *record.values.shape[1:]), dtype=np.complex128)
     variance = np.full(values.shape, np.inf)
