@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
+from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
 from structid.identification.before.aligned import aligned, in_order, resonance_pairs
 from structid.identification.before.channels import channel_warnings
 from structid.observation import FrfProblem, simulated_record
@@ -20,7 +20,7 @@ def shear_frame(mass=100.0, stiffness=1.5e6, loss_factor=0.03):
     floors = PointMass("floor", list(STOREYS), mass)
     first, second = [f"{i}X" for i in STOREYS], [f"{i - 1}X" for i in STOREYS]
     storeys = Spring("storey", first, second, stiffness=stiffness, loss_factor=loss_factor)
-    return Structure(nodes, [floors, storeys], ["0X"], active=["X"])
+    return Structure(nodes, [floors, storeys], ["0X"], active=["X"], bases=[Base("ground", "0X")])
 
 
 def problem(values, structure=None, loads=("5X",), kind="accelerance", outputs=("1X", "2X", "3X", "4X", "5X"), seed=0):
@@ -54,6 +54,26 @@ def with_values(made, change):
 
 def test_right_models_that_start_far_off_are_silent():
     assert [words for seed in range(40) for words in told(problem(far(seed), seed=seed))] == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (3.0, "support 0X+: its motion is 3 times what the record says"),
+        (0.1, "support 0X+: its motion is 1/10 times what"),
+        (-1.0, "the support 0X+ moves with the opposite sense"),
+    ],
+)
+def test_the_motion_of_a_support_is_no_force(factor, words):
+    """And no mass: motion per motion knows of none. What the model comes to explain is not said of it."""
+    made = problem(1.0, loads=("0X",), kind="transmissibility")
+    assert told(made) == ()
+    made = with_values(made, lambda values: np.multiply(values, factor, out=values))
+    found = channel_warnings(aligned(made, made.predicted(np.asarray(made.theta_start))))
+    assert found.of_loads == ()
+    [one] = found.of_sensors
+    assert words in one
+    assert "force" not in one
 
 
 @pytest.mark.parametrize("loads", [("5X", "2X"), ("1X", "3X", "5X")])

@@ -46,7 +46,7 @@ _FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, 
 class ChannelWarnings(NamedTuple):
     """What does not look right in the channels of a record: of all of them or of loads, of sensors, and of pairs of places.
 
-    Those of sensors are false where the model comes to explain the record as it is.
+    Those of sensors, also that of a support that drives, are false where the model comes to explain the record as it is.
     """
 
     of_loads: tuple[str, ...] = ()
@@ -66,7 +66,10 @@ def channel_warnings(found: Aligned) -> ChannelWarnings:
     if not np.isfinite(level).any():
         return ChannelWarnings(of_pairs=of_pairs)
     of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
-    return ChannelWarnings(of_loads, tuple(_sensors(found, level, agreement)), of_pairs)
+    of_sensors = tuple(_sensors(found, level, agreement))
+    if record.kind == "transmissibility":
+        return ChannelWarnings((), (*of_loads, *of_sensors), of_pairs)
+    return ChannelWarnings(of_loads, of_sensors, of_pairs)
 
 
 def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
@@ -86,10 +89,13 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         )
         return
     is_driven = any(sensor.unsigned == load.unsigned for sensor in record.outputs for load in record.inputs)
+    of_support = record.kind == "transmissibility"
+    drive = "support" if of_support else "load"
     if goes <= -_GOES and not is_driven:
         yield (
-            f"all sensors move against the model: the load {_listed(record.inputs)} acts with the opposite sense, or the"
-            ' FRF has another sign convention; relabel the load, as in relabel = {"load 3X" = "3X-"}'
+            f"all sensors move against the model: the {drive} {_listed(record.inputs)} {'moves' if of_support else 'acts'} with"
+            f" the opposite sense, or the FRF has another sign convention; relabel the {drive}, as in"
+            ' relabel = {"load 3X" = "3X-"}'
         )
     loads = median(level, 0)
     alike = bool((np.abs(loads - common) < _NEAR).all())
@@ -105,6 +111,13 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
             if common > 0
             else f"{told}, close to 1/9.81: accelerations look to be in g and were read as m/s^2; give"
             ' unit = "g/N" in [record]'
+        )
+        return
+    if of_support:
+        times = f"{np.exp(common):.2g}" if common > 0 else f"1/{np.exp(-common):.2g}"
+        yield (
+            f"support {_listed(record.inputs)}: its motion is {times} times what the record says, or the model is far off:"
+            f" {told}; check the sensitivity and unit of its sensor"
         )
         return
     unit = _unit(common, _FORCES) if agree else ""
