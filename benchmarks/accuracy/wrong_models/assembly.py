@@ -1,7 +1,8 @@
 """A structure as a table (the `[structure]` of a study file as a dictionary) and its matrices.
 
-Beside the keys of the study file the table may hold `ties` (one degree of freedom is another: "9001Y" -> "4Y") and
-`friction`, and beams may have a `shear_stiffness`. Degrees of freedom are texts such as "12RZ".
+Beside the keys of the study file the table may hold `ties` (one degree of freedom is another: "9001Y" -> "4Y"),
+`friction` and `base` (held degrees of freedom that a shaking table moves alike), and beams may have a `shear_stiffness`.
+Degrees of freedom are texts such as "12RZ".
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from wrong_models.elements import ELEMENTS
 Table = dict[str, Any]
 TRANSLATIONS = ("X", "Y", "Z")
 #: Entries of a table that are no element sets.
-PLAIN = ("active", "fixed", "nodes", "ties", "friction")
+PLAIN = ("active", "fixed", "nodes", "ties", "friction", "base", "driven")
 #: Properties that `stiffness` stands for.
 STIFFNESSES = {
     "beam": ("bending_stiffness", "axial_stiffness"),
@@ -60,13 +61,17 @@ def row(own: dict[str, Any], i: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class System:
-    """Matrices over the degrees of freedom `dofs` that move; `stiffness` is complex with loss factors."""
+    """Matrices over the degrees of freedom `dofs` that move; `stiffness` is complex with loss factors.
+
+    The motion of `driven` is given, where there is one.
+    """
 
     dofs: tuple[str, ...]
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
     ties: dict[str, str]
+    driven: str = ""
 
     def column(self, dof: str) -> np.ndarray:
         """1 at `dof`; zeros where it is held."""
@@ -124,4 +129,11 @@ def assembled(table: Table) -> System:
         at = [places[i] for i in kept]
         for total, matrix in zip(whole, matrices, strict=True):
             np.add.at(total, np.ix_(at, at), matrix[np.ix_(kept, kept)])
-    return System(tuple(order), whole[0].real, whole[1].real, whole[2], ties)
+    return System(tuple(order), whole[0].real, whole[1].real, whole[2], ties, table.get("driven", ""))
+
+
+def shaken(table: Table) -> Table:
+    """The structure on its moving table: what that moves is free, and follows the first."""
+    first, *others = table["base"]
+    free = [dof for dof in table["fixed"] if dof not in table["base"]]
+    return {**table, "fixed": free, "ties": {**table.get("ties", {}), **dict.fromkeys(others, first)}, "driven": first}

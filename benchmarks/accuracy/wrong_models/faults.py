@@ -219,14 +219,18 @@ def _unit(made: Readings, fault: Fault) -> None:
 
 
 def _delay(made: Readings, fault: Fault) -> None:
-    at = made.sensors.index(fault.where)
+    """A sensor that is late, or a load (which is not also a sensor)."""
+    of_load = fault.where not in made.sensors
+    at = (made.loads if of_load else made.sensors).index(fault.where)
     if made.force is None:
-        made.motion[:, at] *= np.exp(-2j * np.pi * made.axis * fault.amount)[:, None]
+        place, sign = (np.s_[:, :, at], 1) if of_load else (np.s_[:, at], -1)
+        made.motion[place] *= np.exp(sign * 2j * np.pi * made.axis * fault.amount)[:, None]
         return
-    whole = np.concatenate([made.motion[:, at], np.zeros(len(made.axis))])
+    values = made.force if of_load else made.motion
+    whole = np.concatenate([values[:, at], np.zeros(len(made.axis))])
     frequency = np.fft.rfftfreq(len(whole), made.axis[1] - made.axis[0])
     late = np.fft.irfft(np.fft.rfft(whole) * np.exp(-2j * np.pi * frequency * fault.amount), len(whole))
-    made.motion[:, at] = late[: len(made.axis)]
+    values[:, at] = late[: len(made.axis)]
 
 
 def _polarity(made: Readings, fault: Fault) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import resample
 
-from wrong_models.assembly import TRANSLATIONS, Table, assembled, split
+from wrong_models.assembly import TRANSLATIONS, Table, assembled, shaken, split
 from wrong_models.faults import AFTER_NOISE, BEFORE_NOISE, Fault, Readings
 from wrong_models.response import DERIVATIVES, Sensor, averaged, band_limited, frf, h1, history, looked, modes, steady
 from wrong_models.rigs import Rig
@@ -98,6 +98,16 @@ def _frf(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: np.r
     axis = rig.band[0] + float(f"{(rig.band[1] - rig.band[0]) / (n - 1):.3g}") * np.arange(n)
     seen = [seen_by(label, faults) for label in rig.sensors]
     return Readings(axis, frf(assembled(table), axis, seen, loads, rig.kind, decay), list(rig.sensors), loads)
+
+
+def _shaken(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: np.random.Generator) -> Readings:
+    """Motion per motion of the table."""
+    return _frf(rig, shaken(table), "frf", faults, rng)
+
+
+def _quake(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: np.random.Generator) -> Readings:
+    """Histories from rest on the table."""
+    return _time(rig, shaken(table), "time", faults, rng)
 
 
 def _hits(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: np.random.Generator) -> Readings:
@@ -206,7 +216,7 @@ def _ambient(rig: Rig, table: Table, record: str, faults: Sequence[Fault], rng: 
 
 TESTS = {
     "frf": _frf, "states": _frf, "hits": _hits, "time": _time, "h": _h1, "random": _random, "modal": _modal,
-    "modalstates": _modal, "ambient": _ambient,
+    "modalstates": _modal, "ambient": _ambient, "shaken": _shaken, "quake": _quake,
 }  # fmt: skip
 #: Tests whose histories are simulated in time, which takes viscous damping.
-VISCOUS = ("time", "h1", "random", "ambient")
+VISCOUS = ("time", "h1", "random", "ambient", "quake")

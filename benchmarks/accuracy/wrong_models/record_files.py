@@ -20,7 +20,9 @@ from scipy import io
 from wrong_models.assembly import split
 from wrong_models.faults import Readings
 
-QUANTITY = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}
+QUANTITY = {
+    "receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration", "transmissibility": "acceleration",
+}  # fmt: skip
 UNIT = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "force": "N"}
 #: Codes of universal files.
 _ORDINATE, _AXIS = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}, "XYZ"
@@ -40,17 +42,19 @@ def frf_file(path: Path, made: Readings, kind: str) -> dict[str, Any]:
     motion = QUANTITY[kind]
     pairs = [(o, i, made.motion[:, k, j]) for k, o in enumerate(made.sensors) for j, i in enumerate(made.loads)]
     if path.suffix == ".csv":
-        header = [f"{o}/{i} [({UNIT[motion]})/N] {part}" for o, i, _ in pairs for part in ("re", "im")]
+        below = f"({UNIT[motion]})" if kind == "transmissibility" else "N"
+        header = [f"{o}/{i} [({UNIT[motion]})/{below}] {part}" for o, i, _ in pairs for part in ("re", "im")]
         _csv(path, ["frequency_hz", *header], [made.axis, *(part for _, _, h in pairs for part in (h.real, h.imag))])
     else:
-        _universal(path, [_function(made.axis, h, o, motion, i) for o, i, h in pairs])
+        reference = motion if kind == "transmissibility" else "force"
+        _universal(path, [_function(made.axis, h, o, motion, i, reference) for o, i, h in pairs])
     return section
 
 
-def history_file(path: Path, made: Readings, quantity: str) -> dict[str, Any]:
-    """Force and motion."""
+def history_file(path: Path, made: Readings, quantity: str, drive: str = "force") -> dict[str, Any]:
+    """What drives, and motion."""
     channels = [*made.loads, *made.sensors]
-    quantities = ["force"] * len(made.loads) + [quantity] * len(made.sensors)
+    quantities = [drive] * len(made.loads) + [quantity] * len(made.sensors)
     values = np.hstack([made.force, made.motion])
     section: dict[str, Any] = {"path": path.name}
     if path.suffix in (".npz", ".mat"):
@@ -118,14 +122,14 @@ def _universal(path: Path, blocks: Sequence[tuple[int, list[str]]]) -> None:
 
 
 def _function(
-    axis: np.ndarray, values: np.ndarray, dof: str, quantity: str, load: str | None = None
+    axis: np.ndarray, values: np.ndarray, dof: str, quantity: str, load: str | None = None, reference: str = "force"
 ) -> tuple[int, list[str]]:
     """Dataset 58 of an FRF (with its load) or a history, its abscissa even."""
     places = []
     for own in (dof, load):
         node, direction = split(own) if own else (0, "")
         places.append(f" {'NONE':<10s}{node:10d}{_AXIS.index(direction) + 1 if own else 0:4d}")
-    sides = [18 if load else 17, _ORDINATE[quantity], 13 if load else 0, 0]
+    sides = [18 if load else 17, _ORDINATE[quantity], _ORDINATE[reference] if load else 0, 0]
     numbers = np.stack([values.real, values.imag], axis=1).ravel() if load else values
     return 58, [
         f"{dof} {quantity}", *["NONE"] * 4,

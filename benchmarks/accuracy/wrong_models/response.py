@@ -27,10 +27,16 @@ def frf(
     kind: str,
     decay: float = 0.0,
 ) -> np.ndarray:
-    """FRFs, (n_lines, n_sensors, n_loads), at s = decay + 2 pi i f."""
+    """FRFs, (n_lines, n_sensors, n_loads), at s = decay + 2 pi i f; motion per motion where one is given."""
     s = (decay + 2j * np.pi * frequency)[:, None, None]
     pushed = np.array([system.column(load) for load in loads]).T
     dynamic = s**2 * system.mass + s * system.damping + system.stiffness
+    if system.driven:
+        at = system.dofs.index(system.driven)
+        rest = np.delete(np.arange(len(system.dofs)), at)
+        driven = np.ones((len(frequency), len(system.dofs), 1), dtype=complex)
+        driven[:, rest] = -np.linalg.solve(dynamic[:, rest[:, None], rest], dynamic[:, rest, at, None])
+        return looked(system, sensors) @ driven
     motion = np.linalg.solve(dynamic, np.broadcast_to(pushed, (len(frequency), *pushed.shape)))
     return s ** DERIVATIVES[kind] * (looked(system, sensors) @ motion)
 

@@ -426,11 +426,65 @@ def wing() -> Rig:
     return Rig(table, free, ("3Y", "5Y", "6Y", "8Y", "9Y"), ("7Y", "9Y"), (1.5, 130.0), ((6, 1.5), (8, 0.8)))
 
 
+def chimney() -> Rig:
+    """A cantilever that gets thinner, on a table; its lower half has been weighed."""
+    table = structure(
+        "Y RZ", "1Y 1RZ", {i + 1: [0.25 * i] for i in range(8)},
+        beam_lower={"nodes": run_of(1, 2, 3, 4), "mass": 5.0, "bending_stiffness": 900.0, "loss_factor": 0.02},
+        beam_upper={"nodes": run_of(4, 5, 6, 7, 8), "mass": 3.0, "bending_stiffness": 400.0, "loss_factor": 0.02},
+        point_mass_platform={"nodes": [6], "mass": 1.0},
+    ) | {"base": ["1Y"]}  # fmt: skip
+    free = unknown("bending_stiffness lower; bending_stiffness upper; mass upper; loss_factor lower,upper")
+    return Rig(table, free, ("2Y", "4Y", "5Y", "7Y", "8Y"), ("1Y",), (0.8, 90.0), ((5, 0.5), (7, 0.4)))
+
+
+def podium() -> Rig:
+    """Two towers on a podium of two storeys, tied by a bridge, under an earthquake; the floors have been weighed."""
+    first = ["9X", "1X", "2X", "3X", "4X", "2X", "6X"]
+    table = structure(
+        "X", "9X", {i: [0.0] for i in range(1, 10)},
+        point_mass_floors={"nodes": [1, 2, 3, 4, 5, 6, 7], "mass": [900.0, 900.0, 300.0, 300.0, 250.0, 280.0, 220.0]},
+        spring_storeys={
+            "first": first, "second": ["1X", "2X", "3X", "4X", "5X", "6X", "7X"], "loss_factor": 0.04,
+            "stiffness": [2.6e6, 2.2e6, 7e5, 6e5, 5e5, 6.5e5, 4.5e5],
+        },
+        spring_bridge={"first": ["4X"], "second": ["7X"], "stiffness": 8e4, "loss_factor": 0.04},
+    ) | {"base": ["9X"]}  # fmt: skip
+    free = unknown("stiffness storeys each; stiffness bridge; loss_factor storeys,bridge")
+    return Rig(table, free, ("1X", "2X", "3X", "5X", "6X", "7X"), ("9X",), (0.8, 16.0), ((3, 40.0), (7, 30.0)))
+
+
+def shelf() -> Rig:
+    """A portal frame with both feet in turning baseplates on a table, loaded with goods."""
+    steel = {"mass": 4.0, "axial_stiffness": 4e6, "loss_factor": 0.025}
+    nodes = {
+        1: [0, 0],
+        2: [0, 0.5],
+        3: [0, 1.0],
+        4: [0.5, 1.0],
+        5: [1.0, 1.0],
+        6: [1.5, 1.0],
+        7: [1.5, 0.5],
+        8: [1.5, 0],
+    }
+    table = structure(
+        "X Y RZ", "1X 1Y 8X 8Y", nodes,
+        beam_posts={"nodes": [*run_of(1, 2, 3), *run_of(6, 7, 8)], "bending_stiffness": 700.0, **steel},
+        beam_girder={"nodes": run_of(3, 4, 5, 6), "bending_stiffness": 1200.0, **steel},
+        spring_plates={"first": ["1RZ", "8RZ"], "stiffness": 2500.0, "loss_factor": 0.025},
+        point_mass_goods={"nodes": [4, 5], "mass": 3.0},
+    ) | {"base": ["1X", "8X"]}  # fmt: skip
+    free = unknown(
+        "bending_stiffness posts; bending_stiffness girder; stiffness plates; mass goods; loss_factor posts,girder,plates"
+    )
+    return Rig(table, free, ("2X", "3X", "4Y", "5Y", "7X"), ("1X",), (1.0, 70.0), ((3, 0.8), (5, 1.0)))
+
+
 RIGS: dict[str, Callable[[], Rig]] = {
     made.__name__: made
     for made in (
         two_span, portal, shear, tower, grillage, truss, rail, hall, shaft, mast, drum, plate, dome, branches,
-        crane, rack, wing,
+        crane, rack, wing, chimney, podium, shelf,
     )
 }  # fmt: skip
 

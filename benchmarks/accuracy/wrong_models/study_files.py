@@ -99,7 +99,7 @@ def written(case: Case, folder: Path) -> dict[str, Any]:
         "unknown": [_unknown(one) for one in rig.unknowns],
         "record": records if len(records) > 1 else records[0],
     }
-    if case.record in ("time", "h1"):
+    if case.record in ("time", "h1", "quake"):
         study["method"] = {"band": list(rig.band)}
     (folder / "study.toml").write_text(toml(study), encoding="utf-8")
     if any(fault.kind == "damping_law" for fault in case.faults):
@@ -139,6 +139,8 @@ def _unknown(one: Any) -> dict[str, Any]:
 def _structure(rig: Rig, table: Table, folder: Path) -> dict[str, Any]:
     """`[structure]`, with the matrices of each element set in files where the rig is exported."""
     head = {key: table[key] for key in ("active", "fixed") if table[key]}
+    if "base" in table:
+        head["base"] = [{"name": "table", "supports": table["base"]}]
     nodes = {str(node): at for node, at in table["nodes"].items()}
     if not rig.exported:
         return {**head, "nodes": nodes, **{kind: own for kind, own in table.items() if kind not in PLAIN}}
@@ -170,12 +172,13 @@ def _record(case: Case, rig: Rig, made: Readings, folder: Path, number: int) -> 
     formats = (".npz", ".mat") if made.coherence is not None else (".npz", ".uff", ".csv", ".mat")
     path = folder / f"record{number or ''}{formats[case.seed % len(formats)]}"
     if made.force is None:
-        section = frf_file(path, made, rig.kind)
+        section = frf_file(path, made, "transmissibility" if case.record == "shaken" else rig.kind)
         if made.coherence is None:
             section["noise"] = {"relative": RELATIVE * stated, "absolute": floor_of(made.motion) * stated}
         return section
-    section = history_file(path, made, QUANTITY[rig.kind])
-    if case.record == "time":
+    drive = "acceleration" if case.record == "quake" else "force"
+    section = history_file(path, made, QUANTITY[rig.kind], drive)
+    if case.record in ("time", "quake"):
         sigma = [FORCE_NOISE * made.force[:, 0].std(), *(RELATIVE * made.motion.std(axis=0))]
         return section | {"time": {"noise": [float(f"{stated * one:.4g}") for one in sigma]}}
     segment = {"estimator": "H1", "segment_length": PERIOD, "window": "boxcar", "overlap": 0.0, "detrend": "none"}
