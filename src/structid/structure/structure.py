@@ -338,7 +338,7 @@ class Structure(Shown, StructurePlots):
 
     def _along(self, direction: str | None) -> Sequence[str]:
         """Translations in which mass is looked for."""
-        return (direction,) if direction else sorted(TRANSLATIONS, key=lambda one: one not in self.active)
+        return (direction,) if direction else sorted(TRANSLATIONS, key=lambda one: one not in (self.active or ()))
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
