@@ -47,12 +47,13 @@ export async function show(box, app) {
 function picture(box, app, found, record, given, band, now, keep) {
   const place = h("div", {class: "plot tall", id: "stabilization"}), list = h("section", {class: "card"});
   const f = unpacked(found.poles.frequency, "f64"), order = unpacked(found.poles.order, "f32"), kind = unpacked(found.poles.kind, "u8"), ratio = unpacked(found.poles.damping, "f32");
-  const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], mode: k}));
+  const shape = unpacked(found.poles.shape, "f32"), channels = found.channels.length;
+  const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], shape: found.shapes[k]}));
   fill(box, h("section", {class: "card"}, h("h2", {}, "Stabilization diagram"), h("p", {class: "note"}, `Method ${found.method}. A pole that keeps its place from order to order is a mode. Click a pole to take or leave it.`), place), list,
     found.warnings.length ? h("section", {class: "card doubt"}, h("h2", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))) : null);
-  const pick = (frequency, damping) => {
+  const pick = (frequency, damping, moves = null) => {
     const near = taken.findIndex((one) => Math.abs(one.frequency / frequency - 1) < 0.005);
-    if (near >= 0) { taken.splice(near, 1); } else { taken.push({frequency, damping, mode: -1}); taken.sort((a, b) => a.frequency - b.frequency); }
+    if (near >= 0) { taken.splice(near, 1); } else { taken.push({frequency, damping, shape: moves}); taken.sort((a, b) => a.frequency - b.frequency); }
     draw().catch(app.fail);
   };
   const draw = async () => {
@@ -61,12 +62,12 @@ function picture(box, app, found, record, given, band, now, keep) {
     KINDS.forEach(([name, symbol, size], number_) => {
       const which = [];
       kind.forEach((one, k) => { if (one === number_) { which.push(k); } });
-      traces.push({x: which.map((k) => f[k]), y: which.map((k) => order[k]), customdata: which.map((k) => ratio[k]), mode: "markers", type: "scatter", name, marker: {symbol, size, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_], opacity: number_ ? 1 : 0.35, line: {width: 1.5, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_]}}, hovertemplate: "%{x:.5g} Hz, order %{y}, damping %{customdata:.4f}<extra></extra>"});
+      traces.push({x: which.map((k) => f[k]), y: which.map((k) => order[k]), customdata: which.map((k) => [ratio[k], k]), mode: "markers", type: "scatter", name, marker: {symbol, size, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_], opacity: number_ ? 1 : 0.35, line: {width: 1.5, color: [colours()[6], colours()[6], colours()[0], colours()[1]][number_]}}, hovertemplate: "%{x:.5g} Hz, order %{y}, damping %{customdata[0]:.4f}<extra></extra>"});
     });
     const high = Math.min(sf.at(-1), 1.6 * Math.max(...found.frequency, 1e-9));
     await chart(place, traces, {again: () => draw().catch(app.fail), uirevision: "kept", xaxis: {title: {text: "frequency, Hz"}, range: band || [0, high]}, yaxis: {title: {text: "order of the model"}, range: [0, top], overlaying: "y2", tickmode: "auto"}, yaxis2: {type: "log", side: "right", showgrid: false, title: {text: ""}, exponentformat: "power"},
       shapes: taken.map((one) => ({type: "line", x0: one.frequency, x1: one.frequency, yref: "paper", y0: 0, y1: 1, line: {color: colours()[1], width: 1.5}}))});
-    if (!place.listening) { place.listening = true; place.on("plotly_click", (event) => { const point = event.points.find((one) => one.customdata !== undefined); if (point) { pick(point.x, point.customdata); } }); }
+    if (!place.listening) { place.listening = true; place.on("plotly_click", (event) => { const point = event.points.find((one) => one.customdata !== undefined); if (point) { const [damping, k] = point.customdata; pick(point.x, damping, [...shape.slice(channels * k, channels * (k + 1))]); } }); }
     panel();
   };
   const panel = () => {
@@ -80,8 +81,8 @@ function picture(box, app, found, record, given, band, now, keep) {
     fill(list, h("h2", {}, "Modes taken"),
       table(["Hz", "std", "damping ratio", "std", ""], taken.map((one) => [number(one.frequency, 6), number(one.std ?? NaN, 2), number(one.damping, 3), number(one.damping_std ?? NaN, 2), h("button", {class: "small", type: "button", "aria-label": `Leave the mode at ${number(one.frequency, 5)} Hz`, onclick: () => pick(one.frequency, one.damping)}, "Leave")]), [0, 1, 2, 3]),
       h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save));
-    const own = taken.filter((one) => one.mode >= 0); // what is taken by hand has a shape once it is saved
-    now(own.length ? {frequency: own.map((one) => one.frequency), damping: own.map((one) => one.damping), shapes: own.map((one) => found.shapes[one.mode]), channels: found.channels} : null);
+    const own = taken.filter((one) => one.shape); // what is taken by its frequency alone has a shape once it is saved
+    now(own.length ? {frequency: own.map((one) => one.frequency), damping: own.map((one) => one.damping), shapes: own.map((one) => one.shape), channels: found.channels} : null);
   };
   draw().catch(app.fail);
 }

@@ -44,6 +44,7 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
             "damping": packed(np.concatenate([p.damping_ratio for p in sweep]) if sweep else [], np.float32),
             "order": packed(np.repeat([p.order for p in sweep], [len(p.poles) for p in sweep]), np.float32),
             "kind": packed(np.concatenate(pole_kinds(found)) if sweep else [], np.uint8),
+            "shape": packed(np.concatenate([most_real(p.shapes).T for p in sweep]) if sweep else [], np.float32),
         },
         "spectrum": {
             "name": found.spectra.name,
