@@ -101,6 +101,22 @@ def test_effects_are_those_of_the_changed_studies(trial):
     assert compared >= every - untried
 
 
+@pytest.mark.parametrize("where", ["1X", "6X"])
+def test_a_foot_gives_way_against_the_table_that_moves_it(tmp_path, where):
+    """It hangs on a new node that the table moves in its place; the channel of the table is that node's then."""
+    ready = started(load_study(written_shaken(tmp_path, seed=None)))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    fields, _ = candidates(trial)
+    [foot] = [one for one in pool([fields]) if one.kind == "support" and one.where == (where,)]
+    [view] = trial.changed(foot, 1e-5).views
+    lines = np.searchsorted(view.frequency, fields.problem.frequency)
+    own = view.with_lines(np.arange(len(view.frequency))).predicted(view.theta_start)[lines] - fields.frf
+    found = foot.effect(fields, np.array([1e-5]))[0]
+    assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()
+    assert np.abs(found - own).max() < 1e-6 * np.abs(own).max()
+    assert view.record.inputs[0].place == ("7X" if where == "1X" else "1X")
+
+
 def test_supports_of_beams_in_several_pieces_give_way(tmp_path):
     """Pieces have degrees of freedom of their own, which stay when supports are taken away."""
     path = written(tmp_path, STUDY.replace("[structure]", "[structure]\nsubdivide = 2", 1), seed=None)

@@ -36,6 +36,11 @@ HEAVY = _with(_FORGOTTEN)
 DAMPED = _with('dashpot]]\nname = "damper"\nfirst = "3X"\nviscous_damping = 1500.0')
 LOOSE = _with('joint]]\nname = "bolt"\nelement = "girder:1"\nat = "3RZ"\nstiffness = 2500.0')
 WEAK = STUDY.replace("bending_stiffness = 800.0", "bending_stiffness = [800.0, 350.0]")
+#: The right foot hangs on the table by a spring.
+LIFTED = _with('spring]]\nname = "pad"\nfirst = "7X"\nsecond = "6X"\nstiffness = 4e4', shaken(STUDY)).replace(
+    '"6X", "6Y"', '"7X", "6Y"'
+)
+LIFTED = LIFTED.replace('["1X", "6X"]', '["1X", "7X"]').replace("6 = [1.2, 0.0]", "6 = [1.2, 0.0]\n7 = [1.2, 0.0]")
 FAULTS = {
     "support": (SOFT, "support", "6RZ"),
     "mass": (HEAVY, "mass", "4"),
@@ -44,6 +49,7 @@ FAULTS = {
     "untied": (WEAK, "untied", "girder:2"),
     "support, shaken": (shaken(SOFT), "support", "6RZ"),
     "mass, shaken": (shaken(HEAVY), "mass", "4"),
+    "foot, shaken": (LIFTED, "support", "6X"),
 }
 
 

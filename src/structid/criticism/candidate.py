@@ -39,7 +39,7 @@ class Candidate:
     record : int, optional
         Position of the only record that it changes.
     others : tuple of str
-        Channels that stay, where some are left out; or the property that changes.
+        Channels that stay, where some are left out; the property that changes; the input at a support that gives way.
     alike : Candidate, optional
         What looks the same on smoothed data.
     detail : mapping of str to float

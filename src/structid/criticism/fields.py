@@ -139,7 +139,8 @@ class Fields:
     def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
         """Supports that can give way: which they are, Z between them and the free degrees of freedom, and of each alone.
 
-        Shapes (n_supports), (n_lines, n_dofs, n_supports), (n_lines, n_supports).
+        Those that drive give way against what moves them. Shapes (n_supports), (n_lines, n_dofs, n_supports),
+        (n_lines, n_supports).
         """
         structure = self.structure
         n_lines, n_dofs = len(self.laplace), structure.n_dofs
@@ -147,15 +148,16 @@ class Fields:
         none = (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
         if structure.components:  # let go, they would be reduced to other degrees of freedom
             return none
-        free = replace(structure, fixed=(), bases=())
+        driving = [dof for base in self._bases for dof in base.supports]
+        free = replace(structure, fixed=(), bases=(), ties=self.problem.structure.ties)
         place = {code: i for i, code in enumerate(free.numbering.free)}
-        held = [d for d in structure.fixed if dof_code(d.node, d.direction) in place]
+        held = [d for d in (*structure.fixed, *driving) if dof_code(d.node, d.direction) in place]
         if not held:
             return none
         whole = self.stiffness_of(free)
-        own = np.array([place[code] for code in structure.numbering.free])
         ends = np.array([place[dof_code(d.node, d.direction)] for d in held])
-        return tuple(held), whole[:, own[:, None], ends], whole[:, ends, ends]
+        follow = self.reached(np.array(free.numbering.free))
+        return tuple(held), follow.T @ whole[:, :, ends], whole[:, ends, ends]
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
         """Every element matrix of properties of these kinds, with its weight."""

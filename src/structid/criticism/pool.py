@@ -155,9 +155,12 @@ def _appendage(frequency: float, fields: Fields) -> ComplexArray:
 def _supports(fields: Fields) -> Iterator[Candidate]:
     """Held directions that give way."""
     held, _, own = fields.loose
+    inputs = {dof.unsigned for dof in fields.problem.record.inputs}
     for i, dof in enumerate(held):
         scale = float(1 / np.median(np.abs(own[:, i])))
-        yield Candidate("support", (dof.place,), released(partial(_loose, i)), steps(scale), _POSITIVE)
+        driven_by = (dof.place,) if dof.unsigned in inputs else ()
+        effect = released(partial(_loose, i))
+        yield Candidate("support", (dof.place,), effect, steps(scale), _POSITIVE, others=driven_by)
 
 
 def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:

@@ -73,14 +73,45 @@ def _spring(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _support(study: Tables, candidate: Candidate, strength: float) -> None:
     dof = parse_dof(candidate.where[0])
+    ends = {"first": candidate.where[0], **_driving_end(study, candidate, dof)}
     places = [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
     freed = [_freed(place, dof) for place in places]
     if not any(freed):
         raise NoEditError(f"{candidate.where[0]} is held by a group of a mesh; hold it by `fixed` to let it give way")
     name = _named(study, f"support {candidate.where[0]}")
-    entry = {"name": name, "first": candidate.where[0], "stiffness": _round(1 / strength)}
-    _append(study["structure"], "spring", entry)
+    _append(study["structure"], "spring", {"name": name, **ends, "stiffness": _round(1 / strength)})
     _unknown(study, "stiffness", name)
+
+
+def _driving_end(study: Tables, candidate: Candidate, dof: Dof) -> dict[str, str]:
+    """The other end of a spring at a support that drives: a new node in its place, with its channel; none of other supports."""
+    for base in study["structure"].get("base", []):
+        texts = map(str, as_list(base["supports"]))
+        driving = [
+            d for text in texts for d in ([parse_dof(text)] if text.strip().endswith("-") else dofs_of_text(text))
+        ]
+        if all(one.unsigned != dof for one in driving):
+            continue
+        label = _new_node(study, dof.node)
+        there = {one: f"{label if one.unsigned == dof else one.node}{one.direction}" for one in driving}
+        base["supports"] = [text if one.sign > 0 else f"{text}-" for one, text in there.items()]
+        end = f"{label}{dof.direction}"
+        study["structure"]["fixed"] = [*as_list(study["structure"].get("fixed", [])), end]
+        if candidate.others:
+            for record in _records(study):
+                _rename(record, {candidate.where[0]: end})
+        return {"second": end}
+    return {}
+
+
+def _new_node(study: Tables, beside: int) -> int:
+    """The label of a new node where another is."""
+    nodes = study["structure"].get("nodes")
+    if nodes is None or str(beside) not in nodes:
+        raise NoEditError(f"a new node beside node {beside} needs [structure.nodes], where that is listed")
+    label = max(int(key) for key in nodes) + 1
+    nodes[str(label)] = list(as_list(nodes[str(beside)]))
+    return label
 
 
 def _freed(place: Tables, dof: Dof) -> bool:
@@ -124,11 +155,7 @@ def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
 
 def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
     structure, dof = study["structure"], parse_dof(candidate.where[0])
-    nodes = structure.get("nodes")
-    if nodes is None or str(dof.node) not in nodes:
-        raise NoEditError("something that swings of its own needs a node of [structure.nodes] to hang on")
-    label = max(int(key) for key in nodes) + 1
-    nodes[str(label)] = list(as_list(nodes[str(dof.node)]))
+    label = _new_node(study, dof.node)
     at, end = candidate.where[0], f"{label}{dof.direction}"
     mass, spring = (_named(study, f"{words} {at}") for words in ("appendage", "appendage spring"))
     _append(structure, "point_mass", {
