@@ -15,6 +15,10 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
+class NoLinesError(InputError):
+    """The band, or what is left out of it, leaves no line of a record."""
+
+
 class UnnamedChannelsError(InputError):
     """A bare array of time histories does not say where its channels were measured; `count` is how many it has."""
 

@@ -1,6 +1,7 @@
 """Time histories fitted themselves from a study file: every way, together with FRFs, and what is refused."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -156,6 +157,29 @@ def test_output_error_is_reached_from_the_study_file(tmp_path):
 def test_what_a_time_fit_cannot_use_is_named(tmp_path, old, new, words):
     path, _ = write_study(tmp_path, CHAIN.replace(old, new))
     with pytest.raises(InputError, match=words):
+        started(load_study(path))
+
+
+@pytest.mark.parametrize("fit", ["spectra", "output_error"])
+def test_accelerations_without_a_load_are_told_at_the_record(tmp_path, fit):
+    structure = chain()
+    truth = unknowns(structure)
+    whole = record(structure, truth.values(truth.start), np.random.default_rng(0))
+    of_motion = [quantity == "acceleration" for quantity in whole.quantities]
+    ambient = TimeRecord(RATE, whole.values[:, of_motion], SENSORS, ["acceleration"] * 2)
+    text = CHAIN.replace("relative_noise = 0.01", f'relative_noise = 0.01\nfit = "{fit}"')
+    path, _ = write_study(tmp_path, text.replace("band = [0.1, 12.0]\n", "") if fit != "spectra" else text, ambient)
+    place = f"{path}, line {text[: text.index('[record]')].count(chr(10)) + 1}: [record]: "
+    with pytest.raises(InputError, match="^" + re.escape(place) + ".*structid modes"):
+        started(load_study(path))
+
+
+@pytest.mark.parametrize("place", ["band", "evaluation_band"])
+def test_a_band_without_lines_of_histories_is_placed(tmp_path, place):
+    path, _ = write_study(tmp_path, CHAIN + "evaluation_band = [0.1, 12.0]\n")
+    text = path.read_text().replace(f"\n{place} = [0.1, 12.0]", f"\n{place} = [3.01, 3.02]")
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"\[method\] {place}: no (frequency )?line"):
         started(load_study(path))
 
 

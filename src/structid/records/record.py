@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.errors import InputError, NoLinesError
 from structid.shown import Overview, Shown, counted, data_array, figures, listed
 from structid.units import FrfKind, Quantity
 
@@ -210,7 +210,7 @@ class FrfRecord(Shown):
         """The lines at the indices (or where the mask) `keep`."""
         keep = np.asarray(keep)
         if not np.size(self.frequency[keep]):
-            raise InputError(
+            raise NoLinesError(
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
         return replace(

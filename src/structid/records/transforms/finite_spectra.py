@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.errors import InputError, NoLinesError
 from structid.records.record import LOADS, TimeRecord
 
 #: Time derivatives between displacement and each measured quantity.
@@ -120,7 +120,7 @@ class FiniteSpectra:
             If none is.
         """
         if not keep.any():
-            raise InputError(f"no line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band")
+            raise NoLinesError(f"no line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band")
         names = ("frequency", "force", "motion", "force_variance", "motion_variance")
         return replace(self, **{name: getattr(self, name)[keep] for name in names})
 
@@ -173,7 +173,7 @@ def finite_spectra(
     keep = np.flatnonzero((frequency >= low) & (frequency <= high) & (frequency > 0))
     keep = keep[:: max(1, round(decay * n_times * step / np.pi))]
     if not keep.size:
-        raise InputError(f"no line lies between {low:g} and {high:g} Hz; lines are {frequency[1]:g} Hz apart")
+        raise NoLinesError(f"no line lies between {low:g} and {high:g} Hz; lines are {frequency[1]:g} Hz apart")
     fading = np.exp(-decay * step * np.arange(n_times))
     spectra = np.fft.rfft(record.values * fading[:, None], axis=0)[keep] * step
     noise = record.variance * (fading @ fading) * step**2

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.errors import SingularModelError
+from structid.errors import NoLinesError, SingularModelError
 from structid.identification.checks import require_sound_model
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
@@ -145,9 +145,9 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepa
     """The problem of one record, its model looked at first, and the record beside it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
-    with method.located("band" if "band" in method.table else None):
+    with place.located(), _placed_lines(method, "band"):
         used, _ = setup.axes(replace(options, evaluation_band=None))
-    with method.located("evaluation_band"):
+    with place.located(), _placed_lines(method, "evaluation_band"):
         _, judged = setup.axes(options)
     values = setup.parameters.values(setup.parameters.start)
     with placed_mechanism(structure):
@@ -155,6 +155,15 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepa
     with placed_mechanism(structure), place.located():
         prepared = setup.prepared(options)
         return prepared, setup.looked_at(prepared, options)
+
+
+@contextmanager
+def _placed_lines(method: Section, key: str) -> Iterator[None]:
+    """Gives a `NoLinesError` the place of the key that leaves no line."""
+    try:
+        yield
+    except NoLinesError as error:
+        raise method.error(str(error), key if key in method.table else None) from error
 
 
 @contextmanager
