@@ -153,11 +153,13 @@ def test_variance_is_none_without_enough_averages(rng):
         ({"inputs": ["1X", "4X"], "segment_length": 400}, "at least as many segments"),
         ({"outputs": ["2X", "9X"]}, r"9X\+ is none"), ({"quantity": "force"}, "displacement, velocity"),
         ({"outputs": ["8X"]}, "choose one with `quantity`"),
+        ({"outputs": ["2X", "7X"], "estimator": "Hv"}, r"output 7X\+ has no power at .* Hz, as a dead channel"),
+        ({"outputs": ["7X"], "estimator": "H2"}, r"output 7X\+ has no power"),
     ],
 )  # fmt: skip
 def test_refuses(rng, changes, word):
     x = rng.normal(size=(400, 8))
-    x[:, 2], x[:, 4] = 2 * x[:, 0], 0
+    x[:, 2], x[:, 4:6] = 2 * x[:, 0], 0
     channels = ("1X", "2X", "3X", "4X", "6X", "7X", "8X", "8X")
     quantities = ("force", "acceleration", "force", "force", "force", "velocity", "velocity", "acceleration")
     call = {"inputs": ["1X"], "outputs": ["2X"], "segment_length": 64} | changes

@@ -110,6 +110,8 @@ def frf_from_time(
         frequency = frequency[1:]
         spectra = Spectra(spectra.inputs[1:], spectra.cross[1:], spectra.outputs[1:])
     _require_separable(spectra, count, loads, frequency)
+    if estimator != "H1":
+        _require_moving(spectra, sensors, frequency)
     values, coherence, variance = estimated(spectra, estimator, averages)
     orders = [DERIVATIVES[_KINDS[most]] - DERIVATIVES[_KINDS[one]] for one in measured]
     if any(orders):
@@ -219,6 +221,15 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
         raise InputError(
             f"the inputs cannot be told apart at {at:g} Hz, they are coherent; drive them independently, or"
             " fit the histories themselves ([record.time]), where forces may act together"
+        )
+
+
+def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: FloatArray) -> None:
+    still = np.argwhere(spectra.outputs <= 0)
+    if still.size:
+        line, o = still[0]
+        raise InputError(
+            f"output {outputs[o]} has no power at {frequency[line]:g} Hz, as a dead channel has none: check it, or leave it out"
         )
 
 
@@ -366,10 +377,6 @@ def _total_least_squares(spectra: Spectra) -> ComplexArray:
         joint[:, :inputs, inputs] = yx[:, o].conj()
         joint[:, inputs, inputs] = yy[:, o]
         scale = np.sqrt(np.einsum("fii->fi", joint).real)
-        if (scale[:, inputs] == 0).any():
-            raise InputError(
-                f"output {o + 1} of {outputs} has no power at some lines, as a dead channel has none: check it, or leave it out"
-            )
         vector = np.linalg.eigh(joint / (scale[:, :, None] * scale[:, None, :]))[1][:, :, 0]
         weight = vector.conj() / scale
         if (weight[:, inputs] == 0).any():
