@@ -51,7 +51,7 @@ class IdentificationPlots:
         return frf(self._own(), sensor, load, record, axes)
 
     def plot_residuals(self, record: int = 0, axes: Axes | None = None) -> Figure:
-        """Size of the whitened residual over frequency and channel: 1 where the model fits to within the stated noise."""
+        """Size of the whitened residual over frequency and channel: 1 where the model fits to within the noise."""
         from structid.report.plots import residuals
 
         return residuals(self._own(), record, axes)

@@ -91,7 +91,9 @@ def test_two_series_share_the_name_of_their_channel():
     assert [test.name for test in found.series] == ["p", "p", "q", "q"]
 
 
-@pytest.mark.parametrize(("size", "words"), [(1.3, "larger than the stated noise"), (0.7, "smaller than the stated")])
+@pytest.mark.parametrize(
+    ("size", "words"), [(1.3, "larger than the noise allows"), (0.7, "smaller than the noise allows")]
+)
 def test_size_of_the_residual_is_told_both_ways(size, words):
     found = estimate(line_case(size * np.random.default_rng(8).standard_normal(400)))
     assert [w for w in found.residual_tests.words if words in w]

@@ -151,7 +151,7 @@ class Criticism:
 
 
 def noise_ratio(found: Identification) -> float | None:
-    """The noise in parts of what is stated, where that is all that is wrong: the residual has no order in it, but another size."""
+    """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
     tests = found.estimate.residual_tests
     is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
@@ -174,7 +174,7 @@ def expected_misfit(found: Identification) -> float:
 
 
 def fits_noise(found: Identification) -> bool:
-    """Whether the residual is what the stated noise leaves: its size, and no order in it."""
+    """Whether the residual is what the noise leaves: its size, and no order in it."""
     tests = found.estimate.residual_tests
     if tests is None:
         return found.estimate.covariance_basis == "noise"
@@ -248,7 +248,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
     pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
-    misfit = _misfit_words(estimate.chi_square_per_dof)
+    misfit = _misfit_words(found)
     cut = tuple(one.warning for one in found.truncations if one.warning)
     if cut and not fits_noise(found):
         return Judgement("wrong_model", f"Wrong model: {cut[0]}: do not use the values.", (*cut, misfit, *away))
@@ -325,11 +325,13 @@ def not_found(found: Identification, reached: float) -> Judgement:
     return Judgement("undetermined", words, (found.estimate.message,))
 
 
-def _misfit_words(ratio: float) -> str:
-    size = float(np.sqrt(ratio))
+def _misfit_words(found: Identification) -> str:
+    size = float(np.sqrt(found.estimate.chi_square_per_dof))
+    noises = {problem.noise_words for problem in found.problems}
+    noise = noises.pop() if len(noises) == 1 else "the noise of the records"
     if _SHOWS > size > 1 / _SHOWS:
-        return "the misfit is as large as the stated noise, but has an order that noise has not"
-    return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times the stated noise"
+        return f"the misfit is as large as {noise}, but has an order that noise has not"
+    return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"
 
 
 def _searched(n_tried: int) -> str:

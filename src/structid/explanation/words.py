@@ -69,7 +69,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "tone": f"a tone at {', '.join(where)} that no force made, such as mains, is in the record",
         "extra_mode": f"the mode at {first} is none of this structure",
         "record": f"record {first} is of another state than the others",
-        "noise_level": "the noise is not what is stated; it is"
+        "noise_level": "the noise is not what it was taken for; it is"
         + ("" if value is None else f" {value:.3g} times that"),
     }  # fmt: skip
     if candidate.kind in ("sensor_gain", "load_gain"):

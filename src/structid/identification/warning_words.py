@@ -60,8 +60,8 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings.extend(_scale_warnings(found))
     warnings.extend(_unidentified(found))
     if found.residual_tests is not None:
-        chi_square = "than the stated noise"  # larger is told below, with what is done about it
-        warnings.extend(w for w in found.residual_tests.words if f"larger {chi_square}" not in w)
+        larger = "larger than the noise allows"  # which is told below, with what is done about it
+        warnings.extend(w for w in found.residual_tests.words if larger not in w)
     if found.n_fitting > 1:
         warnings.append(_several_fits(found))
     elif found.n_agreeing < found.n_starts:
@@ -71,7 +71,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
         )
     if found.covariance_basis == "model_error":
         warnings.append(
-            f"the model does not fit to within the stated errors (chi-square per degree of freedom"
+            f"the model does not fit to within the noise (chi-square per degree of freedom"
             f" {found.chi_square_per_dof:.3g}, residual correlated over {found.residual_correlation:.0f} lines):"
             " standard deviations are those that carry model error"
         )

@@ -210,6 +210,11 @@ class RecordProblem(ParameterProblem, ABC):
         return self
 
     @property
+    def noise_words(self) -> str:
+        """The noise that its residual is whitened by, by where it comes from."""
+        return "the stated noise"
+
+    @property
     def measures_force(self) -> bool:
         """Whether the record fixes the size of masses and stiffnesses, which is free without a measured force."""
         return True

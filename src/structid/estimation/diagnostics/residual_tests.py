@@ -95,14 +95,14 @@ class ResidualTests:
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
-                f"the residual is larger than the stated noise (chi-square per degree of freedom"
-                f" {self.chi_square_per_dof:.3g}, {_told(self.chi_square_probability)}): model error, or noise stated"
+                f"the residual is larger than the noise allows (chi-square per degree of freedom"
+                f" {self.chi_square_per_dof:.3g}, {_told(self.chi_square_probability)}): model error, or noise taken"
                 " too small"
             )
         elif 1 - self.chi_square_probability < _DOUBT:
             said.append(
-                f"the residual is smaller than the stated noise (chi-square per degree of freedom"
-                f" {self.chi_square_per_dof:.3g}): noise stated too large, and so are the standard deviations"
+                f"the residual is smaller than the noise allows (chi-square per degree of freedom"
+                f" {self.chi_square_per_dof:.3g}): noise taken too large, and so are the standard deviations"
             )
         n_names = len({test.name for test in self.series})
         if self.not_white:
@@ -118,7 +118,7 @@ class ResidualTests:
         if self.normality_probability < _DOUBT:
             said.append(
                 f"the residual is not normal (Jarque-Bera, {_told(self.normality_probability)}): outliers, or lines"
-                " whose noise is stated wrongly against the others"
+                " whose noise is taken wrongly against the others"
             )
         return tuple(said)
 

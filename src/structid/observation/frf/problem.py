@@ -38,6 +38,12 @@ _MOST_STAGES, _MOST_LINES = 12, 60
 #: A part of the data is worth it where it is smaller by this factor.
 _WORTH_THINNING = 10
 
+_NOISE = {
+    "declared": "the stated noise",
+    "coherence": "the noise that coherence tells",
+    "repeats": "the noise that repeats tell",
+}
+
 FrfStages = tuple[tuple[str, "FrfProblem"], ...]
 
 
@@ -168,6 +174,12 @@ class FrfProblem(ResponseProblem):
     @property
     def sources(self) -> tuple[object, ...]:
         return self.structure, self.record
+
+    @property
+    def noise_words(self) -> str:
+        if self.record.variance is None:
+            return f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
+        return _NOISE.get(self.record.noise_source, "the noise that the record has")
 
     @property
     def measures_force(self) -> bool:

@@ -112,6 +112,10 @@ class ModalProblem(MeasuredProblem):
     channels: ChannelErrors | None = None
     in_order: bool = False
 
+    @property
+    def noise_words(self) -> str:
+        return "the deviations of the modes"
+
     def __post_init__(self) -> None:
         _ = self.data, self._sensors
         if self.channels is not None:

@@ -185,7 +185,7 @@ def residual_map_figure(fit: RecordFit) -> plot.Figure:
     label = "residual / its expected size (1)"
     scale = plot.ColourScale(palette.SEQUENTIAL, low, high, label, plot.decade_ticks(low, high), log=True)
     caption = (
-        "Magnitude of the whitened residual. About 1 where the model fits to within the stated errors; larger where it"
+        "Magnitude of the whitened residual. About 1 where the model fits to within the noise; larger where it"
         " does not; empty where no line was used."
     )
     return plot.Figure(
