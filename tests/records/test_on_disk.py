@@ -105,7 +105,7 @@ def test_file_cut_short_is_told(tmp_path):
 
 
 BAD = {
-    "no rate": ("rows.npy", ReadOptions(channels=CHANNELS, quantities=QUANTITIES), "give ReadOptions\\(sampling_rate"),
+    "no rate": ("rows.npy", ReadOptions(channels=CHANNELS, quantities=QUANTITIES), "give `sampling_rate` in"),
     "no quantities": ("rows.npy", ReadOptions(sampling_rate=1.0, channels=CHANNELS), "quantities"),
     "channels": (
         "rows.npy",

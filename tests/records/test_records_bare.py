@@ -76,10 +76,10 @@ def test_bare_time(tmp_path, suffix, rng):
 @pytest.mark.parametrize(
     "given, word",
     [
-        ({"channels": "1Z,2Z", "units": "g"}, "sampling_rate=.*--sampling-rate"),
-        ({"sampling_rate": 50, "units": "g"}, "channels=.*--channels"),
-        ({"sampling_rate": 50, "channels": "1Z,2Z"}, "units="),
-        ({}, "sampling_rate="),
+        ({"channels": "1Z,2Z", "units": "g"}, "`sampling_rate` in.*--sampling-rate"),
+        ({"sampling_rate": 50, "units": "g"}, "`channels` in.*--channels"),
+        ({"sampling_rate": 50, "channels": "1Z,2Z"}, "`units` in"),
+        ({}, "`sampling_rate` in"),
         ({"sampling_rate": 50, "channels": "1Z", "units": "g"}, "1 channels .* shape \\(20, 2\\)"),
         ({"sampling_rate": 50, "channels": "1Z,2Z", "units": "furlong"}, "'furlong'"),
         ({"sampling_rate": 50, "channels": "1Z,2Z", "units": ("g", "g", "g")}, "1 or 2 entries"),
@@ -106,9 +106,9 @@ def test_bare_time_turned(tmp_path, rng):
 @pytest.mark.parametrize(
     "changes, word",
     [
-        ({"kind": ""}, "kind="), ({"outputs": ()}, "outputs="), ({"inputs": ()}, "inputs="),
-        ({"array": "x"}, r"no array 'x'; its arrays are f \(5,\)"), ({"array": ""}, "array="),
-        ({"frequency_array": ""}, "frequency_array="), ({"frequency_array": "q"}, "no array 'q'"),
+        ({"kind": ""}, "`kind` in"), ({"outputs": ()}, "`outputs` in"), ({"inputs": ()}, "`inputs` in"),
+        ({"array": "x"}, r"no array 'x'; its arrays are f \(5,\)"), ({"array": ""}, "`array` in"),
+        ({"frequency_array": ""}, "`frequency_array` in"), ({"frequency_array": "q"}, "no array 'q'"),
         ({"outputs": ("1X", "2X")}, r"shape \(5, 3, 2\).*\(5, 2, 2\)"), ({"kind": "inertance"}, "receptance"),
         ({"unit": "m/N"}, "receptance, but `kind` says accelerance"), ({"unit": "rad/N", "kind": ""}, "rotation"),
         ({"sampling_rate": 3.0}, "`sampling_rate` belongs"), ({"outputs": ("1X", "1X", "3X")}, "twice"),

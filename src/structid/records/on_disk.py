@@ -296,7 +296,7 @@ def _only_array(path: Path, wanted: str) -> str:
         return wanted
     if wanted or len(numeric) != 1:
         raise InputError(
-            f"{path}: holds the arrays {', '.join(numeric) or 'none'}; say which to read with ReadOptions(array=...)"
+            f"{path}: holds the arrays {', '.join(numeric) or 'none'}; say which to read with `array` in [record] or ReadOptions"
         )
     return numeric[0]
 

@@ -13,24 +13,22 @@ from structid.arrays import require_finite
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError, UnnamedChannelsError
 from structid.records.io.gaps import sourced, whole
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
 from structid.units import parse_frf_unit, parse_unit
 
 _FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array")
 _TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
-_FLAGS = {"sampling_rate": "--sampling-rate", "channels": "--channels"}
 
 #: Shape and type of each array in a file, without its values.
 Shapes = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]
 
 
 def require_option(path: Path, options: ReadOptions, name: str, purpose: str) -> None:
-    """Raise `InputError` that names the option `name` (and its command-line flag) unless it is given."""
+    """Raise `InputError` that names the option `name` unless it is given."""
     if name in options.given():
         return
-    flag = f" ({_FLAGS[name]} on the command line)" if name in _FLAGS else ""
-    raise InputError(f"{path}: the array does not say {purpose}; give ReadOptions({name}=...){flag}")
+    raise InputError(f"{path}: the array does not say {purpose}; give {option_words(**{name: None})}")
 
 
 def read_bare(
@@ -88,8 +86,8 @@ def _array_name(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str
     if not free:
         raise FileError(f"{path}: holds no array of numbers; its arrays are {_listing(shapes)}")
     raise InputError(
-        f"{path}: holds several arrays and does not say which to read; give ReadOptions(array=...) or --array, "
-        f"one of {_listing(shapes)}"
+        f"{path}: holds several arrays and does not say which to read; give {option_words(array=None)}, one of"
+        f" {_listing(shapes)}"
     )
 
 
@@ -179,7 +177,7 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
 def _refuse_frf(path: Path, reason: str) -> NoReturn:
     raise InputError(
         f"{path}: {reason}, so this is read as frequency response functions, which need their frequencies; "
-        "give ReadOptions(frequency_array=...), the name of the array of frequencies in Hz"
+        f"give {option_words(frequency_array=None)}, the name of the array of frequencies in Hz"
     )
 
 

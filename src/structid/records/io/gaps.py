@@ -11,7 +11,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import between
 from structid.records.quality.sample_faults import filled, flagged_runs
 
@@ -111,10 +111,11 @@ def _words(
     p, q = max(sound, key=lambda part: part[1] - part[0], default=(0, 0))
     if q - p > 1:
         remedies.append(
-            f"cut to the longest whole part with ReadOptions(start={start + p / rate:.9g}, stop={start + (q - 1) / rate:.9g})"
+            "cut to the longest whole part with "
+            + option_words(start=f"{start + p / rate:.9g}", stop=f"{start + (q - 1) / rate:.9g}")
         )
     if inside:
-        remedies.append(f"interpolate with ReadOptions(longest_gap={longest})")
+        remedies.append(f"interpolate with {option_words(longest_gap=longest)}")
     if named and len(gaps) < len(channels):
         remedies.append("leave the channel out with `channels`")
     remedies.append("repair the file")

@@ -19,7 +19,7 @@ from structid.records.io.csv.recognition import AXES, as_date
 from structid.records.io.csv.table import Table
 from structid.records.io.gaps import sourced
 from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import selected
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, parse_frf_unit
@@ -231,7 +231,7 @@ def _uneven_remedy(time: FloatArray, i: int) -> str:
     if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
         return (
             f"{round(missing)} lines are missing at the usual step of {usual:.9g} s: cut the file there, or add these lines "
-            f"with empty cells and interpolate with ReadOptions(longest_gap={round(missing)})"
+            f"with empty cells and interpolate with {option_words(longest_gap=round(missing))}"
         )
     return "resample, or write more digits"
 

@@ -11,7 +11,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.errors import FileError, InputError
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import positions, selected
 from structid.records.io.uff.scales import (
     Factors,
@@ -58,7 +58,7 @@ def read_frfs(
     if missing:
         raise FileError(
             f"{path}: has no FRF of {', '.join(missing[:12])}{' ...' if len(missing) > 12 else ''} (output/input), "
-            "but of the other pairs; choose a complete set with ReadOptions(outputs=..., inputs=...)"
+            f"but of the other pairs; choose a complete set with {option_words(outputs=None, inputs=None)}"
         )
     functions = [_function(path, by_pair[pair], pair, factors, options) for pair in pairs]
     _require_alike(path, pairs, functions)
@@ -127,8 +127,7 @@ def _frf_scale(
         if whole.kind != kind or not np.isclose(whole.factor, factor, rtol=1e-4):
             raise FileError(
                 f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {dataset['ordinate_axis_units_lab']!r}, "
-                "which does not "
-                "fit its data types and dataset 164; tell which is right with ReadOptions(unit=...)"
+                f"which does not fit its data types and dataset 164; tell which is right with {option_words(unit=None)}"
             )
         return kind, factor
     quantity, above_factor = channel_scale(path, dataset, "ordinate", pair[0], factors)
@@ -164,8 +163,7 @@ def _require_alike(path: Path, pairs: list[Pair], functions: list[_Function]) ->
         if function.kind != first.kind:
             raise FileError(
                 f"{path}: the FRF of {output}/{load} is {function.kind}, others are {first.kind}; choose "
-                "outputs of one "
-                "kind with ReadOptions(outputs=...)"
+                f"outputs of one kind with {option_words(outputs=None)}"
             )
         _require_axis(path, f"the FRF of {output}/{load}", function.frequency, first.frequency)
 

@@ -124,8 +124,8 @@ def channel_scale(
     if label is not None and not math.isclose(label[1], factor, rel_tol=1e-4):
         raise FileError(
             f"{path}: the data of {dof} have unit {text!r} (factor {label[1]:g} to SI), but dataset 164 "
-            f"says {factor:g}; "
-            "tell which is right with ReadOptions(unit=...) for FRFs or ReadOptions(units=...) for time histories"
+            f"says {factor:g}; tell which is right: `unit` for FRFs or `units` for time histories, in [record] or"
+            " ReadOptions (--unit or --units on the command line)"
         )
     return quantity, factor
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
 from structid.records.io.geometry import Geometry
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import selected
 from structid.records.io.uff.blocks import datasets
 from structid.records.io.uff.frf import read_frfs
@@ -47,7 +47,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     if frfs and times and options.array not in ("frf", "time"):
         raise InputError(
             f"{path}: holds {len(frfs)} FRFs and {len(times)} time responses; choose with "
-            "ReadOptions(array='frf') or 'time'"
+            f'{option_words(array=None)}, "frf" or "time"'
         )
     if frfs and (not times or options.array == "frf"):
         coherences = [f for f in functions if f["func_type"] == 6]
