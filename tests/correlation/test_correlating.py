@@ -108,6 +108,33 @@ def test_a_sensor_that_is_turned_round_is_named(tmp_path):
     assert not any("opposite" in words for words in changed(tmp_path, lambda shapes: None).warnings)
 
 
+@pytest.mark.parametrize("turned", range(4))
+def test_a_turned_sensor_is_named_where_it_costs_pairs(tmp_path, turned):
+    """Of four sensors one that is turned round leaves no or wrong pairs to hold it against."""
+    study = load_study(mast.written(tmp_path))
+    record = study.setups[0].record.modes.load()
+    shapes = record.mode_shapes[:4].copy()
+    shapes[turned] *= -1
+    few = ModalRecord(record.frequency, record.damping_ratio, shapes, record.channels[:4])
+    part = correlated_modes(study.structure, study.parameters.values(study.parameters.start), few)
+    (told,) = (words for words in part.warnings if "opposite" in words)
+    assert told.startswith(f"{record.channels[turned]} reads with the opposite sense")
+
+
+def test_pairs_that_the_frequency_refuses_are_told_as_such(tmp_path):
+    """As where the model's stiffness is a hundred times too small: shapes agree, frequencies do not."""
+    study = load_study(mast.written(tmp_path))
+    record = study.setups[0].record.modes.load()
+    off = ModalRecord(10 * record.frequency, record.damping_ratio, record.mode_shapes, record.channels)
+    part = correlated_modes(study.structure, study.parameters.values(study.parameters.start), off)
+    assert part.n_paired == 0
+    (told,) = (words for words in part.warnings if "measured at" in words)
+    assert "too far off in frequency" in told
+    assert "`frequency_guard`" in told
+    assert "MAC" not in told
+    assert part.remark(0).endswith("MAC 1.00, too far off in frequency")
+
+
 def test_a_mode_without_a_like_is_told(tmp_path):
     def spoil(shapes):
         shapes[:, 3] = [1.0, -1.0, 1.0, 1.0, -1.0, -1.0]

@@ -142,7 +142,7 @@ def test_six_digit_step_may_be_stated_exactly(tmp_path, rng):
 
 def test_frf_and_time_in_one_file_are_chosen(tmp_path, values):
     path = write(tmp_path / "a.uff", [*frfs(values), function((1, 3), (0, 0), np.ones(9), 1, np.arange(9) / 8, 12, 0)])
-    with pytest.raises(InputError, match='`array` in .*"frf" or "time"'):
+    with pytest.raises(InputError, match=r'`array` in .*"frf" or "time"'):
         read_record(path)
     assert read_record(path, ReadOptions(array="frf")).kind == "accelerance"
     assert read_record(path, ReadOptions(array="time")).sampling_rate == 8

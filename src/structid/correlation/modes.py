@@ -18,6 +18,7 @@ from structid.errors import InputError
 from structid.identification.setups.modal import ModalSettings
 from structid.modal import ModalRecord
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
+from structid.similarity.pairing import assigned
 from structid.structure import Structure
 
 #: Degrees of freedom beyond which all modes are not sought, and beyond which no mass is reduced statically.
@@ -25,6 +26,8 @@ _DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000
 #: Modes of the model, in parts of the range of those measured, that are shown beside them.
 _SHOWN = (0.6, 1.4)
 _SETTINGS = ModalSettings()
+#: MAC from which two shapes are one; below, few sensors see high modes of the model like any shape.
+_SAME = 0.9
 #: Gain in mean MAC from which a sensor is said to be turned round.
 _TURNED = 0.05
 
@@ -102,7 +105,9 @@ class ModesCorrelation:
                 return "missing in the model"
             like = f"missing in the model: nearest is mode {best + 1}, {f[best]:.5g} Hz, MAC {pairing.mac[i, best]:.2f}"
             owner = next((k for k in pairing.paired.tolist() if best in pairing.partners(k)), None)
-            return like + (f", the pair of measured mode {owner + 1}" if owner is not None else "")
+            if owner is not None:
+                return f"{like}, the pair of measured mode {owner + 1}"
+            return like + (", too far off in frequency" if pairing.mac[i, best] >= self.options.least_mac else "")
         words = []
         for measured, model in pairing.groups:
             if i in measured:
@@ -119,11 +124,19 @@ class ModesCorrelation:
     def warnings(self) -> tuple[str, ...]:
         """What the pairs say of model and test: missing, surplus and doubtful modes, and sensors that stand out."""
         found = list(self.notes)
-        missing, surplus = self.pairing.missing, self.pairing.surplus
-        if len(missing):
+        surplus, far = self.pairing.surplus, self._too_far
+        missing = [i for i in self.pairing.missing.tolist() if i not in far]
+        if missing:
             found.append(
                 f"the model has no like of the modes measured at {_listed(self.measured.frequency[missing])} Hz (MAC below"
-                f" {self.options.least_mac:g}): check sensors and model, or they are no modes of the structure"
+                f" {self.options.least_mac:g} with what is near in frequency and free): check sensors and model, or they are no"
+                " modes of the structure"
+            )
+        if far:
+            found.append(
+                f"the shapes measured at {_listed(self.measured.frequency[list(far)])} Hz are the model's at"
+                f" {_listed(self.model.frequency[list(far.values())])} Hz, too far off in frequency for pairs: check"
+                " units, stiffness and mass of the model, or raise `frequency_guard` in [record.modes]"
             )
         if surplus:
             found.append(
@@ -137,20 +150,37 @@ class ModesCorrelation:
             found.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
         return (*found, *self._turned())
 
+    @cached_property
+    def _too_far(self) -> dict[int, int]:
+        """Measured modes whose shape is the model's at a frequency too far off for a pair, with that mode of the model."""
+        free = np.ones(len(self.model.frequency), dtype=bool)
+        free[[k for i in self.pairing.paired.tolist() for k in self.pairing.partners(i)]] = False
+        found = {}
+        for i in self.pairing.missing.tolist():
+            like = np.where(free, self.pairing.mac[i], 0.0)
+            if like.max(initial=0.0) >= _SAME:
+                found[i] = int(like.argmax())
+        return found
+
     def _turned(self) -> list[str]:
-        """The sensor that agrees much better if it is turned round."""
-        pairs = self.pairing.paired
-        if len(pairs) < 2 or len(self.shapes) < 3:
+        """The sensor that agrees much better if it is turned round; modes are paired anew for each, as it may have cost them."""
+        use = np.flatnonzero(self.pairing.nearness.any(axis=0))
+        if self.measured.n_modes < 2 or len(self.shapes) < 3 or not len(use):
             return []
-        x, y = self.shapes[:, pairs], self.seen @ self.coefficients[:, pairs]
-        energy = (x**2).sum(axis=0) * (y**2).sum(axis=0)
-        turned = (((x * y).sum(axis=0) - 2 * x * y) ** 2 / np.where(energy > 0, energy, np.inf)).mean(axis=1)
-        now = float(((x * y).sum(axis=0) ** 2 / np.where(energy > 0, energy, np.inf)).mean())
-        best = int(turned.argmax())
-        if turned[best] - now < _TURNED:
+        x, y, nearness = self.shapes, self.seen[:, use], self.pairing.nearness[:, use]
+        product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (y**2).sum(axis=0)
+
+        def mean_mac(product: FloatArray) -> float:
+            mac = np.where(nearness > 0, product**2 / np.where(energy > 0, energy, np.inf), 0.0)
+            return float(mac[assigned(mac * nearness)].sum() / len(mac))
+
+        now = mean_mac(product)
+        turned = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
+        best = int(np.argmax(turned))
+        if turned[best] - now < _TURNED or turned[best] < self.options.least_mac:
             return []
         return [
-            f"{self.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the pairs from"
+            f"{self.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the modes from"
             f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
         ]
 

@@ -47,6 +47,8 @@ class Pairing:
         Measured modes, with modes of the model that are as good a choice as the one taken.
     surplus : tuple of int
         Modes of the model within the measured range that no measured one is like, though they move the sensors.
+    nearness : (n_measured, n_model) float array
+        What frequencies leave of the worth of a pair, 1 at the same; 0 where there is none, whatever the shapes.
     """
 
     number: IntArray
@@ -55,6 +57,7 @@ class Pairing:
     groups: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
     ambiguous: Mapping[int, tuple[int, ...]]
     surplus: tuple[int, ...]
+    nearness: FloatArray
 
     @property
     def paired(self) -> IntArray:
@@ -153,12 +156,14 @@ def pair_modes(
     size = np.abs(y).max(axis=0, initial=0.0)
     use = np.flatnonzero((g > 1e-3 * f.min()) & (size > _MOVES * size.max(initial=0.0)))
     likeness = np.zeros((len(f), len(g)))
-    number, worth = np.full(len(f), -1), np.zeros_like(likeness)
+    number, worth, nearness = np.full(len(f), -1), np.zeros_like(likeness), np.zeros_like(likeness)
     if len(use):
         likeness[:, use] = mac(x, y[:, use])
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
         rows, columns = assigned(worth[:, use])
-        near = np.abs(np.log(g[use[columns]] / f[rows])) <= _FARTHEST * frequency_guard
+        distance = np.abs(np.log(g[use] / f[:, None])) / frequency_guard
+        nearness[:, use] = np.where(distance <= _FARTHEST, 1 / (1 + distance**2), 0.0)
+        near = nearness[rows, use[columns]] > 0
         number[rows[near]] = use[columns[near]]
     own = np.where(number >= 0, likeness[np.arange(len(f)), number], 0.0)
     groups = []
@@ -176,7 +181,7 @@ def pair_modes(
     ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
     inside = (g >= (1 - _BEYOND) * f.min()) & (g <= (1 + _BEYOND) * f.max())
     surplus = tuple(int(k) for k in use if inside[k] and int(k) not in taken)
-    return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus)
+    return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus, nearness)
 
 
 def _close(frequency: FloatArray, closeness: float) -> list[list[int]]:
