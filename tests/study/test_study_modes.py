@@ -96,6 +96,21 @@ def test_check_of_modes_says_that_kilograms_are_missing(tmp_path):
     assert "record: 4 modes from 1.1309 to 5.6408 Hz at 3 sensors" in done.stdout
 
 
+def test_damping_ratios_that_are_left_out_are_told_where_damping_is_sought(tmp_path):
+    damped = FREE.replace("mass", "loss_factor").replace("floor", "storey")
+    text = storeys(tmp_path, "stiffness = 1.6e6", "stiffness = 1.6e6\nloss_factor = 0.02")
+    text.write_text(replaced("[record]", damped, text.read_text(encoding="utf-8")), encoding="utf-8")
+    left, found = check_study(load_study(text)), run_study(load_study(text)).identification
+    for told in (left.warnings, found.warnings):
+        (words,) = (words for words in told if "use_damping" in words)
+        assert "damping is not determined (loss_factor[storey])" in words
+        assert words.endswith("write `use_damping = true` in [record.modes]")
+    text.write_text(text.read_text(encoding="utf-8") + "use_damping = true\n", encoding="utf-8")
+    found = run_study(load_study(text)).identification
+    assert found.estimate.identified.all()
+    assert not any("use_damping" in words for words in found.warnings)
+
+
 def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
     done = invoke("identify", storeys(tmp_path, "[record]", FREE), "--out", tmp_path / "out", "--png")
     assert done.exit_code == 1

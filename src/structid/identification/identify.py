@@ -21,7 +21,7 @@ from structid.identification.search import answered
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, titles
 from structid.identification.together import alike, by_name, places
-from structid.identification.warning_words import estimate_warnings
+from structid.identification.warning_words import estimate_warnings, unused_damping
 from structid.observation import ChannelUnknown, RecordProblem
 from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
@@ -133,6 +133,7 @@ def identify_together(
     remedy = "check what holds it, give it bounds or a prior, or fix it"
     warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
+    warnings += unused_damping(problems, found.names, found.kinds, found.identified)
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
     mass, std = total_mass(problems[0], found, chosen.direction)
     return Identification(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from structid.estimation import Estimate, Status
+from structid.observation import ModalProblem, RecordProblem
+from structid.observation.frf.continuation import DAMPING
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
@@ -35,6 +39,23 @@ def _unidentified(found: Estimate) -> list[str]:
     return [
         f"{found.names[i]} is not identified: {at}its standard deviation is larger than its value"
         for i, at in zip(lost, where, strict=True)
+    ]
+
+
+def unused_damping(
+    problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
+) -> list[str]:
+    """That measured damping ratios are left out, where dampings are not determined."""
+    open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING))
+    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
+    if not len(open_ones) or not any(problem.leaves_damping_out for problem in modal):
+        return []
+    listed = ", ".join(names[i] for i in open_ones[:3]) + (
+        f" and {len(open_ones) - 3} more" if len(open_ones) > 3 else ""
+    )
+    return [
+        f"damping is not determined ({listed}), and the measured damping ratios are not used: write `use_damping = true` in"
+        " [record.modes]"
     ]
 
 

@@ -14,7 +14,7 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 LEVELS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.09, 0.06, 0.03, 0.015)
 #: What the start is expected to be off by, in the logarithm: 0.5 is a factor of 1.65.
 START_ERROR = 0.5
-_DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
+DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
 _DAMPING_ERROR = 1.0
 _FEWEST_LINES = 60
 _MOST_LINES = 250
@@ -25,7 +25,7 @@ _NOISY = 0.2
 
 def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
     """Expected error of each free variable at the start; damping, seldom known, by 1 at least; infinite with a prior."""
-    expected = np.where(np.isin(unknowns.kinds, _DAMPING), max(start_error, _DAMPING_ERROR), start_error)
+    expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
     slope = unknowns.transforms.slope(unknowns.theta_start)
     size = unknowns.sizes(unknowns.start) / np.abs(slope)
     width = expected * np.where(size > 0, size, 1.0)

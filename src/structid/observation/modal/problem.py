@@ -113,6 +113,11 @@ class ModalProblem(MeasuredProblem):
     in_order: bool = False
 
     @property
+    def leaves_damping_out(self) -> bool:
+        """Whether damping ratios were measured and do not count."""
+        return not self.use_damping and bool((np.nan_to_num(self.record.damping_ratio) > 0).any())
+
+    @property
     def noise_words(self) -> str:
         return "the deviations of the modes"
 

@@ -21,6 +21,7 @@ from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
+from structid.identification.warning_words import unused_damping
 from structid.observation import RecordProblem
 from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.mesh_point import MeshPoint
@@ -238,9 +239,9 @@ def _by_jacobian(ready: Start) -> _Predicted:
     covariance = DenseCovariance(cramer_rao_bound(problem, at))
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
-    warnings: list[str] = []
+    identified = covariance.std <= problem.sizes(problem.physical(theta))
+    warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
     if not all(part.measures_force for part in ready.problems):
-        identified = covariance.std <= problem.sizes(problem.physical(theta))
         warnings += _ratio_warnings(problem, relative, identified)
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(found)
