@@ -16,7 +16,11 @@ class FileError(InputError):
 
 
 class NoLinesError(InputError):
-    """The band, or what is left out of it, leaves no line of a record."""
+    """The band, or what is left out of it, leaves no line of a record; `option` is which, where it is known."""
+
+    def __init__(self, message: str, option: str = "") -> None:
+        super().__init__(message)
+        self.option = option
 
 
 class UnnamedChannelsError(InputError):

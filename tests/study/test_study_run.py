@@ -137,6 +137,11 @@ RECORDS = [
     (lambda f: bare(f).replace('array = "h"', 'array = "g"'), "path", ["bare.npz", "'g'"]),
     (lambda f: replaced("[0.5, 12.0]", "[50.0, 60.0]"), "band", ["no frequency line", "widen the band"]),
     (
+        lambda f: replaced("band =", "exclude = [[0.1, 6.0], [5.0, 20.0]]\nband ="),
+        "exclude",
+        ["leaves out every line of the band (230 from 0.5 to 11.95 Hz)", "leave out less"],
+    ),
+    (
         lambda f: replaced("band =", "evaluation_band = [50.0, 60.0]\nband ="),
         "evaluation_band",
         ["no frequency line", "widen the band"],

@@ -10,7 +10,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.dof import Dof
 from structid.dynamics.reduced_sweep import FEWEST_LINES
-from structid.errors import InputError, SingularModelError
+from structid.errors import InputError, NoLinesError, SingularModelError
 from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
@@ -155,7 +155,14 @@ def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:
 def inside(frequency: FloatArray, options: LineOptions) -> np.ndarray:
     """Which frequencies lie inside the band and outside the excluded stretches, (n_frequencies,) bool."""
     low, high = options.band or (-np.inf, np.inf)
-    keep = (frequency >= low) & (frequency <= high)
+    in_band = (frequency >= low) & (frequency <= high)
+    keep = in_band.copy()
     for low, high in options.exclude:
         keep &= (frequency < low) | (frequency > high)
+    if in_band.any() and not keep.any():
+        first, last = frequency[in_band][[0, -1]]
+        raise NoLinesError(
+            f"`exclude` leaves out every line of the band ({in_band.sum()} from {first:g} to {last:g} Hz); leave out less",
+            "exclude",
+        )
     return keep

@@ -163,7 +163,8 @@ def _placed_lines(method: Section, key: str) -> Iterator[None]:
     try:
         yield
     except NoLinesError as error:
-        raise method.error(str(error), key if key in method.table else None) from error
+        place = error.option or key
+        raise method.error(str(error), place if place in method.table else None) from error
 
 
 @contextmanager
