@@ -84,6 +84,78 @@ def test_predictions_are_the_dense_bound(beam):
         assert test.std == pytest.approx(dense_std(*beam, test, found.options), rel=1e-6)
 
 
+def held_at_both_ends():
+    """Three masses between two bases, with every stiffness and damping unknown."""
+    first, second = [f"{i}X" for i in range(4)], [f"{i}X" for i in range(1, 5)]
+    structure = sid.Structure(
+        {i: float(i) for i in range(5)},
+        [
+            sid.PointMass("m", [1, 2, 3], 2.0),
+            sid.Spring("k", first, second, stiffness=[900.0, 1000.0, 1100.0, 800.0]),
+            sid.Dashpot("c", first, second, viscous_damping=[0.8, 1.0, 0.7, 0.9]),
+        ],
+        fixed=["0X", "4X"],
+        active=["X"],
+        bases=[sid.Base("left", "0X"), sid.Base("right", "4X")],
+    )
+    kinds = ("stiffness", "k"), ("viscous_damping", "c")
+    return structure, sid.parameters(structure, [sid.Unknown(p, e, each=True) for p, e in kinds])
+
+
+def transmissibilities(values, frequency):
+    """Motion of the masses per motion of each base, written out, (n_lines, 3, 2)."""
+    k, c = values[:4], values[4:]
+    s = 2j * np.pi * np.asarray(frequency)
+    link = k[:, None] + c[:, None] * s
+    whole = np.zeros((len(s), 5, 5), dtype=complex)
+    for i in range(4):
+        whole[:, i : i + 2, i : i + 2] += link[i][:, None, None] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    inner = whole[:, 1:4, 1:4] + (s**2)[:, None, None] * 2.0 * np.eye(3)
+    return -np.linalg.solve(inner, whole[:, 1:4][:, :, [0, 4]])
+
+
+@pytest.mark.parametrize("chunk", [48_000_000, 1])
+def test_predictions_for_driven_supports_are_those_of_the_equations_written_out(chunk, monkeypatch):
+    monkeypatch.setattr("structid.planning.rows._CHUNK_BYTES", chunk)
+    structure, unknown = held_at_both_ends()
+    options = PlanOptions(
+        tuple(np.linspace(0.5, 9.0, 60)), kind="transmissibility", relative_noise=0.02, absolute_noise=0.01, n_loads=2
+    )
+    found = plan(structure, unknown, options)
+    assert [str(dof) for dof in found.options.loads] == ["0X+", "4X+"]
+    test = found.everything
+    start = np.array(unknown.start)
+    size = np.abs(transmissibilities(start, test.frequency))
+    noise = np.hypot(0.02 * size, 0.01) / np.sqrt(2)
+    rows = []
+    for i in range(len(start)):
+        step = 1e-6 * start[i] * np.eye(len(start))[i]
+        up, down = (transmissibilities(start + sign * step, test.frequency) for sign in (1, -1))
+        change = (up - down) / 2e-6 / noise
+        rows.append(np.concatenate([change.real.ravel(), change.imag.ravel()]))
+    jacobian = np.array(rows).T
+    assert test.std == pytest.approx(np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))), rel=1e-6)
+
+
+def test_transmissibility_without_a_base_is_refused(beam):
+    with pytest.raises(InputError, match=r"add a \[\[structure.base\]\]"):
+        plan(*beam, beam_options(kind="transmissibility", loads=()))
+
+
+@pytest.mark.parametrize("record", [True, False])
+def test_a_study_that_supports_drive_is_planned(tmp_path, record):
+    """The shaken building: its record gives the base, and so does [plan] without one."""
+    example = Path(__file__).parents[2] / "examples" / "shaken_building"
+    text = (example / "study.toml").read_text(encoding="utf-8").replace("record.csv", str(example / "record.csv"))
+    if not record:
+        text = text[: text.index("[record]")] + '[plan]\nloads = ["0X"]\nband = [0.5, 18.0]\n'
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    found = planned(load_plan(tmp_path / "study.toml"))
+    assert found.options.kind == "transmissibility"
+    assert [str(dof) for dof in found.chosen.loads] == ["0X+"]
+    assert found.determined
+
+
 def test_predictions_do_not_depend_on_stretches(beam, monkeypatch):
     whole = plan(*beam, beam_options(n_frequencies=25))
     monkeypatch.setattr("structid.planning.rows._CHUNK_BYTES", 1)

@@ -43,12 +43,20 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
         dof.unsigned for dof in (*structure.dofs, *(dof for one in structure.reductions for dof in one.inside))
     )
     every = tuple(dof for dof in moving if dof.node in structure.nodes and not dof.is_rotation)
+    every_load = every
+    if options.kind == "transmissibility":
+        every_load = tuple(base.supports[0] for base in structure.bases)
     sensors = _joined(installed_sensors, parse_dofs(options.sensors) or every)
-    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else every))
+    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else every_load))
+    if not loads and options.kind == "transmissibility":
+        raise InputError(
+            "transmissibility is per motion of a support that drives the structure; add a [[structure.base]]"
+        )
     for name, dofs in (("sensors", sensors), ("loads", loads)):
         if not dofs:
             raise InputError(f"`{name}` must name at least one place; the structure has no free translation")
-        structure.selection(dofs)
+        if name == "sensors" or not structure.driven(dofs):
+            structure.selection(dofs)
     n_sensors = _count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
     n_loads = _count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
     if n_loads > 1 and any(isinstance(element, Friction) for element in structure.elements):

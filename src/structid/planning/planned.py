@@ -28,10 +28,11 @@ class PlanOptions:
     sensors : sequence of Dof
         Candidate sensors; every free translation of the structure by default.
     loads : sequence of Dof
-        Candidate loads; the installed ones by default, or every free translation where there is none.
+        Candidate loads; the installed ones by default, or every free translation where there is none. Of transmissibility
+        supports that drive the structure; by default one of each base.
     installed_sensors, installed_loads : sequence of Dof
         What is there already. It is a candidate too.
-    kind : {"receptance", "mobility", "accelerance"}
+    kind : {"receptance", "mobility", "accelerance", "transmissibility"}
         Of the frequency response functions.
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`.

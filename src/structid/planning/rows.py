@@ -35,7 +35,7 @@ class Candidates:
     sensors, loads : tuple of Dof
     frequency : (n_lines,) float array
         Hz.
-    kind : {"receptance", "mobility", "accelerance"}
+    kind : {"receptance", "mobility", "accelerance", "transmissibility"}
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`,
         added in quadrature.

@@ -243,6 +243,11 @@ class Structure(Shown, StructurePlots):
         place = self.properties[-1].values.start
         return (*found, modal_damping(found, place, len(self.values), self.n_dofs))
 
+    @property
+    def base_supports(self) -> frozenset[Dof]:
+        """What its bases move, whatever the sense."""
+        return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
+
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
         """The bases that inputs at `dofs` move, each once; () where all of them are forces.
 

@@ -105,14 +105,16 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
     unknown = read_parameters(root, structure)
     section = root.inner("plan")
     method = read_method(root.section("method"))
-    record, declared, notes = _record(root, files)
+    record, declared, notes = _record(root, files, structure)
     with (root.section("plan") or root).located():
         options, more = _options(section, structure, unknown, record, declared, method)
         options = resolved(structure, unknown, replace(options, **changes))
     return PlanStudy(title_of(root), structure, unknown, options, (*notes, *more), root, files.digests)
 
 
-def _record(root: Section, files: InputFiles) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
+def _record(
+    root: Section, files: InputFiles, structure: Structure
+) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
     """The study's record (the first of several), or None where there is none yet, and the noise it declares."""
     listed = isinstance(root.table.get("record"), list)
     section = next(iter(root.sections("record")), None) if listed else root.section("record")
@@ -122,7 +124,7 @@ def _record(root: Section, files: InputFiles) -> tuple[FrfRecord | None, NoiseSo
     missing = [name for name in names if not (root.source.path.parent / str(name)).exists()]
     if missing:
         return None, NoiseSource(), (f"the record {missing[0]} is not there yet: planned without it",)
-    described = read_source(section, files)
+    described = read_source(section, files, supports=structure.base_supports)
     if described.modes is not None:
         return None, NoiseSource(), ("the record holds modes: planned without it",)
     record = load_record(described)
@@ -146,7 +148,10 @@ def _options(
     for key in _DOFS:
         with section.located(key):
             given[key] = parse_dofs(as_list(given.get(key, [])))
-            structure.selection(given[key])
+            if not structure.driven(given[key]):
+                structure.selection(given[key])
+    if structure.driven((*given["loads"], *given["installed_loads"])):
+        given.setdefault("kind", "transmissibility")
     if record is not None:
         given.setdefault("kind", record.kind)
         given["installed_sensors"] = given["installed_sensors"] or record.outputs
