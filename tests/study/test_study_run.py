@@ -95,6 +95,9 @@ def test_check_tells_sensors_lines_and_modes(tmp_path):
     assert [mode.in_band for mode in result.modes] == [False, True, True]
     second = result.modes[1]
     assert second.lines_per_bandwidth == pytest.approx(2 * second.damping_ratio * second.frequency / 0.05, rel=1e-6)
+    windowed = replaced('path = "frf.npz"', 'path = "frf.npz"\nwindow_decay = 0.5')
+    wider = check_study(load_study(write_chain(tmp_path / "windowed", windowed))).modes[1]
+    assert wider.lines_per_bandwidth == pytest.approx(second.lines_per_bandwidth + 0.5 / np.pi / 0.05, rel=1e-6)
 
 
 def test_a_sensor_tied_by_a_constraint_is_seen_through_it(tmp_path):

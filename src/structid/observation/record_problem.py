@@ -225,6 +225,11 @@ class RecordProblem(ParameterProblem, ABC):
         return np.full(len(self.frequency), np.nan)
 
     @property
+    def window_bandwidth(self) -> FloatArray:
+        """What an exponential window adds to the half-power bandwidth at each line, Hz."""
+        return np.zeros(len(self.frequency))
+
+    @property
     def n_channels(self) -> int:
         """Pairs of sensor and load, for the memory that they take."""
         return 1

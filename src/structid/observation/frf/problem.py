@@ -153,6 +153,10 @@ class FrfProblem(ResponseProblem):
         return np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf)
 
     @property
+    def window_bandwidth(self) -> FloatArray:
+        return self.record.laplace.real / np.pi
+
+    @property
     def n_channels(self) -> int:
         return int(np.prod(self.record.values.shape[1:]))
 

@@ -66,8 +66,8 @@ class ModeCheck:
         Hz, and 1.
     in_band : bool
     lines_per_bandwidth : float
-        Half-power bandwidth (2 damping ratio frequency) over the line spacing there; below about 4 a resonance is
-        poorly resolved, 0 for an undamped mode, and NaN where modes were measured.
+        Half-power bandwidth (2 damping ratio frequency, and what an exponential window adds) over the line spacing there;
+        below about 4 a resonance is poorly resolved, 0 for an undamped mode, and NaN where modes were measured.
     rounding : float
         Relative error of the frequency by rounding of the stiffness matrix.
     """
@@ -302,7 +302,7 @@ def _mode_checks(found: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     axis, spacing = problem.frequency, problem.line_spacing
     near = np.clip(np.searchsorted(axis, found.frequency), 0, len(axis) - 1)
     inside = (axis[0] <= found.frequency) & (found.frequency <= axis[-1])
-    lines = 2 * found.damping_ratio * found.frequency / spacing[near]
+    lines = (2 * found.damping_ratio * found.frequency + problem.window_bandwidth[near]) / spacing[near]
     rows = zip(found.frequency, found.damping_ratio, inside, lines, found.rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 
