@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from structid import Bar, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
+from structid import Bar, Base, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
 from structid.dynamics.modes import modes
 from structid.identification.before.mesh import mesh_errors
 from structid.identification.before.refining import refined
@@ -116,8 +116,8 @@ def test_masses_and_springs_have_no_mesh():
     assert mesh_errors(structure, structure.values, (0.1, 10.0)) == ""
 
 
-def test_pieces_that_active_would_hold_inside_are_said():
-    """A column that bends about X with no rotation about X: its inner nodes would be clamped."""
+def test_a_column_whose_ends_do_not_turn_is_judged():
+    """It bends about X between ends without rotation about X: pieces turn there, whatever `active` leaves out."""
     properties = {
         "bending_stiffness_y": 1.0,
         "bending_stiffness_z": 1.0,
@@ -127,9 +127,9 @@ def test_pieces_that_active_would_hold_inside_are_said():
     column = SpaceBeam("column", [[1, 2]], mass=1.0, polar_inertia=0.1, **properties)
     nodes = {1: (0, 0, 0), 2: (0, 0, 1)}
     held = Structure(nodes, [column], ["1X", "1Y"], active=["X", "Y", "RY"])
-    assert "column turn in directions that `active` leaves out" in mesh_errors(held, held.values, (0.01, 10.0))
-    free = Structure(nodes, [column], ["1X", "1Z", "1RY"], active=["X", "Z", "RY"])
-    assert not isinstance(mesh_errors(free, free.values, (0.01, 10.0)), str)
+    free = Structure(nodes, [column], ["1X", "1Y", "1RX", "2RX"], active=["X", "Y", "RX", "RY"])
+    both = (mesh_errors(one, one.values, (0.01, 10.0)) for one in (held, free))
+    np.testing.assert_allclose(*(one.error for one in both), rtol=1e-9)
 
 
 def grid(n):
@@ -205,6 +205,29 @@ def test_stiffeners_are_split_with_their_plate():
     assert [len(made.nodes) for made in finer.elements] == [64, 8]
     assert set(np.unique(finer.elements[1].nodes)) <= set(np.unique(finer.elements[0].nodes))
     assert not isinstance(mesh_errors(structure, structure.values, (1.0, 60.0)), str)
+
+
+def test_split_cells_keep_base_and_damping_ratio_of_all_modes():
+    nodes, quads, rim = grid(2)
+    plate = Plate("plate", quads, youngs_modulus=7e10, density=2700.0, thickness=0.003, poisson=0.3)
+    whole = Structure(
+        nodes, [plate], [f"{n}Z" for n in rim], bases=[Base("rim", [f"{n}Z" for n in rim])], damping_ratio=0.02
+    )
+    found = refined(whole, np.append(whole.values[:-1], 0.03), 2, 10**6)
+    assert found.structure.bases == whole.bases
+    matrices = (found.structure.matrix(law, found.values) for law in ("inertia", "elastic", "viscous"))
+    assert modes(*matrices).damping_ratio[:4] == pytest.approx(0.03, rel=1e-6)
+
+
+def test_sliding_nodes_beside_cells_are_not_judged():
+    """Their places count from the next node, which would be another in a split line."""
+    nodes, quads, _ = grid(2)
+    plate = Plate("plate", quads, youngs_modulus=7e10, density=2700.0, thickness=0.003, poisson=0.3)
+    nodes = {node: (*at, 0.0) for node, at in nodes.items()} | {90 + i: (float(i), 9.0, 0.0) for i in range(3)}
+    properties = {"bending_stiffness_y": 50.0, "bending_stiffness_z": 50.0, "torsional_stiffness": 5.0}
+    beam = SpaceBeam("beam", [[90, 91], [91, 92]], mass=0.5, axial_stiffness=1e6, polar_inertia=1e-4, **properties)
+    whole = Structure(nodes, [plate, beam], ["90Z", "90RX", "92Z"], active=["Z", "RX", "RY"], sliding=[91])
+    assert "beside lines with joints, `sliding`" in mesh_errors(whole, whole.values, (0.1, 10.0))
 
 
 def test_a_model_too_large_is_not_solved(monkeypatch):

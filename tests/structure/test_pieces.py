@@ -57,6 +57,28 @@ def test_pieces_are_those_of_a_finer_mesh(case, pieces):
         assert found == pytest.approx(made, rel=1e-9, abs=1e-12 * np.abs(made).max(initial=0.0))
 
 
+@pytest.mark.parametrize(
+    ("end", "active", "bent"),
+    [((2.0, 0.0, 0.0), ["Y"], ["Y", "RZ"]), ((0.0, 0.0, 2.0), ["X", "Y"], ["X", "Y", "RX", "RY"]),
+     ((1.2, 0.0, 1.6), ["X"], ["X", "Z", "RY"]), ((2.0, 0.0, 0.0), ["X", "Y", "RZ"], ["X", "Y", "RZ"])],
+)  # fmt: skip
+def test_pieces_turn_between_ends_that_active_keeps_from_turning(end, active, bent):
+    """As the beam written out by hand, with the directions that bending takes free between its ends."""
+    properties = {"axial_stiffness": 1e4, "torsional_stiffness": 300.0, "polar_inertia": 0.01}
+
+    def beam(rows):
+        return SpaceBeam("e", rows, 2.0, bending_stiffness_y=500.0, bending_stiffness_z=700.0, **properties)
+
+    foot, tip = np.zeros(3), np.array(end)
+    cut = Structure({0: foot, 4: tip}, [beam([[0, 4]])], [f"0{d}" for d in active], active=active, subdivide=4)
+    held = [f"0{d}" for d in bent] + [f"4{d}" for d in bent if d not in active]
+    nodes = {i: tip * i / 4 for i in range(5)}
+    hand = Structure(nodes, [beam([[i, i + 1] for i in range(4)])], held, active=bent)
+    assert cut.n_dofs == hand.n_dofs
+    found, made = (modes(one.matrix("inertia"), one.matrix("elastic")).frequency for one in (cut, hand))
+    assert found == pytest.approx(made, rel=1e-8)
+
+
 def test_a_beam_in_pieces_has_the_frequencies_of_the_continuous_one():
     """Cantilever of one element, (beta L)^2 = 3.516015, 22.03449, 61.69721."""
     structure = Structure({0: 0.0, 1: 1.0}, [Beam("beam", [0, 1], 1.0, 1.0)], ["0Y", "0RZ"], subdivide=20)

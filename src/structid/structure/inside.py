@@ -31,10 +31,14 @@ class NumberedTerms:
         By the name of the set, in order.
     owners : mapping of int to str
         What is at each label above those of the nodes: the element or joint.
+    free : int array
+        Codes between pieces that move with the active directions, though these may leave them out: a beam whose ends do
+        not turn bends between them.
     """
 
     terms: Mapping[str, tuple[Term, ...]]
     owners: Mapping[int, str]
+    free: IntArray
 
 
 def numbered_terms(
@@ -58,6 +62,7 @@ def numbered_terms(
     """
     terms: dict[str, tuple[Term, ...]] = {}
     owners: dict[int, str] = {}
+    free: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     first = max(positions) + 1
     for element in elements:
         terms_of = partial(_terms, element, present, pieces, first + len(owners))
@@ -69,6 +74,7 @@ def numbered_terms(
         if is_cut:
             names = (f"{element.name}:{row + 1}" for row in range(len(element.nodes)) for _ in range(pieces - 1))
             owners.update(enumerate(names, first + len(owners)))
+            free.append(_free_between(terms[element.name], pieces, active))
     loosened: dict[tuple[str, int, int], str] = {}
     for joint in elements:
         if joint.loosened is not None:
@@ -83,7 +89,7 @@ def numbered_terms(
             end = dof_code(label, at.direction)
             terms[joint.name] = _recoded(terms[joint.name], slice(None), -1, end)
             terms[target.name] = _recoded(terms[target.name], row, own, end)
-    return NumberedTerms(terms, owners)
+    return NumberedTerms(terms, owners, np.concatenate(free))
 
 
 def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
@@ -113,6 +119,27 @@ def _chained(layer: Layer, between: IntArray) -> Layer:
         own = slice(piece * half, piece * half + width)
         local[:, own, own] += layer.local
     return replace(layer, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
+
+
+def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> IntArray:
+    """Codes between the pieces of bending lines in the directions that their stiffness couples with the active ones."""
+    layers = [layer for term in terms if term.kind == "stiffness" for layer in term.layers]
+    if not any((layer.codes % 6 >= 3).any() for layer in layers):
+        return np.zeros(0, dtype=np.int64)
+    coupled = np.zeros((len(layers[0].codes), 6, 6), dtype=bool)
+    for layer in layers:
+        size = np.abs(layer.local)
+        e, i, j = np.nonzero(size > _ROUNDING * size.max(initial=0.0))
+        coupled[e, layer.codes[e, i] % 6, layer.codes[e, j] % 6] = True
+    moves = np.tile(np.isin(DIRECTIONS, active), (len(coupled), 1))
+    for _ in DIRECTIONS:
+        moves |= (coupled & moves[:, None, :]).any(axis=2)
+    found = []
+    for layer in layers:
+        half = layer.codes.shape[1] // (pieces + 1)
+        between = layer.codes[:, half:-half]
+        found.append(between[np.take_along_axis(moves, between % 6, axis=1)])
+    return np.unique(np.concatenate(found))
 
 
 def _recoded(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:

@@ -203,7 +203,10 @@ class Structure(Shown, StructurePlots):
 
     def _held(self, codes: IntArray) -> frozenset[int]:
         """Those of `codes` that are at zero."""
-        held = codes[~np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()])].tolist()
+        moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
+            codes, self._numbered.free
+        )
+        held = codes[~moves].tolist()
         fixed = [dof_code(d.node, d.direction) for d in self.fixed]
         return frozenset([*held, *fixed]) & frozenset(codes.tolist())
 

@@ -51,8 +51,6 @@ _CHILDREN: dict[str, tuple[Child, ...]] = {
     ),
     "hexahedron": _boxes([(*at, z) for z, at in product((0, 1), _RING)]),
 }
-#: Part of a matrix's largest entry below which an entry is rounding.
-_ROUNDING = 1e-9
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 #: Corners of each side, by which rims are known.
 _SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -109,19 +107,13 @@ def obstacle(structure: Structure) -> str | None:
     cells = [made for made in structure.elements if made.cells]
     if not cells and not any(made.is_line for made in structure.elements):
         return ""
-    inside = _held_inside(structure)
-    if inside:
-        return (
-            f"the mesh was not judged: {_listed(inside)} turn in directions that `active` leaves out, and pieces would be held"
-            " in them between their ends; add these directions to `active`"
-        )
     if not cells:
         return None
     odd = [made.name for made in cells if any(kind not in _CHILDREN for kind in _kinds(made))]
     if odd:
         return f"the mesh was not judged: cells of the kinds of {_listed(odd)} are not split"
-    if structure.subdivide > 1 or any(made.loosened is not None for made in structure.elements):
-        return "the mesh was not judged: cells beside lines with joints or `subdivide` are not split"
+    if structure.subdivide > 1 or structure.sliding or any(made.loosened is not None for made in structure.elements):
+        return "the mesh was not judged: cells beside lines with joints, `sliding` or `subdivide` are not split"
     if any(not isinstance(tie, MeshPoint) for tie in structure.ties):
         return "the mesh was not judged: cells with rigid links or constraints are not split"
     return None
@@ -153,22 +145,6 @@ def refined(structure: Structure, values: FloatArray, times: int, most: int) -> 
     for _ in range(times.bit_length() - 1):
         found = _split(found)
     return found
-
-
-def _held_inside(structure: Structure) -> list[str]:
-    """Sets of lines whose stiffness couples directions that move with some that are held everywhere."""
-    lines = {made.name for made in structure.elements if made.is_line}
-    moving = [DIRECTIONS.index(direction) for direction in structure.active or ()]
-    found = []
-    for p in structure.properties:
-        if p.element not in lines or p.term.kind != "stiffness":
-            continue
-        for layer in p.term.layers:
-            moves = np.isin(layer.codes % 6, moving)
-            coupled = np.abs(layer.local) * (moves[:, :, None] & ~moves[:, None, :])
-            if coupled.max(initial=0.0) > _ROUNDING * np.abs(layer.local).max(initial=0.0):
-                found.append(p.element)
-    return list(dict.fromkeys(found))
 
 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
@@ -240,9 +216,8 @@ def _split(given: Refined) -> Refined:
         }
         elements.append(replace(made, nodes=np.array(rows), **each))
         parents[made.name] = own
-    finer = Structure(
-        middles.positions, elements, (*structure.fixed, *_held(structure, middles)), structure.ties, structure.active
-    )
+    held = (*structure.fixed, *_held(structure, middles))
+    finer = replace(structure, nodes=middles.positions, elements=tuple(elements), fixed=held)
     old = {(p.element, p.term.property): given.values[p.values] for p in structure.properties}
     parts = []
     for p in finer.properties:
