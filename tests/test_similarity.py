@@ -74,7 +74,10 @@ def test_subspace_angles_of_known_planes():
     [
         (lambda: mac(np.ones((3, 1)), np.ones((4, 1))), "same channels, got 3 and 4"),
         (lambda: mac([[1.0, 0.0], [1.0, 0.0]]), "zero throughout in column 2"),
-        (lambda: mac([1.0, np.nan]), "`first` must be finite"),
+        (lambda: mac([1.0, np.inf]), "`first` must be finite"),
+        (lambda: mac([[1.0, 0.0], [1.0, np.nan]]), "zero throughout in column 2"),
+        (lambda: subspace_angles([1.0, np.nan], [1.0, 2.0]), "with unknown entries"),
+        (lambda: orthogonality(np.eye(2), [1.0, np.nan]), "with unknown entries"),
         (lambda: mac(np.ones((2, 2, 2))), "n_channels, n_shapes"),
         (lambda: frac(np.ones((3, 2)), np.ones((3, 1))), "one shape"),
         (lambda: frac(np.ones((3, 2)), np.zeros((3, 2))), "`second` is zero"),
@@ -100,6 +103,31 @@ def test_comac_and_ecomac_are_their_definitions():
         assert comac(x * factors, y)[c] == pytest.approx(cross / energy, rel=1e-12)
         distance = sum(abs(x[c, r] - y[c, r]) for r in range(3)) / 6 * np.sqrt(5)
         assert ecomac(x, y * factors)[c] == pytest.approx(distance, rel=1e-12)
+
+
+def test_unknown_entries_leave_the_measures_of_the_known_ones():
+    x, y = shapes(6, 4), shapes(6, 4)
+    x[[0, 3], 1], x[:, 2], y[5, 3] = np.nan, np.nan, np.nan
+    for i in range(4):
+        for j in range(4):
+            own = ~np.isnan(x[:, i]) & ~np.isnan(y[:, j])
+            if i == 2:
+                assert np.isnan(mac(x, y)[i, j])
+            else:
+                assert mac(x, y)[i, j] == pytest.approx(mac(x[own, i], y[own, j]).item(), rel=1e-12)
+    pairs = [0, 1, 3]
+    assert mac([1.0, np.nan], [0.0, 1.0]).item() == 0  # measured where the other stands still
+    by_hand = np.full((6, 3), np.nan)
+    for r, pair in enumerate(pairs):
+        own = ~np.isnan(x[:, pair]) & ~np.isnan(y[:, pair])
+        by_hand[own, r] = ecomac(x[own, pair], y[own, pair]) * 2
+    assert ecomac(x[:, pairs], y[:, pairs]) == pytest.approx(np.nanmean(by_hand, axis=1) / 2, rel=1e-12)
+    assert comac(x[:, [0, 1]], y[:, [0, 1]])[[0, 3]] == pytest.approx(1.0)  # one pair of entries is always alike
+    whole = shapes(6, 3)
+    turned = whole * np.exp(0.7j)
+    whole[1, 2] = np.nan
+    assert comac(whole, turned) == pytest.approx(np.ones(6), rel=1e-12)
+    assert ecomac(whole, turned) == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 def test_a_sensor_that_is_turned_round_shows_by_ecomac_alone():

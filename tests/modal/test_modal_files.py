@@ -1,6 +1,7 @@
 """Modes in files: what is written comes back, other programs can read it, and damage is named."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,45 @@ def test_csv_keeps_all_but_how_errors_move_together(tmp_path, is_complex, scalin
     np.testing.assert_allclose(np.diag(back.covariance), np.diag(written.covariance), rtol=1e-15)
     assert np.count_nonzero(back.covariance) == 6
     assert (back.channels, back.scaling) == (written.channels, written.scaling)
+
+
+def with_unknown(is_complex, scaling="unit_largest"):
+    """Two entries of one mode and the whole shape of another are unknown."""
+    whole = modes(is_complex, scaling)
+    shapes = np.array(whole.mode_shapes)
+    shapes[[0, 2], 1], shapes[:, 2] = np.nan, np.nan
+    if scaling == "unit_largest":
+        shapes = unit_largest(shapes)
+    return replace(whole, mode_shapes=shapes)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+@pytest.mark.parametrize("is_complex", [False, True])
+@pytest.mark.parametrize("scaling", ["unit_largest", "mass"])
+def test_unknown_entries_come_back_as_unknown(tmp_path, suffix, is_complex, scaling):
+    written = with_unknown(is_complex, scaling)
+    write_modes(tmp_path / f"modes{suffix}", written)
+    back = read_modes(tmp_path / f"modes{suffix}")
+    assert back.known.sum(axis=0).tolist() == [4, 2, 0]
+    for name in ("frequency", "damping_ratio", "mode_shapes", "shape_std", "known"):
+        assert same(getattr(back, name), getattr(written, name)), name
+    assert np.isnan(back.shape_std[~back.known]).all()  # of an entry that is unknown nothing is
+    assert "6 of 12 shape entries unknown, 1 mode without a shape" in repr(back)
+
+
+def test_a_universal_file_is_refused_unknown_entries(tmp_path):
+    with pytest.raises(FileError, match=r"no sign for the 6 unknown entries of the mode shapes; write \.json or \.csv"):
+        write_modes(tmp_path / "modes.uff", with_unknown(True))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("blank", ["", "nan", " NaN "])
+def test_blank_cells_of_a_published_table_are_unknown(tmp_path, blank):
+    path = tmp_path / "table.csv"
+    path.write_text(f"frequency_hz,1X,2X,3X\n20.5,4,{blank},-2\n8.1,{blank},{blank},{blank}\n")
+    back = read_modes(path)
+    assert back.known.T.tolist() == [[False] * 3, [True, False, True]]
+    np.testing.assert_allclose(back.mode_shapes[:, 1], [1.0, np.nan, -0.5])
 
 
 def test_csv_of_published_modes_needs_two_columns_only(tmp_path):
@@ -172,6 +212,10 @@ def _json_with(**changes):
         (".csv", lambda t: t.replace("2X+", "sensor"), "column 'sensor real' is no channel"),
         (".csv", lambda t: t.replace("unit_largest", "unit", 1), "`scaling` must be unit_largest or mass"),
         (".csv", lambda t: "frequency_hz,1X,2X\n3,1,2\n4,0,0\n", "line 3 has a mode shape of zeros"),
+        (".csv", lambda t: "frequency_hz,3,4\n1X,1,0\n2X,2,\n", "column 3 has a mode shape of zeros"),
+        (".csv", lambda t: "frequency_hz,1X real,1X imaginary,2X\n3,,1,2\n", "line 2, column `1X real` is empty beside"),
+        (".csv", lambda t: "frequency_hz,1X,2X\n3,1,2\n4,-,1\n", "must be a number, got '-'; leave it blank"),
+        (".csv", lambda t: "frequency_hz,1X,2X\n3,1,inf\n", "line 2, column `2X` must be finite, got inf"),
         (".uff", lambda t: t[: t.rfind("    -1")], "the file is truncated"),
         (".uff", lambda t: t.replace("    55", "    57"), "holds no modes"),
         (".uff", lambda t: t.replace("         3         2         8", "         3         2      oops"), "record 6"),

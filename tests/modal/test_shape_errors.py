@@ -25,3 +25,10 @@ def test_unscaled_shape_std_takes_rounding_for_zero():
 def test_unscaled_shape_std_leaves_others_as_they_are():
     std = np.array([[0.01, 0.0], [0.02, 0.0]])
     np.testing.assert_array_equal(unscaled_shape_std(np.ones((2, 2)), std), std)
+
+
+def test_unscaled_shape_std_passes_over_unknown_entries():
+    shapes, std = np.array([[1.0], [np.nan], [0.5]]), np.array([[0.0], [np.nan], [0.02]])
+    np.testing.assert_allclose(
+        unscaled_shape_std(shapes, std), [[0.02 / np.sqrt(1.25)], [np.nan], [0.02 / np.sqrt(1.25)]]
+    )

@@ -71,13 +71,14 @@ class ModalRecord(Shown):
     damping_ratio : (n_modes,) float array
         Viscous damping ratio; NaN where the method gives none.
     mode_shapes : (n_channels, n_modes) array, real or complex
-        One column a mode; the sense of each `Dof` included.
+        One column a mode; the sense of each `Dof` included. NaN where an entry is unknown, as of a sensor that was dead
+        in one mode; a whole column where a mode was published without its shape.
     channels : tuple of Dof
         Where the rows of `mode_shapes` were measured.
     covariance : (2 n_modes, 2 n_modes) float array, optional
         Of all frequencies (Hz), then all damping ratios. None where the method gives none.
     shape_std : (n_channels, n_modes) float array, optional
-        Standard deviation of every entry of `mode_shapes`, of its real part for complex ones.
+        Standard deviation of every entry of `mode_shapes`, of its real part for complex ones; NaN where it is unknown.
     changes : ModalChanges, optional
         What `covariance` and `shape_std` come from, with all that they leave out: how shapes vary together, and with
         frequencies.
@@ -92,7 +93,7 @@ class ModalRecord(Shown):
     Raises
     ------
     InputError
-        If shapes disagree, frequencies are negative, not finite or not in order, or a mode shape is not finite.
+        If shapes disagree, frequencies are negative, not finite or not in order, or a mode shape is infinite.
     """
 
     frequency: FloatArray
@@ -125,8 +126,10 @@ class ModalRecord(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
-        kind = np.complex128 if np.iscomplexobj(self.mode_shapes) else np.float64
-        object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, kind))
+        is_complex = np.iscomplexobj(self.mode_shapes)
+        shapes = np.array(self.mode_shapes, dtype=np.complex128 if is_complex else np.float64)
+        shapes[np.isnan(shapes)] = complex(np.nan, np.nan) if is_complex else np.nan
+        object.__setattr__(self, "mode_shapes", locked(shapes))
         object.__setattr__(self, "channels", parse_dofs(self.channels))
         object.__setattr__(self, "warnings", tuple(self.warnings))
         if self.scaling not in ("unit_largest", "mass"):
@@ -137,13 +140,14 @@ class ModalRecord(Shown):
             raise InputError("`frequency` must be at least 0 and increase from mode to mode; sort the modes")
         require_shape("damping_ratio", self.damping_ratio, self.frequency.shape, "NaN where it is not known")
         require_shape("mode_shapes", self.mode_shapes, (len(self.channels), self.n_modes), "one column a mode")
-        require_finite("mode_shapes", self.mode_shapes)
+        require_finite("mode_shapes", np.where(self.known, self.mode_shapes, 0.0))
         if self.covariance is not None:
             object.__setattr__(self, "covariance", locked(self.covariance, np.float64))
             require_shape("covariance", np.asarray(self.covariance), (2 * self.n_modes,) * 2)
         if self.shape_std is not None:
-            object.__setattr__(self, "shape_std", locked(self.shape_std, np.float64))
-            require_shape("shape_std", np.asarray(self.shape_std), self.mode_shapes.shape, "one for each entry")
+            std = np.asarray(self.shape_std, dtype=np.float64)
+            require_shape("shape_std", std, self.mode_shapes.shape, "one for each entry")
+            object.__setattr__(self, "shape_std", locked(np.where(self.known, std, np.nan)))
         if self.changes is not None:
             require_shape(
                 "changes", self.changes.mode_shapes, (None, *self.mode_shapes.shape), "one for each entry of the shapes"
@@ -152,6 +156,7 @@ class ModalRecord(Shown):
     def overview(self) -> Overview:
         """Modes and channels, and one row a mode."""
         words = f"{counted(self.n_modes, 'mode')} at {counted(len(self.channels), 'channel')} ({listed(self.channels)})"
+        words += self.unknown_words
         rows = [
             (str(number + 1), *(figures(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
             for number, row in enumerate(self._table.tolist())
@@ -172,6 +177,19 @@ class ModalRecord(Shown):
     @property
     def n_modes(self) -> int:
         return len(self.frequency)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which entries of `mode_shapes` are known, (n_channels, n_modes)."""
+        return np.asarray(~np.isnan(self.mode_shapes))
+
+    @property
+    def unknown_words(self) -> str:
+        """How many entries of the shapes are unknown, to follow other words; "" where none is."""
+        known = self.known
+        count, bare = int((~known).sum()), int((~known.any(axis=0)).sum()) if known.size else 0
+        without = f", {counted(bare, 'mode')} without a shape" if bare else ""
+        return f", {count} of {known.size} shape entries unknown{without}" if count else ""
 
     @property
     def omega(self) -> FloatArray:
@@ -269,6 +287,12 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
 
 
 def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
-    """Each column divided by its entry of largest magnitude, so that this entry is 1."""
-    largest = np.abs(shapes).argmax(axis=0)
-    return shapes / shapes[largest, np.arange(shapes.shape[1])]
+    """Each column divided by its known entry of largest magnitude, so that this entry is 1."""
+    known = ~np.isnan(shapes)
+    largest = np.where(known, np.abs(shapes), 0.0).argmax(axis=0)
+    return shapes / np.where(known.any(axis=0), shapes[largest, np.arange(shapes.shape[1])], 1.0)
+
+
+def largest_entries(shapes: NDArray[np.inexact]) -> FloatArray:
+    """Size of the largest known entry of each column, (n_modes,); 0 where none is known."""
+    return np.asarray(np.where(np.isnan(shapes), 0.0, np.abs(shapes)).max(axis=0, initial=0.0))

@@ -109,14 +109,16 @@ class HardCriteria:
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
     """((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2 of real and imaginary parts x, y of each column, (n_modes,).
 
+    Of the known entries; NaN where all of a column are unknown (NaN).
+
     References
     ----------
     Pappa, Elliott and Schenk (1993), J. Guid. Control Dyn. 16(5), Eq. (21), without removal of the mean.
     """
     x, y = shapes.real, shapes.imag
-    xx, yy, xy = (np.sum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
-    total = xx + yy
-    return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total > 0, total, 1.0) ** 2)
+    xx, yy, xy = (np.nansum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
+    total = np.where(np.isnan(shapes).all(axis=0), np.nan, xx + yy)
+    return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total == 0, 1.0, total) ** 2)
 
 
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:

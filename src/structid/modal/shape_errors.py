@@ -23,16 +23,17 @@ def unscaled_shape_std(shapes: NDArray[np.inexact], std: FloatArray) -> FloatArr
     shapes : (n_channels, n_modes) array
         Largest entry of size 1.
     std : (n_channels, n_modes) float array
-        0 (to rounding) at one entry of a column; columns without a 0, or without anything else, stay as they are.
+        0 (to rounding) at one entry of a column; columns without a 0, or without anything else, stay as they are. NaN
+        where an entry is unknown.
 
     Returns
     -------
     (n_channels, n_modes) float array
     """
     freed = np.array(std, dtype=np.float64)
-    held = std <= _ROUNDING * std.max(axis=0, initial=0.0)
+    held = std <= _ROUNDING * np.nan_to_num(std).max(axis=0, initial=0.0)
     for m in np.flatnonzero(held.any(axis=0) & (std > 0).any(axis=0)):
-        known = ~held[:, m]
-        freed[known, m] = std[known, m] / np.sqrt(1 + np.abs(shapes[known, m]) ** 2)
-        freed[~known, m] = np.sqrt(np.mean(freed[known, m] ** 2))
+        free = ~held[:, m]
+        freed[free, m] = std[free, m] / np.sqrt(1 + np.abs(shapes[free, m]) ** 2)
+        freed[~free, m] = np.sqrt(np.nanmean(freed[free, m] ** 2))
     return freed

@@ -19,13 +19,15 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
     Parameters
     ----------
     first : (n_channels, n_first) array, real or complex
-        Mode shapes; one shape may be given as (n_channels,).
+        Mode shapes; one shape may be given as (n_channels,). Entries that are unknown are NaN: a pair is held against each
+        other where both are known.
     second : (n_channels, n_second) array, optional
         By default `first` against itself.
 
     Returns
     -------
     (n_first, n_second) float array
+        NaN where two shapes have no known entry in common.
 
     Raises
     ------
@@ -42,8 +44,14 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
     1.0
     """
     x, y = _both(first, second)
+    known_x, known_y = (~np.isnan(z) for z in (x, y))
+    x, y = np.where(known_x, x, 0.0), np.where(known_y, y, 0.0)
+    for name, shapes, known in (("first", x, known_x), ("second", y, known_y)):
+        energies(name, np.where(known.any(axis=0), shapes, 1.0))
     cross = np.abs(x.conj().T @ y) ** 2
-    return cross / np.outer(energies("first", x), energies("second", y))
+    energy = ((np.abs(x) ** 2).T @ known_y) * (known_x.T @ (np.abs(y) ** 2))
+    shared = known_x.T.astype(float) @ known_y
+    return np.where(shared > 0, np.divide(cross, energy, out=np.zeros_like(cross), where=energy > 0), np.nan)
 
 
 def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
@@ -56,12 +64,12 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Parameters
     ----------
     first, second : (n_channels, n_modes) arrays, real or complex
-        Column r of one is paired with column r of the other.
+        Column r of one is paired with column r of the other. NaN where an entry is unknown: the others count.
 
     Returns
     -------
     (n_channels,) float array
-        NaN where a channel moves in no mode of one of the sets.
+        NaN where a channel moves in no mode of one of the sets, or is unknown in all.
 
     Raises
     ------
@@ -73,7 +81,7 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Lieven and Ewins (1988), Spatial correlation of mode shapes, the COMAC, Proc. 6th IMAC; Allemang (2003), The modal
     assurance criterion: twenty years of use and abuse, Sound and Vibration 37(8), 14-23.
     """
-    x, y = _paired_columns(first, second)
+    x, y, _ = _paired_columns(first, second)
     cross = np.abs(np.sum(x.conj() * y, axis=1)) ** 2
     energy = np.sum(np.abs(x) ** 2, axis=1) * np.sum(np.abs(y) ** 2, axis=1)
     return np.divide(cross, energy, out=np.full(len(x), np.nan), where=energy > 0)
@@ -88,19 +96,21 @@ def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Parameters
     ----------
     first, second : (n_channels, n_modes) arrays, real or complex
-        Column r of one is paired with column r of the other.
+        Column r of one is paired with column r of the other. NaN where an entry is unknown: the others count.
 
     Returns
     -------
     (n_channels,) float array
+        NaN where a channel is unknown in all modes.
 
     References
     ----------
     Hunt (1992), Application of an enhanced coordinate modal assurance criterion, Proc. 10th IMAC; Allemang (2003).
     """
-    x, y = _paired_columns(first, second)
-    distance: FloatArray = np.abs(x - y).mean(axis=1) * (0.5 * np.sqrt(len(x)))
-    return distance
+    x, y, known = _paired_columns(first, second)
+    distance = np.sum(np.abs(x - y) * np.sqrt(known.sum(axis=0)), axis=1)
+    count = 2.0 * known.sum(axis=1)
+    return np.divide(distance, count, out=np.full(len(x), np.nan), where=count > 0)
 
 
 def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
@@ -130,7 +140,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     ----------
     Ewins (2000), Modal Testing, 2nd ed., section 5.5; NASA-STD-5002 (1996) for the limits.
     """
-    x, y = _both(first, second)
+    x, y = _complete(first, second)
     m = np.asarray(mass, dtype=np.float64)
     if m.shape != (len(x), len(x)):
         raise InputError(f"`mass` must be ({len(x)}, {len(x)}) like the channels, got shape {m.shape}")
@@ -141,14 +151,17 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
 
 
 def most_real(shapes: ArrayLike) -> FloatArray:
-    """Shapes turned to the phase in which they are as real as can be, and their real part, (n_channels, n_modes)."""
+    """Shapes turned to the phase in which they are as real as can be, and their real part, (n_channels, n_modes).
+
+    Entries that are unknown (NaN) stay so.
+    """
     given = np.asarray(shapes)
     return np.asarray((given * real_turn(given)).real if np.iscomplexobj(given) else given)
 
 
 def real_turn(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
     """The factor of size 1 on each of (n_channels, n_modes) shapes that makes it as real as can be, (n_modes,)."""
-    turn: NDArray[np.inexact] = np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))
+    turn: NDArray[np.inexact] = np.exp(-0.5j * np.angle(np.nansum(shapes**2, axis=0)))
     return turn
 
 
@@ -171,7 +184,7 @@ def subspace_angles(first: ArrayLike, second: ArrayLike) -> FloatArray:
     ----------
     Knyazev and Argentati (2002), SIAM J. Sci. Comput. 23(6), 2009-2041.
     """
-    x, y = _both(first, second)
+    x, y = _complete(first, second)
     angles: FloatArray = linalg.subspace_angles(x, y)[::-1]
     return angles
 
@@ -183,19 +196,26 @@ def _columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or array.size == 0:
         raise InputError(f"`{name}` must be (n_channels, n_shapes), got shape {np.shape(values)}; one shape a column")
-    require_finite(name, array)
+    require_finite(name, np.where(np.isnan(array), 0.0, array))
     return array
 
 
-def _paired_columns(first: ArrayLike, second: ArrayLike) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """Both sets with columns of size 1, the second turned to the phase of the first."""
+def _paired_columns(
+    first: ArrayLike, second: ArrayLike
+) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
+    """Both sets with columns of size 1, the second turned to the phase of the first, and which entries both know.
+
+    Others are 0.
+    """
     x, y = _columns("first", first), _columns("second", second)
     if x.shape != y.shape:
         raise InputError(f"`first` and `second` must have one shape, got {x.shape} and {y.shape}; pair them first")
+    known = ~(np.isnan(x) | np.isnan(y))
+    x, y = np.where(known, x, 0.0), np.where(known, y, 0.0)
     x, y = x / np.sqrt(energies("first", x)), y / np.sqrt(energies("second", y))
     product = np.sum(y.conj() * x, axis=0)
     size = np.abs(product)
-    return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0)
+    return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0), known
 
 
 def _both(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
@@ -207,4 +227,13 @@ def _both(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexac
             f"`first` and `second` must have the same channels, got {x.shape[0]} and {y.shape[0]}; "
             "bring them to common sensors first"
         )
+    return x, y
+
+
+def _complete(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """The same without an unknown entry, which only a measure of single pairs can do without."""
+    x, y = _both(first, second)
+    hint = "leave out shapes, or channels, with unknown entries"
+    require_finite("first", x, hint)
+    require_finite("second", y, hint)
     return x, y

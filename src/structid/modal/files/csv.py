@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
-from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, unit_largest
+from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
 from structid.modal.poles import modal_phase_collinearity
 from structid.records.io.csv.recognition import is_number
 
@@ -78,7 +78,11 @@ class _Table(NamedTuple):
 
     def place(self, k: int, name: str) -> str:
         """Where the value called `name` of mode `k` is."""
-        return f"row `{name}`, column {k + 2}" if self.is_turned else f"line {k + 2}, column `{name}`"
+        return f"row `{name}`, {self.mode(k)}" if self.is_turned else f"{self.mode(k)}, column `{name}`"
+
+    def mode(self, k: int) -> str:
+        """Where mode `k` is."""
+        return f"column {k + 2}" if self.is_turned else f"line {k + 2}"
 
 
 def _table(path: Path) -> _Table:
@@ -123,7 +127,8 @@ def read_modes_csv(path: Path) -> ModalRecord:
     """The modes in the table at `path`: ``frequency_hz`` and one column a channel are needed, the rest is optional.
 
     ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a table with
-    one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``.
+    one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry that is blank or
+    ``nan`` is unknown.
 
     Raises
     ------
@@ -139,10 +144,10 @@ def read_modes_csv(path: Path) -> ModalRecord:
     scaling = _scaling(path, header, lines)
     dofs = _channels(path, header)
     shapes, shape_std = _shapes(table, dofs)
-    size = np.abs(shapes).max(axis=0)
+    size = np.where(np.isnan(shapes).all(axis=0), 1.0, largest_entries(shapes))
     if not size.all():
         raise FileError(
-            f"{path}: line {int(np.argmin(size)) + 2} has a mode shape of zeros; give it, or leave the mode out"
+            f"{path}: {table.mode(int(np.argmin(size)))} has a mode shape of zeros; give it, or leave it blank where it is unknown"
         )
     if scaling == "mass" or np.allclose(size, 1.0, rtol=0, atol=1e-9):
         size = np.ones(len(lines))
@@ -161,12 +166,17 @@ def _column(table: _Table, name: str) -> FloatArray:
     values = np.full(len(table.lines), np.nan)
     if name in table.header:
         at, factor = table.header.index(name), table.factors.get(name, 1.0)
+        remedy = "" if name == "frequency_hz" else "; leave it blank where it is not known"
         for k, row in enumerate(table.lines):
             text = row[at].strip()
             try:
                 values[k] = float(text) * factor if text else np.nan
             except ValueError:
-                raise FileError(f"{table.path}: {table.place(k, name)} must be a number, got {text!r}") from None
+                raise FileError(
+                    f"{table.path}: {table.place(k, name)} must be a number, got {text!r}{remedy}"
+                ) from None
+            if np.isinf(values[k]):
+                raise FileError(f"{table.path}: {table.place(k, name)} must be finite, got {text}{remedy}")
             if name.endswith(("std", "std_hz")) and values[k] < 0:
                 raise FileError(f"{table.path}: {table.place(k, name)} must not be negative, got {text}")
     return values
@@ -212,10 +222,13 @@ def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NDArray[np.inexact], 
     for dof in dofs:
         for part in _PARTS:
             rows[part].append(_column(table, names.get((dof, part), "-")))
-        if np.isnan(rows["real"][-1]).any():
-            raise FileError(
-                f"{table.path}: the shape at {dof} has an empty cell; give every mode a value at every channel"
-            )
+        halves = np.flatnonzero(np.isnan(rows["real"][-1]) & ~np.isnan(rows["imaginary"][-1]))
+        if halves.size:
+            where = table.place(int(halves[0]), names.get((dof, "real"), f"{dof} real"))
+            raise FileError(f"{table.path}: {where} is empty beside an imaginary part; give both, or neither")
     real, imaginary, std = (np.array(rows[part]) for part in _PARTS)
-    shapes = real if np.isnan(imaginary).all() else real + 1j * np.nan_to_num(imaginary)
+    shapes: NDArray[np.inexact] = real
+    if not np.isnan(imaginary).all():
+        shapes = real.astype(np.complex128)
+        shapes.imag = np.where(np.isnan(imaginary), 0.0, imaginary)
     return shapes, None if np.isnan(std).all() else std

@@ -34,8 +34,14 @@ def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) 
     Raises
     ------
     FileError
-        If two channels are one direction at one node, which the format holds once.
+        If two channels are one direction at one node, which the format holds once, or an entry of a shape is unknown, for
+        which it has no sign.
     """
+    if not modes.known.all():
+        raise FileError(
+            f"{path}: universal files have no sign for the {int((~modes.known).sum())} unknown entries of the mode shapes;"
+            " write .json or .csv, or leave out these modes or channels"
+        )
     directions = [dof.unsigned for dof in modes.channels]
     for dof in directions:
         if directions.count(dof) > 1:

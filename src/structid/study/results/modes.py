@@ -28,8 +28,11 @@ def write_modes_results(result: ModesResult, folder: Path) -> None:
 
 
 def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = None) -> None:
-    """Write the merged modes of files of modes as modes.json, modes.csv and modes.uff into the existing `folder`."""
-    for suffix in ("json", "csv", "uff"):
+    """Write the merged modes of files of modes as modes.json, modes.csv and modes.uff into the existing `folder`.
+
+    modes.uff is left out where entries of the shapes are unknown, for which the format has no sign.
+    """
+    for suffix in ("json", "csv", "uff") if modes.known.all() else ("json", "csv"):
         write_modes(folder / f"modes.{suffix}", modes, geometry)
 
 

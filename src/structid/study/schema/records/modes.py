@@ -15,7 +15,7 @@ from structid.errors import InputError
 from structid.identification.setups.modal import ModalSettings, chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
-from structid.modal.modal_record import independent_errors
+from structid.modal.modal_record import independent_errors, largest_entries
 from structid.observation import ModalProblem
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
@@ -53,8 +53,8 @@ class ModeDeviations:
             record = replace(record, covariance=independent_errors(np.concatenate(stds)))
         if shape is not None:
             self._require_none("standard deviations of shapes", record.shape_std, "shape_error")
-            largest = np.abs(np.asarray(record.mode_shapes)).max(axis=0)
-            record = replace(record, shape_std=np.broadcast_to(shape * largest, record.mode_shapes.shape))
+            each = np.broadcast_to(shape * largest_entries(record.mode_shapes), record.mode_shapes.shape)
+            record = replace(record, shape_std=each)
         return record
 
     def _each(self, name: str, n: int) -> np.ndarray | None:
