@@ -43,23 +43,27 @@ def views(
 
 
 def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
-    """FRFs of measured modes, scaled to unit modal mass by the model's, with the model's own modes where none was measured.
+    """FRFs of measured modes, scaled to unit modal mass by the model's, with the model's own modes and entries where none was
+    measured.
 
     Lines lie off the axis, where damping hardly counts. The loads are the channels that move most.
     """
     state, pairs = problem.model_state(problem.physical(theta)), paired_modes(problem, theta)
     seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.readings(problem.physical(theta))[0][:, None]
     shapes, frequency = seen.copy(), state.modes.frequency.copy()
-    given = problem.data.shapes[:, problem.data.measured]
-    size = np.einsum("cm,cm->m", given, seen[:, pairs.number]) / np.einsum("cm,cm->m", given, given)
-    shapes[:, pairs.number] = given * size
+    given, like = problem.data.shapes[:, problem.data.measured], seen[:, pairs.number]
+    known = ~np.isnan(given)
+    given = np.where(known, given, 0.0)
+    energy = np.einsum("cm,cm->m", given, given)
+    size = np.einsum("cm,cm->m", given, like) / np.where(energy > 0, energy, 1.0)
+    shapes[:, pairs.number] = np.where(known, given * size, like)
     frequency[pairs.number] = problem.data.frequency
     damping = np.full(len(frequency), 1e-3)
     damping[pairs.number] = np.maximum(pairs.damping_ratio, 0.0)
     kept = frequency > 0
     span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), _LINES)
     lines = np.unique(np.concatenate([span, problem.data.frequency]))
-    drive = np.sort(np.argsort(-np.abs(given * size).max(axis=1))[:_LOADS])
+    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:_LOADS])
     decay = _DECAY * 2 * np.pi * lines
     s = decay + 2j * np.pi * lines
     values = _synthesized(

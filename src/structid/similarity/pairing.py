@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
@@ -37,9 +37,10 @@ class Pairing:
         The model's mode; -1 where none is like it.
     likeness : (n_measured,) float array
         MAC with that mode; of close modes cos^2 of the largest principal angle between the spans. Also where it is too
-        low for a pair: then of the best candidate that no other measured mode has.
+        low for a pair: then of the best candidate that no other measured mode has. NaN where no entry of the measured
+        shape is known: the pair is that of frequencies alone.
     mac : (n_measured, n_model) float array
-        0 for modes of the model that move no sensor.
+        0 for modes of the model that move no sensor, NaN for measured shapes without a known entry.
     groups : tuple of (measured, model)
         Close modes that are compared as spans, one-to-many where the measurement has not told them apart: numbers of
         measured and of modelled modes.
@@ -77,20 +78,33 @@ class Pairing:
         return (int(self.number[mode]),) if self.number[mode] >= 0 else ()
 
 
+def likenesses(measured: NDArray[np.inexact], model: NDArray[np.inexact], moves: NDArray[np.bool_]) -> FloatArray:
+    """MAC of every measured shape with every mode of a model, (n_measured, n_model).
+
+    0 for modes that do not move the sensors (`moves`, (n_model,)), NaN for measured shapes without a known entry.
+    """
+    bare = np.isnan(measured).all(axis=0)
+    found = np.zeros((measured.shape[1], model.shape[1]))
+    found[bare] = np.nan
+    if moves.any() and not bare.all():
+        found[np.ix_(~bare, moves)] = mac(measured[:, ~bare], model[:, moves])
+    return found
+
+
 def pairing_worth(likeness: FloatArray, measured: FloatArray, model: FloatArray, guard: float) -> FloatArray:
     """MAC / (1 + (log(f_model / f) / guard)^2) of every pair, (n_measured, n_model).
 
     Parameters
     ----------
     likeness : (n_measured, n_model) float array
-        MAC.
+        MAC; NaN of modes whose shape is unknown, which are paired by frequency alone: it counts as 1.
     measured, model : (n_measured,) and (n_model,) float arrays
         Frequencies above 0, Hz.
     guard : float
         Logarithmic distance in frequency at which a pair is worth half as much.
     """
     distance = np.log(model[None, :] / measured[:, None]) / guard
-    return np.asarray(likeness / (1 + distance**2))
+    return np.asarray(np.where(np.isnan(likeness), 1.0, likeness) / (1 + distance**2))
 
 
 def assigned(worth: FloatArray) -> tuple[IntArray, IntArray]:
@@ -122,7 +136,8 @@ def pair_modes(
         Hz, in increasing order. Modes of the model below a thousandth of the lowest measured one (rigid bodies) are left
         out.
     measured_shapes, model_shapes : (n_channels, n_measured) and (n_channels, n_model) arrays, real or complex
-        At the same channels.
+        At the same channels. NaN where an entry of a measured shape is unknown: the others count, those that all of a group
+        know where modes are close. A mode without a known entry is paired by frequency alone.
     least_mac : float
         Below it, or below it in cos^2 of the largest angle of close modes, there is no pair.
     closeness : float
@@ -154,11 +169,12 @@ def pair_modes(
     if not len(f) or not (f > 0).all():
         raise InputError("`measured_frequency` must hold frequencies above 0 Hz; leave rigid-body modes out")
     size = np.abs(y).max(axis=0, initial=0.0)
-    use = np.flatnonzero((g > 1e-3 * f.min()) & (size > _MOVES * size.max(initial=0.0)))
-    likeness = np.zeros((len(f), len(g)))
+    vibrates = g > 1e-3 * f.min()
+    moves = vibrates & (size > _MOVES * size.max(initial=0.0))
+    use = np.flatnonzero(vibrates if np.isnan(x).all(axis=0).any() else moves)
+    likeness = likenesses(x, y, moves)
     number, worth, nearness = np.full(len(f), -1), np.zeros_like(likeness), np.zeros_like(likeness)
     if len(use):
-        likeness[:, use] = mac(x, y[:, use])
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
         rows, columns = assigned(worth[:, use])
         distance = np.abs(np.log(g[use] / f[:, None])) / frequency_guard
@@ -170,17 +186,18 @@ def pair_modes(
     for members in _close(f, closeness):
         model = _extended(members, number, likeness, g, closeness)
         told = bool((own[members] >= _TOLD).all())
-        small = not told and len(members) <= len(model) <= max(len(x) // 2, 1)
+        shared = ~np.isnan(x[:, members]).any(axis=1)
+        small = not told and len(members) <= len(model) <= max(int(shared.sum()) // 2, 1)
         if len(model) > 1 and small:
-            like = float(np.cos(subspace_angles(x[:, members], y[:, model])[-1]) ** 2)
+            like = float(np.cos(subspace_angles(x[np.ix_(shared, members)], y[np.ix_(shared, model)])[-1]) ** 2)
             if like >= least_mac:
                 own[members] = like
                 groups.append((tuple(members), tuple(model)))
-    number = np.where(own >= least_mac, number, -1)
+    number = np.where(own < least_mac, -1, number)
     taken = {*number[number >= 0].tolist(), *(k for _, model in groups for k in model)}
     ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
     inside = (g >= (1 - _BEYOND) * f.min()) & (g <= (1 + _BEYOND) * f.max())
-    surplus = tuple(int(k) for k in use if inside[k] and int(k) not in taken)
+    surplus = tuple(int(k) for k in np.flatnonzero(moves & inside) if int(k) not in taken)
     return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus, nearness)
 
 
@@ -201,7 +218,7 @@ def _extended(
     """The model's modes of a group: the pairs, and free ones close to them that have a part in the measured shapes."""
     own = [int(k) for k in number[members] if k >= 0]
     others = set(number.tolist()) - set(own)
-    part = likeness[members].max(axis=0, initial=0.0) >= _PART
+    part = (likeness[members] >= _PART).any(axis=0)
     for k in np.flatnonzero(part).tolist():
         near = any(abs(frequency[k] - frequency[j]) <= closeness * frequency[j] for j in own)
         if near and k not in own and k not in others:

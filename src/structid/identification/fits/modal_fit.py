@@ -12,7 +12,8 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import Own
 from structid.modal import ModalRecord
 from structid.observation import ModalProblem
-from structid.similarity import mac, subspace_angles
+from structid.similarity import subspace_angles
+from structid.similarity.pairing import likenesses
 
 #: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
 FAR_OFF, _OUTVOTED = 5.0, 3
@@ -31,7 +32,7 @@ class PairedModes:
     mac : (n_measured,) float array
     angle : (n_measured,) float array
         Largest principal angle, rad, between the measured shapes of the mode's group and the model's; of the shape
-        itself for a single mode.
+        itself for a single mode. NaN, like `mac`, of a mode without a known shape entry.
     passed_over : (n_others,) float array
         Hz: modes of the model within the measured range that no measured one is paired with, though the sensors move.
     """
@@ -51,19 +52,22 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     shapes = problem.data.shapes[:, problem.data.measured]
     seen = state.sensors.T @ state.modes.mode_shapes
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
-    angle = np.zeros(len(number))
+    angle, moves = np.full(len(number), np.nan), np.abs(seen).max(axis=0) > 0
     for group in problem.data.groups:
         own = np.array([position[int(mode)] for mode in group.members])
-        angle[own] = subspace_angles(shapes[:, own], seen[:, number[own]]).max()
+        if len(group.channels):
+            x, y = shapes[np.ix_(group.channels, own)], seen[np.ix_(group.channels, number[own])]
+            angle[own] = subspace_angles(x, y).max()
     f = state.modes.frequency
     phi = state.modes.mode_shapes[:, number]
     omega = 2 * np.pi * f[number]
     lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
     lost += np.einsum("dm,dm->m", phi, state.structural @ phi) / omega**2
     measured = problem.data.frequency
-    inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & (np.abs(seen).max(axis=0) > 0)
+    inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & moves
     inside[number] = False
-    return PairedModes(number, f[number], 0.5 * lost, np.diag(mac(shapes, seen[:, number])), angle, f[inside])
+    like = np.diag(likenesses(shapes, seen[:, number], moves[number]))
+    return PairedModes(number, f[number], 0.5 * lost, like, angle, f[inside])
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,7 +100,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
     def words(self, options: IdentifyOptions) -> str:
         record = self.record
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
-        return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors, {record.source}"
+        return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors{record.unknown_words}, {record.source}"
 
     def looked_at(self, prepared: Prepared[ModalProblem], options: IdentifyOptions) -> Look:
         problem = prepared.problem

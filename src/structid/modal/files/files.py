@@ -40,11 +40,11 @@ def read_modes(path: str | Path) -> ModalRecord:
 
     Notes
     -----
-    JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations, warnings or unknown entries; each
-    sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps standard deviations
-    but not how errors move together: they count as independent. Shape entries that are blank or ``nan`` there, or null in
-    JSON, are unknown. Of Nastran's files translations are read, not rotations,
-    whose size beside translations goes with the unit of length; they hold no damping and no deviations.
+    JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations, warnings or unknown
+    entries of shapes; each sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps
+    standard deviations but not how errors move together: they count as independent. Shape entries that are blank or
+    ``nan`` there, or null in JSON, are unknown. Of Nastran's files translations are read, not rotations, whose size beside
+    translations goes with the unit of length; they hold no damping and no deviations.
     """
     path = Path(path)
     suffix = path.suffix.lower()

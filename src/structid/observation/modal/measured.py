@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.modal import ModalRecord
+from structid.modal.modal_record import largest_entries
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.output import GroupData
+from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
 
@@ -31,24 +34,28 @@ class MeasuredModes:
     def __post_init__(self) -> None:
         if not self.measured.size:
             raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
-        if not self.record.channels:
-            raise InputError("the record has no channels; mode shapes are needed to pair modes, at one sensor at least")
+        if not self.known[:, self.measured].any():
+            raise InputError(
+                "the record has no known entry of a mode shape; they are needed to pair modes, at one sensor at least"
+            )
         if self.shape_form == "mac" and not self.shape_error > 0:
             raise InputError(
                 "MACs are weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give it, as in 0.05"
             )
         self._require_errors("its frequencies", self.frequency_std, "`frequency_error`, such as 0.005")
-        self._require_errors("its shapes", self.shape_std[:, self.measured].min(axis=0), "`shape_error`, such as 0.02")
+        self._require_errors("its shapes", self._least_shape_std, "`shape_error`, such as 0.02")
         if self.use_damping:
             value = self.record.damping_ratio[self.measured]
             if not (np.nan_to_num(value) > 0).any():
                 raise InputError("damping ratios need a value and a standard deviation each; the record has none")
             self._require_errors("its damping ratios", self.damping_std, "`damping_error`, such as 0.1, and values")
-        short = [g for g in self.groups if len(g.members) > len(self.record.channels)]
+        short = [g for g in self.groups if len(g.members) > max(len(g.channels), 1)]
         if short:
+            numbers, n_own = ", ".join(str(mode + 1) for mode in short[0].members.tolist()), len(short[0].channels)
+            where = "" if n_own == len(self.record.channels) else " at which the shapes of all are known"
             raise InputError(
-                f"{len(short[0].members)} modes lie within {self.closeness:g} of each other and there are"
-                f" {len(self.record.channels)} sensors; lower `closeness`, or measure more places"
+                f"modes {numbers} lie within {self.closeness:g} of each other and there are {counted(n_own, 'sensor')}{where};"
+                " lower `closeness`, measure more places, or leave modes out"
             )
 
     def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:
@@ -73,11 +80,20 @@ class MeasuredModes:
         """Hz, of the modes that count."""
         return self.record.frequency[self.measured]
 
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which entries of the shapes are known, (n_channels, n_modes)."""
+        return self.record.known
+
     @cached_property
     def shapes(self) -> FloatArray:
-        """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes)."""
+        """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes); NaN: unknown."""
         real = most_real(self.record.mode_shapes)
-        return real / np.abs(real).max(axis=0)
+        return real / self._sizes(real)
+
+    def _sizes(self, shapes: NDArray[np.inexact]) -> FloatArray:
+        """Of the largest known entry of each mode, 1 where there is none."""
+        return np.where(self.known.any(axis=0), largest_entries(shapes), 1.0)
 
     @cached_property
     def shape_std(self) -> FloatArray:
@@ -86,22 +102,30 @@ class MeasuredModes:
         In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
         """
         if self.shape_form == "mac":
-            size = np.linalg.norm(self.shapes, axis=0)
+            size = np.sqrt(np.nansum(self.shapes**2, axis=0))
             return np.broadcast_to(self.shape_error * size, self.shapes.shape)
         own = self.record.shape_std
-        if len(self.record.channels) == 1 and not (own is not None and own.all()):
-            return np.full(self.shapes.shape, self.shape_error or 1.0)  # one entry always fits
-        if own is None:
-            return np.full(self.shapes.shape, self.shape_error)
-        scale = np.abs(np.asarray(self.record.mode_shapes)).max(axis=0)
-        freed = unscaled_shape_std(self.shapes, own / scale)
+        freed: FloatArray = np.zeros(self.shapes.shape)
+        if own is not None:
+            freed = unscaled_shape_std(self.shapes, own / self._sizes(self.record.mode_shapes))
         if self.record.changes is not None:
-            freed = np.broadcast_to(np.sqrt(np.mean(freed**2, axis=0)), freed.shape)
-        return np.hypot(freed, self.shape_error)
+            count = np.maximum(self.known.sum(axis=0), 1)
+            freed = np.broadcast_to(np.sqrt(np.sum(np.where(self.known, freed, 0.0) ** 2, axis=0) / count), freed.shape)
+        std = np.hypot(freed, self.shape_error)
+        fits = self.known.sum(axis=0) == 1  # one entry always does
+        return np.where(fits & ~(std > 0), 1.0, std)
 
-    def group_std(self, members: IntArray) -> FloatArray:
-        """Of each channel in the shapes of a group, (n_channels,)."""
-        return np.asarray(np.sqrt((self.shape_std[:, members] ** 2).mean(axis=1)))
+    @property
+    def _least_shape_std(self) -> FloatArray:
+        """Of the known entries of each mode that counts, infinite where there is none, (n_measured,)."""
+        return np.where(self.known, self.shape_std, np.inf)[:, self.measured].min(axis=0)
+
+    def group_std(self, group: GroupData) -> FloatArray:
+        """Of each channel in the shapes of a group, (n_own,)."""
+        return self._std_of(group.channels, group.members)
+
+    def _std_of(self, channels: IntArray, members: IntArray) -> FloatArray:
+        return np.asarray(np.sqrt((self.shape_std[np.ix_(channels, members)] ** 2).mean(axis=1)))
 
     @cached_property
     def frequency_std(self) -> FloatArray:
@@ -139,13 +163,15 @@ class MeasuredModes:
         made = []
         for places in np.split(np.arange(len(frequency)), breaks):
             members = self.measured[places]
-            shapes = self.shapes[:, members] / self.group_std(members)[:, None]
+            channels = np.flatnonzero(self.known[:, members].all(axis=1))
+            shapes = self.shapes[np.ix_(channels, members)] / self._std_of(channels, members)[:, None]
             value = (2 * np.pi * frequency[places]) ** 2
-            error = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if len(members) <= len(shapes) else np.ones(len(members))
+            enough = len(members) <= len(shapes)
+            error = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if enough else np.ones(len(members))
             gap = np.subtract.outer(value, value) / np.sqrt(np.outer(value, value))
             spread = 2 * self.frequency_std[places] / frequency[places]
             mixing = np.sqrt(gap**2 * error[:, None] + np.add.outer(spread**2, spread**2) / 2)
-            made.append(GroupData(members, value, shapes, mixing))
+            made.append(GroupData(members, channels, value, shapes, mixing))
         return tuple(made)
 
     @cached_property
@@ -172,14 +198,14 @@ class MeasuredModes:
         """Changes whose products sum to the covariance: of frequencies, of damping ratios and of `shapes`.
 
         (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
-        numbers vary together.
+        numbers vary together. Those of unknown entries mean nothing.
         """
         own = self.record.changes
         if own is None or self.shape_form == "mac":
             return None
         given = np.asarray(self.record.mode_shapes)
         turn = real_turn(given)
-        shapes = (own.mode_shapes * turn).real / np.abs((given * turn).real).max(axis=0)
+        shapes = (own.mode_shapes * turn).real / self._sizes((given * turn).real)
         frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
         n_all, n = shapes.shape[1:], len(self.measured)
         if self.frequency_error or self.damping_error or self.shape_error:

@@ -24,9 +24,11 @@ class GroupData:
     ----------
     members : (m,) int array
         Their numbers in the record.
+    channels : (n_own,) int array
+        Places of the channels that count: those known in all of the group; none of a mode without a known shape entry.
     eigenvalues : (m,) float array
         Measured omega^2, (rad/s)^2.
-    shapes : (n_channels, m) float array
+    shapes : (n_own, m) float array
         In standard deviations of each channel.
     mixing_std : (m, m) float array
         Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
@@ -35,6 +37,7 @@ class GroupData:
     """
 
     members: IntArray
+    channels: IntArray
     eigenvalues: FloatArray
     shapes: FloatArray
     mixing_std: FloatArray
@@ -50,7 +53,7 @@ class GroupFit:
         Hz; with the slope (m, n_params).
     damping : (m,) float array
         Damping ratio, NaN in a group of several; with its slope.
-    shape_residual : (n_channels, m) float array
+    shape_residual : (n_own, m) float array
         Measured shapes less their nearest in the span of the model's; with its slope.
     mixing : (m, m) float array
         Off-diagonal entries of A^-1 Lambda A over their standard deviation, zero on the diagonal; with its slope.
@@ -75,7 +78,7 @@ class ModelState:
     mass, damping, stiffness, structural : (n_dofs, n_dofs) sparse arrays
     modes : Modes
     sensors : (n_dofs, n_channels) float array
-        In standard deviations of each channel.
+        Of the record; of a group those of its channels, in standard deviations of each.
     slopes : MatrixSlopes
     physical : (n_params,) float array
         Of the structure.
@@ -95,7 +98,7 @@ class ModelState:
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit:
-    """The group as the model's modes `chosen` show it.
+    """The group as the model's modes `chosen` show it, `state` having the group's sensors.
 
     With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
     from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
@@ -151,12 +154,12 @@ def group_changes(
 
     Parameters
     ----------
-    shapes : (n_channels, m, n_changes) float array
+    shapes : (n_own, m, n_changes) float array
         In standard deviations of each channel.
 
     Returns
     -------
-    (m, n_changes), (n_channels, m, n_changes) and (m, m, n_changes) float arrays
+    (m, n_changes), (n_own, m, n_changes) and (m, m, n_changes) float arrays
         Of the frequency (Hz), the shapes' residual and the mixing.
     """
     eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
@@ -226,7 +229,12 @@ def _projected(
 def _turned(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Frequencies on the diagonal of T = A^-1 Lambda A and the scaled rest of it, each with its slope."""
+    """Frequencies on the diagonal of T = A^-1 Lambda A and the scaled rest of it, each with its slope.
+
+    A single mode is not turned, whatever its shape says, if it says anything.
+    """
+    if len(eigenvalues) == 1:
+        a, d_a = np.ones_like(a), np.zeros_like(d_a)
     inverse = np.linalg.inv(a)
     turned = inverse @ (eigenvalues[:, None] * a)
     inner = np.einsum("klp,lr->krp", d_lambda, a) + eigenvalues[:, None, None] * d_a

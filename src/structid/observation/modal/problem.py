@@ -21,8 +21,7 @@ from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.measured import MeasuredModes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
 from structid.observation.record_problem import DataRows, MeasuredProblem
-from structid.similarity import mac
-from structid.similarity.pairing import assigned, pairing_worth
+from structid.similarity.pairing import assigned, likenesses, pairing_worth
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -57,7 +56,9 @@ class ModalProblem(MeasuredProblem):
     structure : Structure
     parameters : Parameters
     record : ModalRecord
-        Modes at 0 Hz are left out.
+        Modes at 0 Hz are left out. Shape entries that are unknown have no part in residual, scale and pairing; of close modes
+        the channels count that are known in all of them. A mode without a known entry counts by its frequency (and damping
+        ratio) alone, and is paired by it.
     frequency_error, damping_error : float
         Standard deviation of each frequency and damping ratio as a part of its value, where the record has no
         covariance; added to it in quadrature where it has.
@@ -169,17 +170,18 @@ class ModalProblem(MeasuredProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each mode: channels; frequencies, damping ratios and mixing have channels of their own."""
+        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own."""
         n = len(self.record.channels)
         channel, names = 2 * np.arange(n), [f"shape at {dof}" for dof in self.record.channels]
         if self.form == "dynamic":
             forces = tuple(f"force for the {name}" for name in names)
-            return DataRows(np.repeat(self.data.measured, n), np.tile(channel, len(self.data.measured)), forces)
+            mode, place = np.nonzero(self.data.known.T[self.data.measured])
+            return DataRows(self.data.measured[mode], channel[place], forces)
         lines, series = [], []
         for group in self.data.groups:
             m = len(group.members)
-            lines += [np.tile(group.members, n), np.repeat(group.members, m)]
-            series += [np.repeat(channel, m), np.full(m * m, 2 * n)]
+            lines += [np.tile(group.members, len(group.channels)), np.repeat(group.members, m)]
+            series += [np.repeat(channel[group.channels], m), np.full(m * m, 2 * n)]
         scalars = ("frequency", "damping ratio") if self.use_damping else ("frequency",)
         lines.append(np.tile(self.data.measured, len(scalars)))
         series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
@@ -222,12 +224,14 @@ class ModalProblem(MeasuredProblem):
     def pairing(self, state: ModelState) -> IntArray:
         """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once; or by their order.
 
-        The sum of `pairing_worth` is made as large as it can be.
+        The sum of `pairing_worth` is made as large as it can be. Modes without a known shape entry are paired by frequency
+        alone, also with modes that no sensor sees.
         """
-        frequency, found = self.data.frequency, state.modes
+        frequency, found, shapes = self.data.frequency, state.modes, self.data.shapes[:, self.data.measured]
         seen = state.sensors.T @ found.mode_shapes
         motion = np.abs(seen).max(axis=0)
-        use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & (motion > 0))
+        counts = (motion > 0) | np.isnan(shapes).all(axis=0).any()
+        use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & counts)
         if len(use) < len(self.data.measured):
             raise InputError(
                 f"the model has {len(use)} modes that move the sensors and {len(self.data.measured)} are measured;"
@@ -236,7 +240,7 @@ class ModalProblem(MeasuredProblem):
         if self.in_order:
             clear = use[motion[use] > _SEEN * motion[use].max()]
             return (clear if len(clear) >= len(self.data.measured) else use)[np.argsort(np.argsort(frequency))]
-        likeness = mac(self.data.shapes[:, self.data.measured], seen[:, use])
+        likeness = likenesses(shapes, seen[:, use], motion[use] > 0)
         worth = pairing_worth(likeness, frequency, found.frequency[use], self.frequency_guard)
         return use[assigned(worth)[1]]
 
@@ -294,20 +298,21 @@ class ModalProblem(MeasuredProblem):
         return self._linearized(theta, data, change * self.slope(theta), eliminated)
 
     def _dynamic(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force residual of each mode in parts of its inertia force, over the error of the shapes."""
+        """Force residual of each mode with a shape in parts of its inertia force, over the error of the shapes."""
+        shown = self.data.known[:, self.data.measured].any(axis=0)
         found = [
             dynamic_residual(
                 self.structure,
                 self.slopes,
                 physical,
                 self.parameters.start,
-                self._sensors,
+                self._sensors[:, self.data.known[:, mode]],
                 2 * np.pi * self.record.frequency[mode],
-                self.data.shapes[:, mode],
+                self.data.shapes[self.data.known[:, mode], mode],
             )
-            for mode in self.data.measured
+            for mode in self.data.measured[shown]
         ]
-        size = np.maximum(2 * self.data.frequency_std / self.data.frequency, 1e-3)
+        size = np.maximum(2 * self.data.frequency_std / self.data.frequency, 1e-3)[shown]
         data = np.concatenate([e / s for (e, _), s in zip(found, size, strict=True)])
         return data, np.concatenate([d / s for (_, d), s in zip(found, size, strict=True)])
 
@@ -317,9 +322,11 @@ class ModalProblem(MeasuredProblem):
         pairs = dict(zip(self.data.measured.tolist(), self.pairing(state).tolist(), strict=True))
         found = []
         for group in self.data.groups:
-            sensors = state.sensors / self.data.group_std(group.members)
-            chosen = np.array([pairs[r] for r in group.members.tolist()])
-            found.append((replace(state, sensors=sensors), group, chosen))
+            own = group.channels
+            seen = replace(
+                state, sensors=state.sensors[:, own] / self.data.group_std(group), readings=state.readings[own]
+            )
+            found.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
         return found
 
     def _output(self, physical: FloatArray) -> tuple[FloatArray, FloatArray, int]:
@@ -332,7 +339,9 @@ class ModalProblem(MeasuredProblem):
             fit = group_fit(state, group, chosen)
             rows += [fit.shape_residual.ravel(), fit.mixing.ravel()]
             slopes += [fit.shape_slope.reshape(-1, n_params), fit.mixing_slope.reshape(-1, n_params)]
-            eliminated += len(chosen) * (len(chosen) + 1)  # A, and the empty diagonal of the mixing
+            eliminated += len(chosen) * (
+                len(chosen) * bool(len(group.channels)) + 1
+            )  # A, and the mixing's empty diagonal
             fits.append(fit)
         frequency = np.concatenate([fit.frequency for fit in fits]) - self.data.frequency
         damping = np.concatenate([fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
@@ -356,7 +365,8 @@ class ModalProblem(MeasuredProblem):
         frequency, ratio, shapes = changes
         rows, model = [], []
         for state, group, chosen in self._groups_at(self.physical(theta)):
-            moved = np.moveaxis(shapes[:, :, group.members], 0, -1) / self.data.group_std(group.members)[:, None, None]
+            own = np.moveaxis(shapes[:, group.channels][:, :, group.members], 0, -1)
+            moved = own / self.data.group_std(group)[:, None, None]
             d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
             rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
             model.append(d_frequency)

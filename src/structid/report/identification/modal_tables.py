@@ -66,7 +66,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     return (
         ("Source", record.source or "not stated"),
         ("Modes used", f"{counted(len(f), 'mode')}, {number(float(f[0]))} to {number(float(f[-1]))} Hz"),
-        ("Sensors", ", ".join(map(str, record.channels))),
+        ("Sensors", ", ".join(map(str, record.channels)) + record.unknown_words),
         ("Uncertainty", own),
         ("Error assumed besides", ", ".join(assumed) or "none"),
         ("Residual", residual + (", with damping ratios" if problem.use_damping else "")),
