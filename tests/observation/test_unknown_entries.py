@@ -151,6 +151,7 @@ def test_the_scale_and_its_error_are_those_of_known_entries():
 def test_a_mode_without_a_shape_is_paired_by_its_frequency_and_counts_by_it():
     record = without(measured(lost=0), mode=2)
     problem = problem_of(record)
+    assert [len(group.members) for group in problem_of(record, closeness=0.9).data.groups] == [2, 1, 1]
     pairs = paired_modes(problem, problem.theta_start)
     assert pairs.number.tolist() == [0, 1, 2, 3]
     assert np.isnan(pairs.mac).tolist() == np.isnan(pairs.angle).tolist() == [False, False, True, False]

@@ -26,15 +26,16 @@ class ExpandedShapes:
     Attributes
     ----------
     shapes : (n_dofs, n_modes) float array
-        In the scale of the measured shapes.
+        In the scale of the measured shapes; NaN of a mode without a known entry, as are all others of it.
     std : (n_dofs, n_modes) float array
         From noise of the shapes and, where stated, error of the model; NaN where neither is known.
     residual : (n_channels, n_modes) float array
-        Expanded less measured, at the sensors; zero of a dynamic expansion, which keeps what was measured.
+        Expanded less measured, at the sensors; zero of a dynamic expansion, which keeps what was measured; NaN where an
+        entry is unknown.
     noise : (n_channels, n_modes) float array
         Standard deviation of the measured entries that was counted on: stated, or from the residual.
     basis : tuple of tuple of int
-        Modes of the model that each shape is made of; () of a dynamic expansion.
+        Modes of the model that each shape is made of; () of a dynamic expansion, and where no entry is known.
     """
 
     shapes: FloatArray
@@ -69,7 +70,8 @@ def expand(
     Parameters
     ----------
     measured : (n_channels, n_modes) float array
-        Real shapes psi, see `structid.similarity.shapes.most_real`.
+        Real shapes psi, see `structid.similarity.shapes.most_real`; NaN where an entry is unknown: each shape is carried on
+        from the sensors at which it is known.
     frequency : (n_modes,) float array
         Measured, Hz.
     sensors : (n_dofs, n_channels) sparse array
@@ -103,25 +105,30 @@ def expand(
             f"`measured` is {measured.shape}, and `sensors` has {sensors.shape[1]} channels, `frequency` {len(frequency)} and"
             f" `basis` {len(basis)} modes; they must agree, and every shape needs a mode"
         )
-    seen = np.asarray(sensors.T @ modes.mode_shapes)
-    shapes, std = (np.zeros((sensors.shape[0], n_modes)) for _ in range(2))
-    residual, noise = np.zeros_like(measured), np.full(measured.shape, np.nan)
+    everywhere = np.asarray(sensors.T @ modes.mode_shapes)
+    shapes, std = (np.full((sensors.shape[0], n_modes), np.nan) for _ in range(2))
+    residual, noise = (np.full(measured.shape, np.nan) for _ in range(2))
     used: list[tuple[int, ...]] = []
     for r in range(n_modes):
+        own = np.flatnonzero(~np.isnan(measured[:, r]))
+        if not len(own):
+            used.append(())
+            continue
+        seen, given = everywhere[own], measured[own, r]
         if dynamic is None:
             chosen = _told_apart(seen, basis[r])
             carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
         else:
             mass, stiffness = dynamic
             omega = 2 * np.pi * float(frequency[r])
-            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors)
-        shapes[:, r] = carry @ measured[:, r]
-        residual[:, r] = sensors.T @ shapes[:, r] - measured[:, r]
+            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors[:, own])
+        shapes[:, r] = carry @ given
+        residual[own, r] = (sensors.T @ shapes[:, r])[own] - given
         if shape_std is not None:
-            noise[:, r] = shape_std[:, r]
-        elif chosen and n_channels > len(chosen):
-            noise[:, r] = np.sqrt((residual[:, r] ** 2).sum() / (n_channels - len(chosen)))
-        variance = np.square(carry) @ np.square(noise[:, r])
+            noise[own, r] = shape_std[own, r]
+        elif chosen and len(own) > len(chosen):
+            noise[own, r] = np.sqrt((residual[own, r] ** 2).sum() / (len(own) - len(chosen)))
+        variance = np.square(carry) @ np.square(noise[own, r])
         if model_error > 0:
             left = modes.mode_shapes - carry @ seen
             variance = variance + np.square(left) @ _turning(shapes[:, r], modes, basis[r][0], model_error)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
@@ -17,6 +18,7 @@ from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.identification.setups.modal import ModalSettings
 from structid.modal import ModalRecord
+from structid.modal.modal_record import largest_entries
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
 from structid.similarity.pairing import assigned
 from structid.structure import Structure
@@ -44,16 +46,17 @@ class ModesCorrelation:
     model : Modes
     sensors : (n_dofs, n_channels) sparse array
     shapes, seen : (n_channels, n_measured) and (n_channels, n_model) float arrays
-        Measured, as real as can be, and the model's.
+        Measured, as real as can be, NaN where an entry is unknown, and the model's.
     pairing : Pairing
     coefficients : (n_model, n_measured) float array
         The sum of the model's modes that is the like of each measured shape, in its scale: of close modes several, of
-        one without a pair none.
+        one without a pair, or without a known entry, none.
     comac, ecomac : (n_channels,) float arrays
-        Over the pairs; NaN without one.
+        Over the pairs and the entries that are known; NaN without one.
     self_orthogonality : (n_measured, n_measured) float array or None
     cross_orthogonality : (n_measured, n_model) float array or None
-        Of measured shapes with the mass reduced to the sensors; None where it cannot be.
+        Of measured shapes with the mass reduced to the sensors; None where it cannot be, NaN of shapes that are not known
+        at every sensor.
     expanded : ExpandedShapes or None
     options : CorrelateOptions
     notes : tuple of str
@@ -85,7 +88,7 @@ class ModesCorrelation:
     def shown(self) -> IntArray:
         """Modes of the model worth showing beside the measured ones: pairs, and all near their range."""
         f, g = self.measured.frequency, self.model.frequency
-        near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & (self.pairing.mac.max(axis=0, initial=0.0) > 0)
+        near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & _moving(self.pairing)
         near[self.pairing.number[self.pairing.paired]] = True
         return np.flatnonzero(near)
 
@@ -99,19 +102,21 @@ class ModesCorrelation:
     def remark(self, mode: int) -> str:
         """What the reader should know of a measured mode's pair; "" where it is plain."""
         pairing, f, i = self.pairing, self.model.frequency, mode
+        bare = not self.measured.known[:, i].any()
         if pairing.number[i] < 0:
             best = int(pairing.mac[i].argmax()) if pairing.mac.shape[1] else -1
-            if best < 0 or pairing.mac[i, best] == 0:
+            if bare or best < 0 or pairing.mac[i, best] == 0:
                 return "missing in the model"
             like = f"missing in the model: nearest is mode {best + 1}, {f[best]:.5g} Hz, MAC {pairing.mac[i, best]:.2f}"
             owner = next((k for k in pairing.paired.tolist() if best in pairing.partners(k)), None)
             if owner is not None:
                 return f"{like}, the pair of measured mode {owner + 1}"
             return like + (", too far off in frequency" if pairing.mac[i, best] >= self.options.least_mac else "")
-        words = []
+        words = ["no shape entry is known: paired by frequency alone"] if bare else []
         for measured, model in pairing.groups:
             if i in measured:
-                angle = subspace_angles(self.shapes[:, measured], self.seen[:, model])[-1]
+                own = self.measured.known[:, measured].all(axis=1)
+                angle = subspace_angles(self.shapes[own][:, measured], self.seen[own][:, model])[-1]
                 members = " and ".join(str(k + 1) for k in model)
                 words.append(
                     f"close modes: held against modes {members} together, largest angle {np.degrees(angle):.2g}°"
@@ -167,12 +172,14 @@ class ModesCorrelation:
         use = np.flatnonzero(self.pairing.nearness.any(axis=0))
         if self.measured.n_modes < 2 or len(self.shapes) < 3 or not len(use):
             return []
-        x, y, nearness = self.shapes, self.seen[:, use], self.pairing.nearness[:, use]
-        product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (y**2).sum(axis=0)
+        known, nearness = self.measured.known, self.pairing.nearness[:, use]
+        x, y = np.where(known, self.shapes, 0.0), self.seen[:, use]
+        product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (known.T @ y**2)
+        n_shapes = max(1, int(known.any(axis=0).sum()))
 
         def mean_mac(product: FloatArray) -> float:
             mac = np.where(nearness > 0, product**2 / np.where(energy > 0, energy, np.inf), 0.0)
-            return float(mac[assigned(mac * nearness)].sum() / len(mac))
+            return float(mac[assigned(mac * nearness)].sum() / n_shapes)
 
         now = mean_mac(product)
         turned = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
@@ -217,7 +224,7 @@ def correlated_modes(
         If there is no mode above 0 Hz, no channel, or a channel that is not part of the structure.
     """
     record = record.some_modes(np.flatnonzero(record.frequency > 0))
-    if not record.n_modes or not record.channels:
+    if not record.known.any():
         raise InputError("the record has no mode above 0 Hz with a shape; there is nothing to pair")
     sensors = structure.selection(record.channels)
     mass, stiffness, damping, structural = (
@@ -239,17 +246,22 @@ def correlated_modes(
     pairs, notes = pairing.paired, []
     coordinate, enhanced = (np.full(len(shapes), np.nan) for _ in range(2))
     like = seen @ coefficients[:, pairs]
-    moving = np.abs(like).max(axis=0, initial=0.0) > 0 if len(pairs) else np.zeros(0, bool)
+    known = ~np.isnan(shapes)
+    moving = np.abs(np.where(known[:, pairs], like, 0.0)).max(axis=0, initial=0.0) > 0
     if moving.any():
         x, y = shapes[:, pairs[moving]], like[:, moving]
         coordinate, enhanced = comac(x, y), ecomac(x, y)
-    bases = [_basis(model, seen, pairing, i, float(f)) for i, f in enumerate(record.frequency)]
+    bases = [_basis(model, int(known[:, i].sum()), pairing, i, float(f)) for i, f in enumerate(record.frequency)]
     own = cross = expanded = None
     try:
         reduced = _reduced(mass, stiffness, sensors, model, seen, pairs, pairing, options)
-        own, cross = orthogonality(reduced, shapes), np.zeros_like(pairing.mac)
-        use = pairing.mac.max(axis=0, initial=0.0) > 0
-        cross[:, use] = orthogonality(reduced, shapes, seen[:, use])
+        whole, use = np.flatnonzero(known.all(axis=0)), np.flatnonzero(_moving(pairing))
+        if not len(whole):
+            raise InputError("no shape is known at every sensor")
+        own, cross = np.full((record.n_modes,) * 2, np.nan), np.zeros_like(pairing.mac)
+        own[np.ix_(whole, whole)] = orthogonality(reduced, shapes[:, whole])
+        cross[~known.all(axis=0)] = np.nan
+        cross[np.ix_(whole, use)] = orthogonality(reduced, shapes[:, whole], seen[:, use])
     except (InputError, ArithmeticError) as error:
         notes.append(f"no orthogonality with the reduced mass: {error}")
     try:
@@ -271,21 +283,27 @@ def _coefficients(shapes: FloatArray, seen: FloatArray, pairing: Pairing) -> Flo
     """Of the model's partners in each measured shape, by least squares at the sensors."""
     found = np.zeros((seen.shape[1], shapes.shape[1]))
     for i in pairing.paired.tolist():
-        own = list(pairing.partners(i))
-        found[own, i] = np.linalg.lstsq(seen[:, own], shapes[:, i], rcond=None)[0]
+        known, own = ~np.isnan(shapes[:, i]), list(pairing.partners(i))
+        if known.any():
+            found[own, i] = np.linalg.lstsq(seen[known][:, own], shapes[known, i], rcond=None)[0]
     return found
 
 
-def _basis(model: Modes, seen: FloatArray, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
-    """Modes that a measured shape is expanded in: its partners, then paired ones near it, half as many as sensors."""
+def _moving(pairing: Pairing) -> NDArray[np.bool_]:
+    """Modes of the model that move the sensors."""
+    return np.asarray((pairing.mac > 0).any(axis=0))
+
+
+def _basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
+    """Modes that a measured shape is expanded in: its partners, then paired ones near it, half as many as known entries."""
     own = pairing.partners(mode)
     first = (int(pairing.number[mode]), *(k for k in own if k != pairing.number[mode])) if own else ()
     centre = model.frequency[first[0]] if first else frequency
-    moving = np.flatnonzero((pairing.mac.max(axis=0, initial=0.0) > 0) & (model.frequency > 0))
+    moving = np.flatnonzero(_moving(pairing) & (model.frequency > 0))
     pool = sorted({*pairing.number[pairing.paired].tolist(), *(k for _, group in pairing.groups for k in group)})
     pool = pool or moving.tolist()
     near = sorted(pool, key=lambda k: abs(np.log(model.frequency[k] / centre)))
-    most = max(len(first), (len(seen) + 1) // 2, 1)
+    most = max(len(first), (n_known + 1) // 2, 1)
     return tuple(dict.fromkeys((*first, *near)))[:most]
 
 
@@ -313,4 +331,4 @@ def _shape_std(record: ModalRecord, shapes: FloatArray, stated: float) -> FloatA
     if record.shape_std is None and stated == 0:
         return None
     own = np.zeros(shapes.shape) if record.shape_std is None else record.shape_std
-    return np.hypot(own, stated * np.abs(shapes).max(axis=0))
+    return np.hypot(own, stated * largest_entries(shapes))

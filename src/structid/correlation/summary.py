@@ -86,7 +86,8 @@ def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
     if expanded is None:
         return []
     size = np.abs(expanded.shapes).max(axis=0)
-    residual = np.linalg.norm(expanded.residual, axis=0) / np.linalg.norm(part.shapes, axis=0)
+    left, whole = (np.nansum(values**2, axis=0) for values in (expanded.residual, part.shapes))
+    residual = np.sqrt(np.divide(left, whole, out=np.full(len(whole), np.nan), where=whole > 0))
     median = np.median(expanded.std, axis=0) / np.where(size > 0, size, np.nan)
     return list(zip(residual.tolist(), median.tolist(), strict=True))
 
@@ -120,7 +121,7 @@ def expanded_record(part: ModesCorrelation) -> ModalRecord | None:
         part.measured,
         mode_shapes=part.expanded.shapes[inside],
         channels=tuple(dof for dof, is_own in zip(part.structure.dofs, inside, strict=True) if is_own),
-        shape_std=std if np.isfinite(std).all() else None,
+        shape_std=std if np.isfinite(std[~np.isnan(part.expanded.shapes[inside])]).all() else None,
         changes=None,
         source=f"{part.measured.source}, expanded to the model by {part.options.expansion}",
     )

@@ -71,6 +71,17 @@ def value_words(value: float, std: float) -> str:
     return with_std(float(value), float(std)) if math.isfinite(std) else number(float(value), 5)
 
 
+def likeness(value: float, decimals: int = 3) -> str:
+    """A MAC or its like, from 0 to 1.
+
+    Examples
+    --------
+    >>> likeness(0.98765), likeness(1.0, 2), likeness(float("nan"))
+    ('0.988', '1.00', '–')
+    """
+    return NOTHING if math.isnan(value) else _fixed(value, decimals)
+
+
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
     """`ratio` in per cent, with its sign.
 

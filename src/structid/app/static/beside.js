@@ -50,6 +50,6 @@ function map(told) {
     h("thead", {}, h("tr", {}, h("td", {}), told.model.map((_, k) => h("th", {scope: "col"}, title(k))))),
     h("tbody", {}, told.mac.map((row, i) => h("tr", {}, h("th", {scope: "row"}, `${i + 1}: ${number(told.frequency[i], 4)} Hz`), row.map((value, k) => {
       const isPair = told.together[i].includes(k);
-      return h("td", {class: isPair ? "pair" : null, style: {"--part": `${Math.round(45 * value)}%`}, title: `measured ${i + 1}, model ${title(k)}${isPair ? ", a pair" : ""}`}, value.toFixed(2));
+      return h("td", {class: isPair ? "pair" : null, style: {"--part": `${Math.round(45 * value)}%`}, title: `measured ${i + 1}, model ${title(k)}${isPair ? ", a pair" : ""}`}, value === null ? "–" : value.toFixed(2));
     }))))));
 }

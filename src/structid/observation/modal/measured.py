@@ -49,7 +49,7 @@ class MeasuredModes:
             if not (np.nan_to_num(value) > 0).any():
                 raise InputError("damping ratios need a value and a standard deviation each; the record has none")
             self._require_errors("its damping ratios", self.damping_std, "`damping_error`, such as 0.1, and values")
-        short = [g for g in self.groups if len(g.members) > max(len(g.channels), 1)]
+        short = [group for group in self.groups if len(group.members) > max(len(group.channels), 1)]
         if short:
             numbers, n_own = ", ".join(str(mode + 1) for mode in short[0].members.tolist()), len(short[0].channels)
             where = "" if n_own == len(self.record.channels) else " at which the shapes of all are known"
@@ -155,11 +155,12 @@ class MeasuredModes:
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes, those that are close together."""
+        """Measured modes, those that are close together; a mode without a known shape entry stands alone."""
         frequency = self.frequency
         variance = self._covariance[: len(frequency), : len(frequency)]
         reach = np.maximum(self.closeness * frequency[1:], NOT_TOLD_APART * neighbour_std(variance))
-        breaks = np.flatnonzero(np.diff(frequency) > reach) + 1
+        bare = np.asarray(~self.known[:, self.measured].any(axis=0))
+        breaks = np.flatnonzero((np.diff(frequency) > reach) | bare[1:] | bare[:-1]) + 1
         made = []
         for places in np.split(np.arange(len(frequency)), breaks):
             members = self.measured[places]

@@ -11,7 +11,7 @@ from structid.correlation.modes import ModesCorrelation
 from structid.correlation.responses import ResponsesCorrelation
 from structid.correlation.summary import expansion_sizes
 from structid.report.tables import Table, printed
-from structid.report.text import NOTHING, number, percent
+from structid.report.text import NOTHING, likeness, number, percent
 from structid.shown import counted, first_warnings
 
 #: Modes of a basis that are named at most.
@@ -26,7 +26,7 @@ def modes_table(part: ModesCorrelation) -> Table:
         pair = (NOTHING,) * 4
         if k >= 0:
             difference = percent(float(part.frequency_difference[i]))
-            pair = (str(k + 1), number(float(f[k]), 5), difference, f"{part.pairing.mac[i, k]:.3f}")
+            pair = (str(k + 1), number(float(f[k]), 5), difference, likeness(float(part.pairing.mac[i, k])))
         rows.append((str(i + 1), number(own, 5), *pair, part.remark(i)))
     header = ("Measured mode", "Measured (Hz)", "Mode of the model", "Model (Hz)", "Difference", "MAC", "Remark")
     marks = tuple("lost" if k < 0 else "" for k in part.pairing.number)
@@ -39,7 +39,7 @@ def surplus_table(part: ModesCorrelation) -> Table | None:
         return None
     rows = []
     for k in part.pairing.surplus:
-        best = int(part.pairing.mac[:, k].argmax())
+        best = int(np.nan_to_num(part.pairing.mac[:, k]).argmax())
         like = f"{best + 1}, MAC {part.pairing.mac[best, k]:.2f}"
         rows.append((str(k + 1), number(float(part.model.frequency[k]), 5), like))
     return Table(("Mode of the model", "Model (Hz)", "Nearest measured mode"), tuple(rows), (0, 1))
@@ -51,14 +51,16 @@ def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
     if own is None or cross is None:
         return ()
     name = {"guyan": "static (Guyan)", "serep": "by modes (SEREP)"}[part.options.reduction]
-    off = own - np.eye(len(own))
-    pairs = [cross[i, part.pairing.number[i]] for i in part.pairing.paired]
-    found = [("Reduction of the mass", name)]
-    if len(own) > 1:
+    whole = np.flatnonzero(part.measured.known.all(axis=0))
+    off, paired = np.nan_to_num(own - np.eye(len(own))), np.intersect1d(part.pairing.paired, whole)
+    pairs = [cross[i, part.pairing.number[i]] for i in paired]
+    left = f"; of the {counted(len(whole), 'shape')} known at every sensor" if len(whole) < len(own) else ""
+    found = [("Reduction of the mass", name + left)]
+    if len(whole) > 1:
         i, j = sorted(int(k) for k in np.unravel_index(np.argmax(off), off.shape))
         found.append(("Self-orthogonality", f"largest off-diagonal {off.max():.3f}, modes {i + 1} and {j + 1}"))
     if pairs:
-        worst = int(part.pairing.paired[int(np.argmin(pairs))])
+        worst = int(paired[int(np.argmin(pairs))])
         found.append(("Cross-orthogonality", f"least of a pair {min(pairs):.3f}, measured mode {worst + 1}"))
     return tuple(found)
 
@@ -71,7 +73,7 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
     for i, (residual, median) in enumerate(expansion_sizes(part)):
         basis = part.expanded.basis[i]
         made = ", ".join(str(k + 1) for k in basis) if len(basis) <= _MOST_NAMED else f"{len(basis)} modes near it"
-        made = made or "dynamic stiffness"
+        made = made or ("dynamic stiffness" if part.measured.known[:, i].any() else "no shape known")
         sizes = percent(residual, 2, signed=False), percent(median, 2, signed=False)
         rows.append((str(i + 1), number(float(part.measured.frequency[i]), 5), made, *sizes))
     header = (
@@ -114,9 +116,11 @@ def summary_words(part: ModesCorrelation) -> str:
         return f"None of {counted(part.measured.n_modes, 'measured mode')} has a like in the model"
     paired = part.pairing.paired
     worst = float(np.nanmax(np.abs(part.frequency_difference)))
+    like = part.pairing.mac[paired, part.pairing.number[paired]]
+    least = f", MAC {np.nanmin(like):.3f} or more" if np.isfinite(like).any() else ""
     return (
         f"{part.n_paired} of {counted(part.measured.n_modes, 'measured mode')} paired: frequencies within"
-        f" {percent(worst, signed=False)}, MAC {part.pairing.mac[paired, part.pairing.number[paired]].min():.3f} or more"
+        f" {percent(worst, signed=False)}{least}{part.measured.unknown_words}"
     )
 
 

@@ -14,7 +14,7 @@ from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
-from structid.report.text import number
+from structid.report.text import likeness, number
 from structid.structure import Structure
 from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.supports import RigidLink
@@ -27,8 +27,9 @@ _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 
 
 def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
-    """Each measured mode beside its like in the model; None where no mode has one."""
-    chosen = part.pairing.paired[:MOST_SHAPES]
+    """Each measured mode that has a shape beside its like in the model; None where no mode has one."""
+    pairs = part.pairing.paired[part.measured.known[:, part.pairing.paired].any(axis=0)]
+    chosen = pairs[:MOST_SHAPES]
     if not len(chosen):
         return None
     scene = _in_place(part)
@@ -39,8 +40,8 @@ def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
         else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Red: the"
         " model's, in the same scale. Grey: at rest."
     )
-    if len(part.pairing.paired) > len(chosen):
-        caption += f" The first {len(chosen)} of {len(part.pairing.paired)} pairs."
+    if len(pairs) > len(chosen):
+        caption += f" The first {len(chosen)} of {len(pairs)} pairs."
     small = (330.0, 230.0) if scene is None else (380.0, 300.0)
     choice = plot.Choice("Mode", tuple(range(min(len(panels), 12))), small, moves=True)
     return plot.Figure(panels, (1150.0, 420.0 if scene is None else 620.0), 3, caption, choice)
@@ -134,14 +135,14 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
     carried = like if part.expanded is None else part.expanded.shapes[:, chosen]
     moved = [_moved(structure, scene, shapes) for shapes in (carried, like)]
     at_sensors = [part.shapes[:, chosen], part.seen @ part.coefficients[:, chosen]]
-    dots = [np.einsum("cm,cx->mcx", values, scene.along) for values in at_sensors]
+    dots = [np.einsum("cm,cx->mcx", np.nan_to_num(values), scene.along) for values in at_sensors]
     largest = np.array([max(float(np.abs(m[k]).max()) for m in (*moved, *dots)) for k in range(len(chosen))])
     scale = _AMPLITUDE * scene.diagonal / np.where(largest > 0, largest, 1.0)
     reach = 1.3 * _AMPLITUDE * scene.diagonal
     low = np.minimum(scene.rest.min(axis=0), scene.rest.min(axis=0) + scene.shift) - reach
     high = scene.rest.max(axis=0) + scene.shift + reach
     x, y, *deep = (plot.Axis(DIRECTIONS[j], "m", (float(low[j]), float(high[j]))) for j in scene.used)
-    panels = []
+    panels, known = [], part.measured.known
     for k, i in enumerate(chosen.tolist()):
         curves: list[plot.Curve] = []
         sides = ((0.0, _MEASURED, "measured"), (1.0, _MODEL, "model"))
@@ -150,7 +151,8 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
             curves.append(_curve(scene, scene.lines, offset, plot.Pen(palette.FAINT, 1.0), None, "at rest"))
             sway = scale[k] * motion[k]
             curves.append(_curve(scene, scene.lines, offset, plot.Pen(colour, 2.2), None, label, sway))
-            own = np.stack([scene.at, np.full(len(scene.at), -1)], axis=1).ravel()
+            there = scene.at[known[:, i]] if label == "measured" else scene.at
+            own = np.stack([there, np.full(len(there), -1)], axis=1).ravel()
             swing = np.zeros((len(scene.nodes), 3))
             np.add.at(swing, scene.at, scale[k] * dot[k])
             marker = plot.Marker("circle", 5.0 if len(scene.at) <= 30 else 3.0, colour)
@@ -197,14 +199,15 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
     panels = []
     for i in chosen.tolist():
         own, like = part.shapes[:, i], part.seen @ part.coefficients[:, i]
-        size = max(float(np.abs(own).max()), float(np.abs(like).max()))
+        size, known = float(np.nanmax(np.abs([own, like]))), ~np.isnan(own)
         curves = [plot.Curve(place, rest, plot.Pen(palette.FAINT, 1.0), None, "at rest")]
         for values, colour, label, symbol in (
             (own, _MEASURED, "measured", "circle"), (like, _MODEL, "model", "diamond"),
         ):  # fmt: skip
-            sway = np.column_stack([rest, values / size]).astype(complex)
-            marker = plot.Marker(symbol, 6.0, colour)
-            curves.append(plot.Curve(place, rest, plot.Pen(colour, 2.0), marker, label, tuple(names), sway=sway))
+            shown = known if label == "measured" else np.ones(len(names), bool)
+            sway = np.column_stack([rest, values / size])[shown].astype(complex)
+            marker, told = plot.Marker(symbol, 6.0, colour), tuple(np.array(names)[shown].tolist())
+            curves.append(plot.Curve(place[shown], rest[shown], plot.Pen(colour, 2.0), marker, label, told, sway=sway))
         panels.append(plot.Panel(x, (plot.Strip(y, tuple(curves)),), name=_name(part, i)))
     return tuple(panels)
 
@@ -213,4 +216,4 @@ def _name(part: ModesCorrelation, i: int) -> str:
     """Both frequencies and the MAC."""
     k = int(part.pairing.number[i])
     own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
-    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {part.pairing.mac[i, k]:.2f}"
+    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(part.pairing.mac[i, k]), 2)}"

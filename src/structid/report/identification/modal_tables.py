@@ -7,7 +7,7 @@ import numpy as np
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
 from structid.report.tables import Table
-from structid.report.text import NOTHING, number, percent, with_std
+from structid.report.text import NOTHING, likeness, number, percent, with_std
 from structid.shown import counted
 
 _FORMS = {
@@ -36,8 +36,8 @@ def modal_table(fit: ModalFit) -> Table:
         rows.append(
             (
                 str(mode + 1), with_std(f, std), number(before, 5), percent(before / f - 1), number(after, 5),
-                percent(after / f - 1), number((after - f) / std, 2), f"{fit.initial.mac[i]:.3f}",
-                f"{fit.fitted.mac[i]:.3f}", str(int(fit.fitted.number[i]) + 1),
+                percent(after / f - 1), number((after - f) / std, 2), likeness(float(fit.initial.mac[i])),
+                likeness(float(fit.fitted.mac[i])), str(int(fit.fitted.number[i]) + 1),
                 percent(float(problem.record.damping_ratio[mode]), 3, signed=False),
                 percent(float(fit.fitted.damping_ratio[i]), 3, signed=False), angle if size > 1 else NOTHING,
             )
@@ -101,7 +101,9 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
         max(float(np.abs(model.frequency / f - 1).max()) for model, f in zip(models, measured, strict=True))
         for models in (after, before)
     )
-    least, least_before = (min(float(model.mac.min()) for model in models) for models in (after, before))
+    least, least_before = (
+        float(np.nanmin(np.concatenate([model.mac for model in models]))) for models in (after, before)
+    )
     difference, initial = (percent(value, 3, signed=False) for value in (worst, worst_before))
     return (
         ("Largest frequency difference", difference, f"initial {initial}"),
