@@ -1,5 +1,7 @@
 """Modes of several set-ups merged: exactness, weights, agreement, and what is lost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from modal_cases import ambient_chain, chain_modes
@@ -81,6 +83,32 @@ def test_merging_leaves_out_modes_that_a_set_up_lacks_and_names_them():
     np.testing.assert_allclose(found.frequency, omega[[0, 1, 3]])
     assert found.warnings[0].startswith("merging loses 1 of 7 modes, of 1 of 2 set-ups, since not all set-ups have")
     assert f"set-up 1: {omega[2]:.4g} Hz (none in set-up 2, nearest" in found.warnings[0]
+
+
+def without(record, *entries):
+    shapes = np.array(record.mode_shapes)
+    for entry in entries:
+        shapes[entry] = np.nan
+    return replace(record, mode_shapes=shapes)
+
+
+def test_merging_leaves_entries_that_a_set_up_does_not_know_to_the_others():
+    """One reference and one own place of a mode unknown in one set-up; the place then is unknown in the merged shape."""
+    omega, shapes = chain_modes()
+    first, second = part(SETUPS[0], omega, shapes, scale=2 + 1j), part(("4X-", "3X", "1X"), omega, shapes, scale=-0.3)
+    found = merge_modes([without(first, (1, 0)), without(second, (1, 2))])
+    order = [0, 3, 1, 2]
+    assert (~found.known).nonzero() == ([3], [2])
+    for m in range(4):
+        known = found.known[:, m]
+        np.testing.assert_allclose(mac(found.mode_shapes[known, m], shapes[order, m][known]).item(), 1.0, atol=1e-12)
+        np.testing.assert_allclose(np.nanmax(np.abs(found.mode_shapes[:, m])), 1.0)
+    assert (np.isnan(found.shape_std) == ~found.known).all()
+    whole = merge_modes([first, second])
+    np.testing.assert_allclose(found.shape_std[:, [1, 3]], whole.shape_std[:, [1, 3]])
+    lost = merge_modes([without(first, (0, 1), (1, 1)), second])
+    assert lost.n_modes == 3
+    assert f"set-up 1: {omega[1]:.4g} Hz (none in set-up 2, nearest" in lost.warnings[0]
 
 
 def test_merging_without_covariance_gives_none():

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from structid.report.identification.modal_tables import modal_facts
 from structid.report.identification.page import report_page
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
+from structid.study.schema.records.modes import ModeDeviations
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
 
@@ -406,3 +408,32 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
     assert (done.exit_code, "leave the options of reading and identification out" in done.stderr) == (2, True)
     done = invoke("modes", "lower.uff", "--merge")
     assert (done.exit_code, "two set-ups or more" in done.stderr) == (2, True)
+
+
+def test_unknown_entries_of_set_ups_go_through_merging_to_a_fit(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = storeys(tmp_path, "modes.json", "merged/modes.csv")
+    whole = read_modes(tmp_path / "modes.json")
+    n = len(whole.channels)
+    for name, rows, dead in (("lower", range(n - 1), 0), ("upper", range(1, n), -1)):
+        part = whole.some_channels(list(rows))
+        shapes = np.array(part.mode_shapes)
+        shapes[dead, 1] = np.nan
+        write_modes(tmp_path / f"{name}.json", replace(part, mode_shapes=shapes))
+    done = invoke("modes", "lower.json", "upper.json", "--merge", "--out", "merged")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert sorted(file.name for file in (tmp_path / "merged").iterdir()) == [
+        "modes.csv",
+        "modes.json",
+    ]  # UFF has no sign
+    merged = read_modes(tmp_path / "merged" / "modes.csv")
+    assert (~merged.known).sum(axis=0).tolist() == [0, 2, *[0] * (whole.n_modes - 2)]
+    found = run_study(load_study(path)).identification
+    np.testing.assert_array_less(np.abs(found.estimate.values - TRUTH), 0.02 * TRUTH)
+
+
+def test_deviations_of_a_study_are_in_parts_of_the_largest_known_entry(tmp_path):
+    (tmp_path / "modes.csv").write_text("frequency_hz,1X,2X,3X\n2,2,4,\n5,,,\n", encoding="utf-8")
+    record = ModeDeviations(shape_std=(0.1,)).added_to(read_modes(tmp_path / "modes.csv"))
+    np.testing.assert_allclose(record.mode_shapes, [[0.5, np.nan], [1, np.nan], [np.nan, np.nan]])
+    np.testing.assert_allclose(record.shape_std, [[0.1, np.nan], [0.1, np.nan], [np.nan, np.nan]])

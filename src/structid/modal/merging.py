@@ -14,7 +14,7 @@ import numpy as np
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.modal.modal_record import ModalRecord, by_frequency
+from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries
 from structid.modal.shape_errors import unscaled_shape_std
 from structid.similarity import mac
 
@@ -68,7 +68,8 @@ def merged_setups(
     Modes are paired with those of the first set-up: the sum of MAC at the references times
     1 / (1 + (log(f / f_1) / guard)^2) is made as large as it can be, and pairs worth less than one half are none.
     Frequencies and damping ratios are means weighted by the inverse variances (equal weights without them). Shapes are
-    the weighted least-squares fit of one shape and one complex factor a set-up to all entries measured.
+    the weighted least-squares fit of one shape and one complex factor a set-up to all entries measured. Entries that a
+    set-up does not know are left to the others; a mode of a set-up that knows none at the references is lost.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def _worth(
 ) -> tuple[FloatArray, FloatArray]:
     """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
     distance = np.log(second.frequency[None, :] / first.frequency[:, None]) / guard
-    likeness = mac(_rows(first, shared), _rows(second, shared))
+    likeness = np.nan_to_num(mac(_rows(first, shared), _rows(second, shared)))
     return likeness, likeness / (1 + distance**2)
 
 
@@ -268,17 +269,22 @@ def _shapes(
     """Merged shapes at all sensors, largest entry 1, their standard deviations, and the sensors."""
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]
-    known = all(setup.shape_std is not None for setup in setups)
+    has_std = all(setup.shape_std is not None for setup in setups)
     shapes, stds = [], []
     for own in members.T:
-        parts = [
-            _rows(setup, [dof.unsigned for dof in setup.channels])[:, m] for setup, m in zip(setups, own, strict=True)
-        ]
-        errors = [_shape_error(setup, m) for setup, m in zip(setups, own, strict=True)]
-        shape, std = merged_shape(parts, errors, index, len(channels))
+        parts, errors, places = [], [], []
+        for setup, m, place in zip(setups, own.tolist(), index, strict=True):
+            here = setup.known[:, m]
+            parts.append(_rows(setup, [dof.unsigned for dof in setup.channels])[here, m])
+            errors.append(_shape_error(setup, m)[here])
+            places.append(place[here])
+        found = np.unique(np.concatenate(places))
+        shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
+        there = [np.searchsorted(found, place) for place in places]
+        shape[found], std[found] = merged_shape(parts, errors, there, len(found))
         shapes.append(shape)
         stds.append(std)
-    return np.array(shapes).T, np.array(stds).T if known else None, channels
+    return np.array(shapes).T, np.array(stds).T if has_std else None, channels
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
@@ -286,9 +292,9 @@ def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
     if setup.shape_std is None:
         return np.ones(len(setup.channels))
     shape = np.asarray(setup.mode_shapes[:, [mode]])
-    largest = np.abs(shape).max()
+    largest = largest_entries(shape)
     freed = unscaled_shape_std(shape / largest, setup.shape_std[:, [mode]] / largest)[:, 0] * largest
-    return np.asarray(freed if (freed > 0).all() else np.ones(len(freed)))
+    return np.asarray(freed if (freed[setup.known[:, mode]] > 0).all() else np.ones(len(freed)))
 
 
 def merged_shape(
