@@ -90,7 +90,8 @@ def test_deviations_are_those_of_the_dense_covariance():
     covariance = g @ np.diag(noise[:, 0] ** 2) @ g.T
     left = MODES.mode_shapes - g @ (SENSORS.T @ MODES.mode_shapes)
     for j in range(3, 12):
-        c = eps**2 * lam[j] * lam[r] / ((lam[j] - lam[r]) ** 2 + eps**2 * lam[j] * lam[r])
+        together = eps**2 * (1 + 3 * 12 * eps**2)  # of 12 modes, to second order
+        c = together * lam[j] * lam[r] / ((lam[j] - lam[r]) ** 2 + together * lam[j] * lam[r])
         covariance += c * np.outer(left[:, j], left[:, j])
     assert found.std[:, 0] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-6)
 
@@ -117,15 +118,22 @@ def test_modes_that_sensors_do_not_tell_apart_are_left_out_of_the_basis():
 
 
 @pytest.mark.parametrize(
-    ("noise", "error", "is_dynamic"), [(0.02, 0.0, False), (0.002, 0.01, False), (0.002, 0.01, True)]
-)
-def test_intervals_of_expanded_shapes_hold(noise, error, is_dynamic):
-    """93 to 97 % of the values of 4 shapes from 10 sensors, as benchmarks/accuracy/expanded_shapes.py has it of 2,004."""
+    ("n_modes", "noise", "error", "is_dynamic"),
+    [
+        (30, 0.02, 0.0, False), (30, 0.002, 0.01, False), (30, 0.002, 0.01, True), (60, 0.002, 0.03, False),
+        (60, 0.002, 0.03, True),
+    ],
+)  # fmt: skip
+def test_intervals_of_expanded_shapes_hold(n_modes, noise, error, is_dynamic):
+    """94 to 96.5 % of the values of 4 shapes from 10 sensors, as benchmarks/accuracy/expanded_shapes.py has it of 2,004.
+
+    At 0.03 the errors of 60 modes together make those of each larger, and the dynamic expansion may magnify a shape.
+    """
     spec = importlib.util.spec_from_file_location("expanded", ROOT / "benchmarks" / "accuracy" / "expanded_shapes.py")
     expanded = importlib.util.module_from_spec(spec)
     import sys
 
     sys.modules["expanded"] = expanded
     spec.loader.exec_module(expanded)
-    found, _ = expanded.coverage(expanded.grid(9, 6, 10, 30), 4, noise, error, is_dynamic, 60, seed=2)
-    assert 0.93 <= found <= 0.97
+    found, _ = expanded.coverage(expanded.grid(9, 6, 10, n_modes), 4, noise, error, is_dynamic, 60, seed=2)
+    assert 0.94 <= found <= 0.965

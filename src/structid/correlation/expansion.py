@@ -63,9 +63,9 @@ def expand(
 
     The error of x is (I - G S') e - G n. Noise n has the covariance diag(`shape_std`)^2. An error of the model turns its
     mode r towards the others, e = q sum_j c_j phi_j; with a `model_error` of eps its stiffness errs between two modes by
-    phi_j' dK phi_r = eps omega_j omega_r (one standard deviation), so that to first order
-    std(c_j) = eps omega_j omega_r / |omega_j^2 - omega_r^2|, and never above 1.
-    q is the part of phi_r in x.
+    phi_j' dK phi_r = E_jr omega_j omega_r, E_jr of standard deviation eps, so that std(c_j) = eps omega_j omega_r /
+    |omega_j^2 - omega_r^2|, and never above 1, to first order. Far above r it is c = -(I + E)^-1 E_r, whose variance n modes
+    together raise by 1 + 3 n eps^2, to second order. q is the part of phi_r in x.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def expand(
         Standard deviation of every entry; from the residual of SEREP where sensors are more than modes, else unknown.
     model_error : float
         eps, 1. Elements that are each off by 10 % on their own make about 0.1 over the root of their number. The error is
-        taken to first order: at 0.01 its intervals hold, well above they are too short.
+        taken to second order: n eps^2, the variance that a stiffness errs by in parts of its own, is to stay below 0.1.
     dynamic : (mass, stiffness), optional
         Matrices (n_dofs, n_dofs) for the dynamic expansion; without them it is SEREP.
 
@@ -131,7 +131,9 @@ def expand(
         variance = np.square(carry) @ np.square(noise[own, r])
         if model_error > 0:
             left = modes.mode_shapes - carry @ seen
-            variance = variance + np.square(left) @ _turning(shapes[:, r], modes, basis[r][0], model_error)
+            near = chosen or _told_apart(seen, basis[r])
+            part = float((np.linalg.pinv(seen[:, near]) @ given)[0])
+            variance = variance + np.square(left) @ (part**2 * _turning(modes, near[0], model_error))
         std[:, r] = np.sqrt(variance)
         used.append(chosen)
     return ExpandedShapes(shapes, std, residual, noise, tuple(used))
@@ -151,14 +153,14 @@ def _told_apart(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _turning(shape: FloatArray, modes: Modes, own: int, model_error: float) -> FloatArray:
-    """Variance of the part that every mode of the model has in a measured one, (n_modes,), in the scale of `shape`.
+def _turning(modes: Modes, own: int, model_error: float) -> FloatArray:
+    """Variance of the part that every mode of the model has in a measured one, in parts of that of the mode `own`, (n_modes,).
 
     The part of the mode `own` is known; it counts where an expansion does not keep it.
     """
     squares = (2 * np.pi * modes.frequency) ** 2
-    between = model_error**2 * squares[own] * squares
-    part = between / ((squares - squares[own]) ** 2 + between + np.finfo(float).tiny)
-    part[own] = 1.0
-    phi = modes.mode_shapes[:, own]
-    return np.asarray(part * (phi @ shape / (phi @ phi)) ** 2)
+    together = model_error**2 * (1 + 3 * len(squares) * model_error**2)
+    between = together * squares[own] * squares
+    variance = between / ((squares - squares[own]) ** 2 + between + np.finfo(float).tiny)
+    variance[own] = 1.0
+    return np.asarray(variance)
