@@ -5,7 +5,7 @@ Verbs are functions (`plan`, `estimate`, `parameters`), nouns with a capital are
 
 Structures: Structure, Dof, parse_dof, PointMass, RotaryInertia, Spring, Dashpot, Friction, Joint, Bar, Beam,
     SpaceBeam, Plane, Membrane, Plate, Shell, Solid, MatrixGroup, from_matrices, Blocks, RigidLink, Base, Component,
-    Constraint, Mesh, read_mesh, MeshPoint, mesh_points, AimedSensor, nearest_nodes
+    MeasuredComponent, Constraint, Mesh, read_mesh, MeshPoint, mesh_points, AimedSensor, nearest_nodes
 Unknowns: Unknown, Parameters, parameters, Prior, joint_prior, Coupling, Field, Smoothness, Sparsity,
     ChannelUnknown, channel_errors
 Records: FrfRecord, TimeRecord, ModalRecord, read_record, write_record, CsvLayout, ReadOptions, frf_from_time,

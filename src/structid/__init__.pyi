@@ -90,6 +90,7 @@ from structid.structure import Dashpot as Dashpot
 from structid.structure import Friction as Friction
 from structid.structure import Joint as Joint
 from structid.structure import MatrixGroup as MatrixGroup
+from structid.structure import MeasuredComponent as MeasuredComponent
 from structid.structure import Membrane as Membrane
 from structid.structure import Plane as Plane
 from structid.structure import Plate as Plate

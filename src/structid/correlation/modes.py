@@ -223,6 +223,7 @@ def correlated_modes(
     InputError
         If there is no mode above 0 Hz, no channel, or a channel that is not part of the structure.
     """
+    structure.require_modes("modes")
     record = record.some_modes(np.flatnonzero(record.frequency > 0))
     if not record.known.any():
         raise InputError("the record has no mode above 0 Hz with a shape; there is nothing to pair")

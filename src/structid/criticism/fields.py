@@ -16,6 +16,7 @@ from structid.observation.frf.response import driving_bases
 from structid.records.record import DERIVATIVES
 from structid.structure import Base, Structure
 from structid.structure.elements.element import dof_code, dof_of_code
+from structid.structure.measured import joined_receptance
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
@@ -40,7 +41,7 @@ class ElementMatrix(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The dynamic stiffness Z of a model at lines of its record, and what follows from it.
+    """The dynamic stiffness Z of a model at lines of its record, and what follows from it, its measured components included.
 
     Z is complex symmetric; all products are with the transpose. Friction is not part of it. Supports that drive the
     structure are free in it, with a motion that is given: no force and no change of Z moves them.
@@ -84,7 +85,7 @@ class Fields:
         return self.problem.record.laplace
 
     def stiffness_of(self, structure: Structure) -> ComplexArray:
-        """Z of `structure`, which has the same properties, (n_lines, n, n)."""
+        """Z of the matrices of `structure`, which has the same properties, (n_lines, n, n)."""
         inertia, viscous, elastic, structural = (
             structure.matrix(law, self.values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
         )
@@ -95,10 +96,26 @@ class Fields:
     @cached_property
     def flexibility(self) -> ComplexArray:
         """G = Z^-1, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom, the inverse for all others."""
+        return self._joined(self._alone)
+
+    @cached_property
+    def _alone(self) -> ComplexArray:
+        """The same without measured components."""
         whole = self.stiffness_of(self.structure)
         own = np.s_[:, self.undriven[:, None], self.undriven]
         found = np.zeros_like(whole)
         found[own] = np.linalg.inv(whole[own])
+        return found
+
+    def _joined(self, motion: ComplexArray) -> ComplexArray:
+        """Motion (n_lines, n_dofs, n) of the model alone once its measured components move along."""
+        parts = self.structure.measured
+        if not parts:
+            return motion
+        ends = self.structure.selection([dof for one in parts for dof in one.interface]).toarray()
+        pushed = self._alone @ ends
+        receptance = joined_receptance(parts, self.problem.frequency) + ends.T @ pushed
+        found: ComplexArray = motion - pushed @ np.linalg.solve(receptance, ends.T @ motion)
         return found
 
     @cached_property
@@ -107,8 +124,7 @@ class Fields:
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
             return self.flexibility @ loads
-        found: ComplexArray = loads - self.flexibility @ (self.stiffness_of(self.structure) @ loads)
-        return found
+        return self._joined(loads - self._alone @ (self.stiffness_of(self.structure) @ loads))
 
     @cached_property
     def under_sensors(self) -> ComplexArray:

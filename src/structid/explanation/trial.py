@@ -24,7 +24,7 @@ from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.together import alike, together
 from structid.identification.varying import with_scatters
 from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
-from structid.observation.frf.continuation import LEVELS, smoothed_records
+from structid.observation.frf.continuation import LEVELS
 from structid.observation.frf.problem import smooth_stage
 from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord
@@ -118,9 +118,9 @@ class Trial:
 
     @cached_property
     def smooth(self) -> tuple[dict[float, FrfRecord], ...]:
-        """Smoothed data of every record by their decay; see `smoothed_records`."""
+        """Smoothed data of every record by their decay; see `FrfProblem.smoothed`."""
         known = {id(record): data for record, data in self.known}
-        return tuple(known.get(id(one)) or dict(smoothed_records(one)) for one in (view.record for view in self.views))
+        return tuple(known.get(id(view.record)) or dict(view.smoothed) for view in self.views)
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
         """Stages on smoothed data with their decays, from far to near; those that the lines of every record allow."""

@@ -70,7 +70,7 @@ def require_sound_model(structure: Structure, values: FloatArray, lowest: float)
         raise SingularModelError(
             "the model's matrices are not finite: a property is too large or too small; correct it"
         )
-    if not mass.any():
+    if not mass.any() and structure.has_modes:
         raise SingularModelError("the structure has no mass; add point masses, or `mass` to its beams or bars")
     elastic = stiffness + structural
     every = _scaled(elastic) + _scaled(mass) + _scaled(viscous)

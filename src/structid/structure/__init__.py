@@ -21,6 +21,7 @@ from structid.structure.elements import (
     SpaceBeam,
     Spring,
 )
+from structid.structure.measured import MeasuredComponent
 from structid.structure.structure import Structure, from_matrices
 from structid.structure.supports import Base, Constraint, RigidLink
 
@@ -39,6 +40,7 @@ __all__ = [
     "Joint",
     "MatrixBlocks",
     "MatrixGroup",
+    "MeasuredComponent",
     "Membrane",
     "Plane",
     "Plate",

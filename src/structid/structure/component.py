@@ -139,6 +139,7 @@ def reductions(
     terms: Mapping[str, tuple[Term, ...]],
     equations: Equations,
     held: frozenset[int],
+    kept: IntArray,
 ) -> tuple[Reduction, ...]:
     """All `components` reduced.
 
@@ -151,6 +152,8 @@ def reductions(
         What ties make of degrees of freedom.
     held : frozenset of int
         Codes at zero.
+    kept : (n,) int array
+        Codes that belong to no component alone, whatever else is there.
 
     Raises
     ------
@@ -171,7 +174,7 @@ def reductions(
                 )
             owners[name] = component
     codes = {name: joined_codes([layer.codes for term in own for layer in term.layers]) for name, own in terms.items()}
-    tied = _tied(equations, joined_codes([*codes.values()]))
+    tied = joined_codes([kept, _tied(equations, joined_codes([*codes.values(), kept]))])
     found = []
     for one in components:
         own = joined_codes([codes[name] for name in one.elements])

@@ -21,6 +21,7 @@ from structid.structure.contribution import Contribution, Property, rigid_mass, 
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.structure.inside import NumberedTerms, numbered_terms
+from structid.structure.measured import MeasuredComponent
 from structid.structure.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
 from structid.structure.sliding import Lengthening, Slide, lengthening, slides
@@ -61,6 +62,9 @@ class Structure(Shown, StructurePlots):
     damping_ratio : float, optional
         Viscous damping of all modes, with whatever masses and stiffnesses they come to have, beside that of the elements. It is
         the property ``damping_ratio[all modes]``, and makes matrices full: up to 1200 degrees of freedom.
+    measured : sequence of MeasuredComponent
+        Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and masses
+        are without them.
 
     Raises
     ------
@@ -78,6 +82,7 @@ class Structure(Shown, StructurePlots):
     sliding: tuple[int, ...] = ()
     components: tuple[Component, ...] = ()
     damping_ratio: float | None = None
+    measured: tuple[MeasuredComponent, ...] = ()
 
     def __init__(
         self,
@@ -91,6 +96,7 @@ class Structure(Shown, StructurePlots):
         sliding: Iterable[int] = (),
         components: Iterable[Component] = (),
         damping_ratio: float | None = None,
+        measured: Iterable[MeasuredComponent] = (),
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -109,10 +115,12 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "sliding", tuple(dict.fromkeys(int(node) for node in sliding)))
         object.__setattr__(self, "components", tuple(components))
         object.__setattr__(self, "damping_ratio", None if damping_ratio is None else float(damping_ratio))
+        object.__setattr__(self, "measured", tuple(measured))
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
         _require_supports(self)
+        _require_interfaces(self)
 
     def overview(self) -> Overview:
         """Nodes and degrees of freedom, and one row an element set."""
@@ -121,6 +129,7 @@ class Structure(Shown, StructurePlots):
             f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
             f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
         )
+        words += "".join(f"; {one.words} at {listed(one.interface)}" for one in self.measured)
         words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
         names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
         rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
@@ -137,8 +146,21 @@ class Structure(Shown, StructurePlots):
 
     @property
     def has_matrices(self) -> bool:
-        """Whether it has masses and stiffnesses, hence modes; else its responses alone are known."""
+        """Whether its elements have masses and stiffnesses; else its responses alone are known."""
         return all(element.has_matrices for element in self.elements)
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether its matrices are all there is of it, hence modes, and responses at any frequency."""
+        return self.has_matrices and not self.measured
+
+    def require_modes(self, what: str) -> None:
+        """Raise `InputError` where measured components, known by their FRFs alone, do not go with `what`."""
+        if self.measured:
+            raise InputError(
+                f"{self.measured[0].words} is known by its FRFs alone, which {what} cannot be computed with; take FRFs as the"
+                " record ([record.frf] makes them of time histories), or a model of the component"
+            )
 
     @property
     def dimension(self) -> int:
@@ -217,7 +239,9 @@ class Structure(Shown, StructurePlots):
             return ()
         terms = self._numbered.terms
         codes = [layer.codes for several in terms.values() for term in several for layer in term.layers]
-        return reductions(self.components, terms, self._equations, self._held(joined_codes(codes)))
+        kept = [dof_code(dof.node, dof.direction) for one in self.measured for dof in one.interface]
+        held = self._held(joined_codes(codes))
+        return reductions(self.components, terms, self._equations, held, np.array(kept, dtype=np.int64))
 
     @cached_property
     def _equations(self) -> Equations:
@@ -363,7 +387,7 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 def _require_names(structure: Structure) -> None:
     names = [e.name for e in structure.elements] + [one.name for one in structure.components]
-    names += [f"node {label}" for label in structure.sliding]
+    names += [one.name for one in structure.measured] + [f"node {label}" for label in structure.sliding]
     names += [] if structure.damping_ratio is None else [ALL_MODES]
     for name in names:
         if names.count(name) > 1:
@@ -390,6 +414,18 @@ def _require_supports(structure: Structure) -> None:
                 raise InputError(f"base {base.name!r} moves nothing at {dof.place}: no element or tie is there")
             if owners.setdefault(dof.unsigned, base) is not base or base.supports.count(dof) > 1:
                 raise InputError(f"base {base.name!r} has support {dof.place}, which is named twice; take one out")
+
+
+def _require_interfaces(structure: Structure) -> None:
+    """Raise `InputError` where the interface of a measured component is no part of the structure."""
+    for one in structure.measured:
+        try:
+            structure.selection(one.interface)
+        except InputError as error:
+            raise InputError(
+                f"measured component {one.name!r}: {error}; join the component to degrees of freedom that move with elements of the"
+                " model, or by springs to a node of its own"
+            ) from error
 
 
 def _require_pieces(structure: Structure) -> None:

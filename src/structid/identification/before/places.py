@@ -61,6 +61,9 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
     label, node = np.unique(codes // 6, return_inverse=True)
     of_node = sparse.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), (len(label), len(node)))
     joined = sum(abs(structure.matrix(law, values)) for law in structure_laws(structure))
+    for component in structure.measured:
+        ends = abs(structure.selection(component.interface))
+        joined = joined + ends @ sparse.csc_array(np.ones((ends.shape[1],) * 2)) @ ends.T
     count, part = connected_components(of_node @ joined @ of_node.T, directed=False)
     if count < 2:
         return []

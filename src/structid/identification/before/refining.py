@@ -101,6 +101,8 @@ def obstacle(structure: Structure) -> str | None:
     """Why a structure cannot be refined, in words; "" where nothing of it has a size, None where it can."""
     if not structure.has_matrices:
         return ""
+    if structure.measured:
+        return f"the mesh was not judged: the model has no modes without {structure.measured[0].words}"
     whole = {p.element for p in structure.properties for layer in p.term.layers if layer.whole is not None}
     if whole:
         return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere, or are reduced"

@@ -14,8 +14,8 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has no matrices."""
-    if not structure.has_matrices:
+    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has none."""
+    if not structure.has_modes:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))
     mass, stiffness, damping, structural = (
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")

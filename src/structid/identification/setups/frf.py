@@ -65,7 +65,7 @@ class Setup(RecordSetup[FrfProblem]):
 
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
         used = used_lines(self.record, options)
-        warnings = list(record_warnings(self.structure, used))
+        warnings = [*record_warnings(self.structure, used), *_measured_warnings(self.structure, used, options)]
         model_error = options.model_error
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
@@ -136,6 +136,17 @@ class Setup(RecordSetup[FrfProblem]):
 
     def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         return record_fit(title, self.record, problem, own, options)
+
+
+def _measured_warnings(structure: Structure, used: FrfRecord, options: IdentifyOptions) -> list[str]:
+    """What is to be said of measured components at the lines that are used."""
+    words = [text for one in structure.measured for text in one.warnings(used.frequency)]
+    if structure.measured and options.start == "continuation":
+        words.append(
+            'start = "continuation" needs the model beside the lines of the record, where measured components are not known; the'
+            " search begins without it"
+        )
+    return words
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:

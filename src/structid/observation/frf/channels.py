@@ -49,9 +49,7 @@ class Channels:
 
     def read(self, fields: ComplexArray) -> ComplexArray:
         """What sensors and contacts read of fields (n_lines, n_dofs, n), (n_lines, n_outputs + n_contacts, n)."""
-        flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
-        read = np.asarray(self.reader @ flat).reshape(len(self.outputs[0]), fields.shape[0], fields.shape[2])
-        return np.moveaxis(read, 0, 1)
+        return read(self.reader, fields)
 
     def under_loads(self, fields: NDArray[Any]) -> NDArray[Any]:
         """Of fields (..., n_columns) under all `columns` those under the loads, signs included."""
@@ -60,6 +58,13 @@ class Channels:
     def under_sensors(self, fields: NDArray[Any]) -> NDArray[Any]:
         """Of fields (..., n_columns) under all `columns` those under loads at sensors and contacts, signs included."""
         return fields[..., self.outputs[0]] * self.outputs[1]
+
+
+def read(reader: sparse.csr_array, fields: ComplexArray) -> ComplexArray:
+    """Products of `reader` (n_readings, n_dofs) with fields (n_lines, n_dofs, n), (n_lines, n_readings, n)."""
+    flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
+    found = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
+    return np.moveaxis(found, 0, 1)
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:

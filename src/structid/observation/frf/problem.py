@@ -126,12 +126,19 @@ class FrfProblem(ResponseProblem):
             raise InputError(
                 "leakage of segments needs a structure without friction, which random motion does not know"
             )
+        if self.is_tabulated:
+            raise InputError(
+                "leakage of segments needs lines beside those of the record, which no measured component has"
+            )
 
     def _require_sound_channels(self, channels: ChannelErrors) -> None:
         if self.form == "equation":
             raise InputError("form 'equation' takes no errors of channels; use form 'output'")
-        if channels.decay(channels.start) is not None and self._has_friction:
-            raise InputError("a window's decay as a parameter needs a structure without friction; give its known value")
+        if channels.decay(channels.start) is not None and (self._has_friction or self.is_tabulated):
+            raise InputError(
+                "a window's decay as a parameter needs a structure without friction and measured components; give its known value,"
+                " or correct the record for it"
+            )
 
     @property
     def _has_friction(self) -> bool:
@@ -171,6 +178,16 @@ class FrfProblem(ResponseProblem):
     @property
     def is_local(self) -> bool:
         return not self.structure.has_matrices
+
+    @property
+    def is_tabulated(self) -> bool:
+        """Whether parts of the model are known at certain lines only, on the imaginary axis."""
+        return not self.structure.has_modes
+
+    @property
+    def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
+        """See `smoothed_records`; () where the model is not known beside the axis."""
+        return () if self.is_tabulated else smoothed_records(self.record)
 
     def with_lines(self, keep: IntArray) -> FrfProblem:
         return replace(self, record=self.record.lines(keep))
@@ -356,7 +373,7 @@ def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) 
 
 
 def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> FrfStages:
-    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few.
+    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few, or parts were measured.
 
     At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
     to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
@@ -377,7 +394,7 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
     decay = problem.record.decay
     if problem.form == "equation" or (decay is not None and np.ptp(decay) > 0):
         return ()
-    smooth = smoothed_records(problem.record)
+    smooth = problem.smoothed
     if not smooth:
         return ()
     held = _held_near_start(problem, start_error)

@@ -11,7 +11,7 @@ from weakref import WeakSet, WeakValueDictionary
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
@@ -19,7 +19,7 @@ from structid.errors import InputError
 from structid.observation.frf.channels import Channels, channels
 from structid.observation.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
 from structid.observation.frf.laws import law_coefficients
-from structid.observation.frf.lines.driven import DrivenLines
+from structid.observation.frf.lines.coupled import CoupledLines
 from structid.observation.frf.lines.large import LargeLines, Pattern
 from structid.observation.frf.lines.medium import MEDIUM_UP_TO, MediumLines
 from structid.observation.frf.lines.protocol import Lines
@@ -31,6 +31,7 @@ from structid.records.record import DERIVATIVES
 from structid.solver.frfs.model import SolverFrfs
 from structid.structure import Base, Structure
 from structid.structure.assembly import assembly
+from structid.structure.measured import joined_receptance
 from structid.unknowns import Parameters
 
 
@@ -187,8 +188,8 @@ def response(
     Raises
     ------
     InputError
-        If a sensor or load is not part of the structure, or there is friction and the record has several loads or is of
-        supports that drive the structure.
+        If a sensor or load is not part of the structure, there is friction and the record has several loads or is of
+        supports that drive the structure, or a measured component is not known at the lines of the record.
     """
     models = models or Models()
     bases = driving_bases(structure, record)
@@ -198,7 +199,7 @@ def response(
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
-    reduced = None if bases else reduced
+    reduced = None if bases or structure.measured else reduced
     small = SmallLines(slopes, sides, record.frequency)
     lines: Lines = small
     alone = next((one for one in structure.elements if isinstance(one, SolverFrfs)), None)
@@ -209,8 +210,8 @@ def response(
         medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
         if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
             lines = MediumLines(small, large)
-    if bases:
-        lines = DrivenLines(lines, slopes, sides, _driven(structure, bases, record, sides))
+    if bases or structure.measured:
+        lines = _coupled(lines, structure, bases, record, sides, slopes)
     return Response(
         slopes=slopes,
         parameters=unknown,
@@ -245,22 +246,44 @@ def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
     return bases
 
 
-def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> IntArray:
-    """The degrees of freedom of a structure let go that `bases` drive.
+def _coupled(
+    lines: Lines,
+    structure: Structure,
+    bases: tuple[Base, ...],
+    record: FrfRecord,
+    sides: Channels,
+    slopes: StiffnessSlopes,
+) -> CoupledLines:
+    """The lines of a structure let go with `bases` that drive it, and with its measured components."""
+    driven = _driven(structure, bases, record, sides)
+    own = structure.selection([dof for one in structure.measured for dof in one.interface])
+    receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
+    if structure.measured:
+        if record.decay is not None and record.decay.any():
+            raise InputError(
+                f"{structure.measured[0].words} was measured without a window that decays, so that `window_decay` of the record"
+                " does not fit it; correct the record for its window"
+            )
+        receptance[:, driven.shape[1] :, driven.shape[1] :] = joined_receptance(structure.measured, record.frequency)
+    joined = sparse.csc_array(sparse.hstack([driven, own]))
+    return CoupledLines(lines, slopes, sides, joined, receptance, driven.shape[1])
+
+
+def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
+    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases).
 
     Raises
     ------
     InputError
         If sensors read them, or there is friction.
     """
-    if sides.n_contacts:
+    if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
     columns = structure.selection([base.supports[0].unsigned for base in bases])
-    driven: IntArray = columns.indices.astype(np.int64)
-    seen = np.abs(structure.selection(record.outputs)[driven, :]).sum(axis=0)
+    seen = np.abs(structure.selection(record.outputs)[columns.indices, :]).sum(axis=0)
     if seen.any():
         sensor = record.outputs[int(np.argmax(seen))]
         raise InputError(
             f"sensor {sensor} moves with the support that drives the structure; leave it out of `channels_used`"
         )
-    return driven
+    return columns

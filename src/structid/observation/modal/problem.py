@@ -123,6 +123,7 @@ class ModalProblem(MeasuredProblem):
         return "the deviations of the modes"
 
     def __post_init__(self) -> None:
+        self.structure.require_modes("modes")
         _ = self.data, self._sensors
         if self.channels is not None:
             self._require_sound_channels(self.channels)

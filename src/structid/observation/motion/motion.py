@@ -94,6 +94,7 @@ def recorded_motion(
         If degrees of freedom are not measured (they are named), if there is no force, or if the rule lacks what it
         starts from.
     """
+    structure.require_modes("motion in time")
     values = {name: _everywhere(structure, record, name) for name in MOTION_QUANTITIES}
     if all(part is None for part in values.values()):
         raise InputError("the record holds no motion; it needs displacement, velocity or acceleration channels")

@@ -338,7 +338,8 @@ class LinearSystem:
 
 
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` where friction or loss factors take part: they have no linear equation of motion in time."""
+    """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
+    structure.require_modes("histories")
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():

@@ -111,6 +111,7 @@ class SpectraProblem(ResponseProblem):
     tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        self.structure.require_modes("histories")
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
         if friction:
             raise InputError(

@@ -1,0 +1,206 @@
+"""Structures with a component that only its FRFs are known of, against one dense model of structure and component."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, dense_frf, machine_receptance
+from structid import (
+    FrfProblem,
+    Friction,
+    InputError,
+    MeasuredComponent,
+    RigidLink,
+    Structure,
+    Unknown,
+    identify,
+    parameters,
+    simulated_record,
+)
+from structid.criticism.fields import fields_at
+from structid.observation.frf.response import response
+
+UNKNOWNS = [Unknown("stiffness", "mount", each=True), Unknown("bending_stiffness", "beam")]
+
+
+def predicted(structure: Structure, record):
+    unknown = parameters(structure, UNKNOWNS)
+    return response(structure, unknown, record), unknown.start
+
+
+def near(found, expected, tolerance=1e-10):
+    assert np.abs(found - expected).max() < tolerance * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("kind", ["receptance", "mobility", "accelerance"])
+def test_responses_are_those_of_one_dense_model(kind):
+    record = asked(kind=kind)
+    model, start = predicted(beam_on_machine(), record)
+    receptance = dense_frf(beam_on_machine([]), record)
+    near(model.values_at(start), receptance * model.kind_factor[:, None, None])
+    near(model.derivatives_at(start)[0], model.values_at(start), 1e-12)
+
+
+@pytest.mark.parametrize("pieces", [1, 4, 9])
+def test_small_medium_and_large_models_agree(pieces):
+    """4, 34 and 74 degrees of freedom, of few lines each."""
+    record = asked(frequency=FREQUENCY[::10])
+    model, start = predicted(beam_on_machine(subdivide=pieces), record)
+    assert model.is_large == (pieces == 9)
+    near(model.values_at(start), dense_frf(beam_on_machine([], subdivide=pieces), record), 1e-9)
+
+
+@pytest.mark.parametrize("pieces", [1, 9])
+def test_jacobian_is_that_of_differences(pieces):
+    record = asked(frequency=FREQUENCY[::5])
+    model, start = predicted(beam_on_machine(subdivide=pieces), record)
+    _, slope = model.derivatives_at(start)
+    for k, value in enumerate(start):
+        step = np.zeros(len(start))
+        step[k] = 1e-4 * value
+        difference = (model.values_at(start + step) - model.values_at(start - step)) / (2 * step[k])
+        near(slope[..., k], difference, 1e-5)
+
+
+def test_interface_on_the_model_itself_and_through_ties():
+    """A rigid link whose dependents are the interface."""
+    nodes = {0: [0.0, 0.0], 1: [1.0, 0.0], 2: [0.7, 0.2], 3: [1.3, 0.2]}
+    bare = beam_on_machine([])
+    made = {"elements": [bare.elements[0]], "ties": [RigidLink("plate", 4, [11, 12])]}
+    nodes = {**bare.nodes}
+    component = beam_on_machine().measured
+    joined, alone = (
+        Structure(nodes, **made, fixed=["0Y", "0RZ"], active=["Y", "RZ"], measured=parts) for parts in (component, ())
+    )
+    record = asked(outputs=("1Y", "11Y", "4RZ"))
+    model = response(joined, parameters(joined, UNKNOWNS[1:]), record)
+    near(model.values_at(np.array([BENDING])), dense_frf(alone, record))
+
+
+def test_two_components_are_one_with_no_coupling():
+    y = machine_receptance()
+    apart = np.zeros_like(y)
+    apart[:, 0, 0], apart[:, 1, 1] = y[:, 0, 0], y[:, 1, 1]
+    both = [MeasuredComponent("both", ["11Y", "12Y"], FREQUENCY, apart)]
+    each = [
+        MeasuredComponent("left", "11Y", FREQUENCY, y[:, :1, :1]),
+        MeasuredComponent("right", "12Y", FREQUENCY, y[:, 1:, 1:]),
+    ]
+    one, two = (predicted(beam_on_machine(parts), asked()) for parts in (both, each))
+    near(two[0].values_at(two[1]), one[0].values_at(one[1]), 1e-12)
+
+
+def test_senses_of_the_interface_turn_the_component():
+    y = machine_receptance() * np.array([[1, -1], [-1, 1]])
+    turned = beam_on_machine([MeasuredComponent("machine", ["11Y", "12Y-"], FREQUENCY, y)])
+    (one, start), (two, _) = predicted(beam_on_machine(), asked()), predicted(turned, asked())
+    near(two.values_at(start), one.values_at(start), 1e-12)
+
+
+def test_friction_slides_in_a_structure_with_a_component():
+    """Balance of a contact, from a model whose friction is the damping that it comes to."""
+    structure = beam_on_machine()
+    rubbed = replace(structure, elements=[*structure.elements, Friction("rub", "3Y", friction_force=0.3)])
+    unknown = parameters(rubbed, [*UNKNOWNS, Unknown("friction_force", "rub")])
+    model = response(rubbed, unknown, asked())
+    values, slope = model.derivatives_at(unknown.start)
+    flat = asked(outputs=("3Y", "1Y"), inputs=("3Y",))
+    free, start = predicted(structure, flat)
+    receptance = free.values_at(start)[:, :, 0]
+    slip = -values[:, 1, 0]  # the sensor at 3Y looks the other way
+    pull = 1j * 0.3 * slip / np.abs(slip)
+    near(receptance[:, 0] * (1 - pull), slip, 1e-6)
+    near(receptance[:, 1] * (1 - pull), values[:, 0, 0], 1e-6)
+    step = 1e-5 * np.diag(unknown.start)
+    for k, change in enumerate(step):
+        difference = (model.values_at(unknown.start + change) - model.values_at(unknown.start - change)) / (
+            2 * change[k]
+        )
+        near(slope[..., k], difference, 1e-4)
+
+
+def test_candidate_changes_see_the_component():
+    structure = beam_on_machine()
+    unknown = parameters(structure, UNKNOWNS)
+    record = simulated_record(structure, unknown, asked(), 0.01, np.random.default_rng(0))
+    problem = FrfProblem(structure, unknown, record)
+    fields = fields_at(problem, problem.theta_start)
+    seen = structure.selection(record.outputs).toarray().T @ fields.under_loads
+    near(seen, fields.frf)
+
+
+def test_lines_between_are_interpolated_where_its_own_are_dense():
+    fine = np.linspace(1.5, 121.0, 600)
+    between = beam_on_machine([MeasuredComponent("machine", ["11Y", "12Y"], fine, machine_receptance(fine))])
+    model, start = predicted(between, asked())
+    near(model.values_at(start), dense_frf(beam_on_machine([]), asked()), 1e-3)
+    [said, told] = between.measured[0].warnings(FREQUENCY)
+    assert "not in the intervals" in said
+    assert re.search(r"1\d\d of 140 lines lie between its own and are interpolated", told)
+
+
+def refused(component: MeasuredComponent, record=None) -> str:
+    with pytest.raises(InputError) as caught:
+        predicted(beam_on_machine([component]), record or asked())
+    return str(caught.value)
+
+
+def test_what_is_no_component_is_refused():
+    y, ends = machine_receptance(), ["11Y", "12Y"]
+    assert "must have shape (140, 2, 2)" in _error(lambda: MeasuredComponent("m", ends, FREQUENCY, y[:, :, :1]))
+    assert "must increase" in _error(lambda: MeasuredComponent("m", ends, FREQUENCY[::-1], y))
+    assert "each once" in _error(lambda: MeasuredComponent("m", ["11Y", "11Y-"], FREQUENCY, y))
+    short = MeasuredComponent("m", ends, FREQUENCY[:100], y[:100])
+    assert "was measured from 2 to 86.0432 Hz, and a line lies at 86.8921 Hz" in refused(short)
+    coarse = np.linspace(2.0, 120.0, 40)
+    words = refused(MeasuredComponent("m", ends, coarse, machine_receptance(coarse)))
+    assert "has no line at 2.84892 Hz, and its lines are too far apart to read between them" in words
+    same = np.repeat(y[:, :1, :1], 2, axis=1).repeat(2, axis=2)
+    words = refused(MeasuredComponent("m", ends, FREQUENCY, same))
+    assert re.search(r"the condition number of its FRFs at [\d.]+ Hz is (inf|\de\+\d+)", words)
+    dead = y * np.array([1.0, 0.0]) * np.array([[1.0], [0.0]])
+    assert "12Y+ does not move under its own force at 2 Hz" in refused(MeasuredComponent("m", ends, FREQUENCY, dead))
+    assert "node 11 moves in 11Y+; join the component to" in _error(
+        lambda: beam_on_machine([MeasuredComponent("m", "11X", FREQUENCY, y[:, :1, :1])])
+    )
+    assert "held at zero" in _error(lambda: beam_on_machine([MeasuredComponent("m", "0Y", FREQUENCY, y[:, :1, :1])]))
+    decaying = replace(asked(), decay=np.full(len(FREQUENCY), 3.0))
+    assert "correct the record for its window" in refused(beam_on_machine().measured[0], decaying)
+
+
+def _error(made) -> str:
+    with pytest.raises(InputError) as caught:
+        made()
+    return str(caught.value)
+
+
+def test_what_is_odd_in_its_frfs_is_said():
+    y = machine_receptance()
+    turned = y.copy()
+    turned[:, 0, 1] *= 1.5
+    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, turned).warnings(FREQUENCY)
+    assert any("from the reciprocal ones" in one for one in words)
+    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, -y).warnings(FREQUENCY)
+    assert sum("the real part of mobility" in one for one in words) == 2
+    assert len(beam_on_machine().measured[0].warnings(FREQUENCY)) == 1
+
+
+def identified(seed: int, component_noise: float = 0.0):
+    """Errors in standard deviations of three stiffnesses, 30 % off at the start, and the estimate."""
+    rng = np.random.default_rng(seed)
+    record = asked(outputs=("1Y", "3Y", "4Y"), kind="accelerance")
+    true = beam_on_machine()
+    record = simulated_record(true, parameters(true, UNKNOWNS), record, 0.01, rng)
+    y = machine_receptance()
+    noise = rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)
+    known = MeasuredComponent("machine", ["11Y", "12Y"], FREQUENCY, y * (1 + component_noise * noise / np.sqrt(2)))
+    structure = beam_on_machine([known], mount=MOUNT * [1.3, 0.7], bending=0.7 * BENDING)
+    found = identify(structure, parameters(structure, UNKNOWNS), record).estimate
+    return (found.values - [*MOUNT, BENDING]) / found.std, found
+
+
+def test_stiffnesses_come_back_with_honest_deviations():
+    off = np.array([identified(seed)[0] for seed in range(20)])
+    assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2
