@@ -92,7 +92,9 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
         options=options,
         installed=installed,
         chosen=chosen,
-        kammer=_at_all_lines(ground, "effective independence", _kammer_places(ground, len(sensors)), loads),
+        kammer=_at_all_lines(ground, "effective independence", _kammer_places(ground, len(sensors)), loads)
+        if structure.has_modes
+        else None,
         everything=everything,
         frequencies=best,
         spread=spread,

@@ -150,8 +150,8 @@ class Plan:
         What is there already.
     chosen : PlannedTest
         The best sensors and loads found, at all lines.
-    kammer : PlannedTest
-        As many sensors by effective independence of the mode shapes, under the same loads.
+    kammer : PlannedTest or None
+        As many sensors by effective independence of the mode shapes, under the same loads, where the structure has modes.
     everything : PlannedTest
         Every candidate at once.
     frequencies : PlannedTest or None
@@ -172,7 +172,7 @@ class Plan:
     options: PlanOptions
     installed: PlannedTest | None
     chosen: PlannedTest
-    kammer: PlannedTest
+    kammer: PlannedTest | None
     everything: PlannedTest
     frequencies: PlannedTest | None
     spread: PlannedTest | None

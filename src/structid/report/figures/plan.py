@@ -22,7 +22,7 @@ _OFF_SCALE = 1e3
 def plan_figures(found: Plan) -> dict[str, plot.Figure]:
     """By name: the chosen places, those of effective independence, standard deviations, and lines."""
     figures = {"plan_places": _places(found, found.chosen)}
-    if set(found.kammer.sensors) != set(found.chosen.sensors):
+    if found.kammer is not None and set(found.kammer.sensors) != set(found.chosen.sensors):
         figures["plan_effective_independence"] = _places(found, found.kammer)
     figures["plan_std"] = std_figure(found)
     if found.frequencies is not None:

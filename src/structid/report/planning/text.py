@@ -87,7 +87,7 @@ def choice_lines(found: Plan) -> list[str]:
     """Where the chosen sensors, loads and lines are, the most telling first."""
     lines = [
         f"chosen sensors: {places(found.chosen.sensors)}; loads: {places(found.chosen.loads)}",
-        f"effective independence would take: {places(found.kammer.sensors)}",
+        *([] if found.kammer is None else [f"effective independence would take: {places(found.kammer.sensors)}"]),
     ]
     if found.frequencies is not None:
         shown = [f"{f:.5g}" for f in found.frequencies.frequency[:_MOST_LINES]]
