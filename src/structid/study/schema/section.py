@@ -122,7 +122,7 @@ class Section:
         for name, key in keys.items():
             if key.required and name not in self.table:
                 if isinstance(key.holds, Table):
-                    raise self.error(f"the section [{self._joined(name)}] is missing; add it")
+                    raise self.error(f"the section [{self.joined(name)}] is missing; add it")
                 raise self.error(f"`{name}` is missing; add `{name} = ...` ({key.holds.words})")
         given = {}
         for name, key in keys.items():
@@ -144,7 +144,7 @@ class Section:
             return None
         inner = self.table[key]
         if not isinstance(inner, dict):
-            raise self.error(f"must be a table, got {_shown(inner)}; write [{self._joined(key)}] above its keys", key)
+            raise self.error(f"must be a table, got {_shown(inner)}; write [{self.joined(key)}] above its keys", key)
         return Section(self.source, (*self.path, key), inner)
 
     def inner(self, key: str) -> Section:
@@ -155,10 +155,11 @@ class Section:
         """The entries of the array of tables `key` inside this one."""
         given = self.table.get(key, [])
         if not isinstance(given, list) or not all(isinstance(entry, dict) for entry in given):
-            raise self.error(f"must be an array of tables; write [[{self._joined(key)}]] above each entry", key)
+            raise self.error(f"must be an array of tables; write [[{self.joined(key)}]] above each entry", key)
         return [Section(self.source, (*self.path, key, i), entry) for i, entry in enumerate(given)]
 
-    def _joined(self, key: str) -> str:
+    def joined(self, key: str) -> str:
+        """What stands in brackets above the table `key` inside this one."""
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
 
 

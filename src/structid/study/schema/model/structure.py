@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -13,7 +13,16 @@ from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.solver.solved import Solved
-from structid.structure import ELEMENT_TYPES, Base, Component, Constraint, MatrixGroup, RigidLink, Structure
+from structid.structure import (
+    ELEMENT_TYPES,
+    Base,
+    Component,
+    Constraint,
+    MatrixGroup,
+    MeasuredComponent,
+    RigidLink,
+    Structure,
+)
 from structid.structure.elements import ElementSet
 from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
@@ -21,6 +30,7 @@ from structid.structure.structure import MOST_PIECES
 from structid.structure.supports import Tie
 from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, WHOLE, as_list, limited
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
+from structid.study.schema.model.measured import MEASURED, read_measured
 from structid.study.schema.model.mesh import (
     MESH_TABLES,
     group_table,
@@ -40,7 +50,8 @@ Elements = list[tuple[Section, ElementSet]]
 Ties = list[tuple[Section, Tie]]
 Bases = list[tuple[Section, Base]]
 Components = list[tuple[Section, Component]]
-Parts = tuple[Elements, Ties, list[Dof]]
+Measured = list[tuple[Section, MeasuredComponent]]
+Parts = tuple[Elements, Ties, list[Dof], Measured]
 
 _SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
 _RIGID_LINK, _CONSTRAINT = (
@@ -86,6 +97,11 @@ def structure_table() -> Table:
             _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
         ),
         "component": Key(_COMPONENT, "Element sets that are reduced to their interface and a few modes", listed=True),
+        "measured_component": Key(
+            MEASURED,
+            "Parts that have no model but measured FRFs at their interface: machines, mounts, soil",
+            listed=True,
+        ),
         "nodes": _NODES,
     }
     return Table(own) | MESH_TABLES | MATRIX_TABLES | SOLVER_TABLES | _element_tables() | _TIES
@@ -95,7 +111,7 @@ def changes_table() -> Table:
     """All keys of ``[record.structure]``."""
     own = {
         "fixed": _FIXED,
-        "without": Key(TEXTS, "Element sets and ties that were not there"),
+        "without": Key(TEXTS, "Element sets, ties and measured components that were not there"),
         "nodes": _NODES,
         "support": MESH_TABLES["support"],
     }
@@ -158,20 +174,23 @@ def read_structure(
     fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
     bases = [(entry, _base(entry, nodes)) for entry in section.sections("base")]
     components = [(entry, _component(entry, nodes)) for entry in section.sections("component")]
+    measured = [(entry, _measured(entry, files, nodes)) for entry in section.sections("measured_component")]
     if "total_mass" in given:
-        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, [], given)
+        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, [], [], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
-        elements, ties, fixed = _changed(changes, nodes, (elements, ties, fixed), mesh)
+        elements, ties, fixed, measured = _changed(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
-    structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, [] if aims else components, given)
+    structure = _built(
+        section, nodes, elements, ties, [*fixed, *held], bases, [] if aims else components, measured, given
+    )
     if record is not None and aims:
         aimed = read_sensors(record, nodes, structure.elements, structure.active or ())
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, components, given)
+        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, components, measured, given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
@@ -185,6 +204,7 @@ def _built(
     fixed: list[Dof],
     bases: Bases,
     components: Components,
+    measured: Measured,
     given: Mapping[str, Any],
 ) -> Structure:
     active = as_list(given["active"]) if "active" in given else None
@@ -193,21 +213,26 @@ def _built(
         drives, sliding = [base for _, base in bases], _flat(given.get("sliding", []))
         parts = [component for _, component in components]
         pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
-        return Structure(nodes, sets, fixed, links, active, pieces, drives, sliding, parts, ratio)
+        return Structure(
+            nodes, sets, fixed, links, active, pieces, drives, sliding, parts, ratio, [one for _, one in measured]
+        )
     except InputError as error:
-        raise _placed(section, str(error), components, elements, ties, bases) from error
+        raise _placed(section, str(error), [*measured, *components, *elements, *ties, *bases]) from error
 
 
 def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
     """What one set-up makes of the structure; its own nodes are added to `nodes`."""
-    elements, ties, fixed = parts
+    elements, ties, fixed, measured = parts
     given = changes.values(changes_table())
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
+    names += [one.name for _, one in measured]
     absent = as_list(given.get("without", []))
     for name in absent:
         if name not in names:
             near = difflib.get_close_matches(name, names, 1, 0.0)
-            raise changes.error(f"there is no element set or tie {name!r}; the nearest is {near[0]!r}", "without")
+            raise changes.error(
+                f"there is no element set, tie or measured component {name!r}; the nearest is {near[0]!r}", "without"
+            )
     if changes.section("nodes") is not None:
         size = len(next(iter(nodes.values())))
         for label, position in _nodes(changes, []).items():
@@ -224,18 +249,17 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
     ties += _ties(changes, nodes)
     if "fixed" in given or "support" in changes.table:
         fixed = _fixed(changes, given.get("fixed", ()), nodes) + read_supports(changes, mesh, nodes)
-    return elements, ties, fixed
+    return elements, ties, fixed, [pair for pair in measured if pair[1].name not in absent]
 
 
 def _placed(
-    section: Section, message: str, components: Components, elements: Elements, ties: Ties, bases: Bases
+    section: Section,
+    message: str,
+    named: Sequence[tuple[Section, MeasuredComponent | Component | ElementSet | Tie | Base]],
 ) -> InputError:
-    """The error with the place of the component, element set, tie or base that its message names."""
-    named = [(entry, component.name) for entry, component in components]
-    named += [(entry, element.name) for entry, element in elements] + [(entry, tie.name) for entry, tie in ties]
-    named += [(entry, base.name) for entry, base in bases]
-    for entry, name in named:
-        if repr(name) in message:
+    """The error with the place of what its message names, the first of them that it does."""
+    for entry, one in named:
+        if repr(one.name) in message:
             return entry.error(message)
     for key in ("fixed", "active", "subdivide", "sliding", "damping_ratio", "nodes"):
         if f"`{key}`" in message and key in section.table:
@@ -359,6 +383,15 @@ def _component(entry: Section, nodes: Positions) -> Component:
     ]
     with entry.located():
         return Component(**{**given, "interface": dofs})
+
+
+def _measured(entry: Section, files: InputFiles, nodes: Positions) -> MeasuredComponent:
+    def known(text: str) -> list[Dof]:
+        with entry.located("interface"):
+            found = dofs_of_text(text)
+        return [_known_dof(entry, "interface", dof, nodes) for dof in found]
+
+    return read_measured(entry, files, known)
 
 
 def dofs_of_text(text: str) -> list[Dof]:

@@ -137,10 +137,14 @@ def read_source(
     files: InputFiles,
     aimed: Mapping[str, str] | None = None,
     supports: frozenset[Dof] = frozenset(),
+    keys: Table | None = None,
 ) -> RecordSource:
-    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed` and `supports`."""
+    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed` and `supports`.
+
+    `keys` are those of another section that says where FRFs are, in place of the keys of a record.
+    """
     called = aimed or {}
-    table = record_table(Table())
+    table = keys or record_table(Table())
     if "modes" in section.table:
         table = table.only(*_ALWAYS, "structure", "modes", "channel_error") | {
             "path": replace(_ALWAYS["path"], required=True)
@@ -333,9 +337,10 @@ def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfR
             return spectral_frf(histories, source.frf)
         if source.time is not None:
             return averaged_frfs(histories[0])
+        fit = ", or [record.time] to fit them as they are" if source.section.path[0] == "record" else ""
         raise source.section.error(
-            'the record holds time histories; add [record.frf], as in estimator = "H1", segment_length = 2048, or'
-            " [record.time] to fit them as they are"
+            f'the record holds time histories; add [{source.section.joined("frf")}], as in estimator = "H1", segment_length = 2048'
+            f"{fit}"
         )
     if source.frf is not None:
         raise source.frf.section.error("the record holds frequency response functions already; leave this section out")

@@ -1,0 +1,79 @@
+"""The ``[[structure.measured_component]]`` of a study file: parts that have no model but measured FRFs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+
+from structid.arrays import FloatArray, IntArray
+from structid.dof import Dof
+from structid.errors import InputError
+from structid.records import FrfRecord
+from structid.records.io import ReadOptions
+from structid.structure import MeasuredComponent
+from structid.study.schema.kinds import TEXTS
+from structid.study.schema.records.record import load_record, read_source, record_table
+from structid.study.schema.root import InputFiles
+from structid.study.schema.section import Section
+from structid.study.schema.tables import Key, Table
+
+_RECORD = record_table(Table())
+#: All keys of a measured component: those that say how a record is read, and its own.
+MEASURED = _RECORD.only("relabel", "frf", *(one.name for one in fields(ReadOptions))) | {
+    "name": replace(_RECORD.keys["name"], words="What messages call it", required=True),
+    "path": replace(
+        _RECORD.keys["path"],
+        words="Its FRFs, measured by itself: a file as records are, see docs/record-files.md",
+        required=True,
+    ),
+    "interface": Key(TEXTS, "Degrees of freedom at which it moves with the model; all sensors of the file by default"),
+}
+
+
+def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list[Dof]]) -> MeasuredComponent:
+    """The component that an entry of ``[[structure.measured_component]]`` describes.
+
+    Parameters
+    ----------
+    entry : Section
+    files : InputFiles
+        Takes note of the file.
+    known : callable
+        The degrees of freedom of a text of `interface`, checked to be at nodes of the structure.
+
+    Raises
+    ------
+    StudyError
+        If its file cannot be read, or does not hold FRFs between all degrees of freedom of the interface.
+    """
+    given = entry.values(MEASURED)
+    record = load_record(read_source(entry, files, keys=MEASURED))
+    texts = given.get("interface", ())
+    named = [dof for text in ((texts,) if isinstance(texts, str) else texts) for dof in known(text)]
+    interface = tuple(dict.fromkeys(dof.unsigned for dof in named or record.outputs))
+    with entry.located("interface" if named else "path"):
+        rows, columns = (_placed(record, role, interface) for role in ("outputs", "inputs"))
+        moving = record.lines(record.frequency > 0).as_kind("receptance")
+        values = moving.values[:, rows[0][:, None], columns[0]] * np.outer(rows[1], columns[1])
+        return MeasuredComponent(given["name"], interface, moving.frequency, values, record.source)
+
+
+def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
+    """Where degrees of freedom are among the ``outputs`` or ``inputs`` of a record, and the senses of these."""
+    own = {"outputs": record.outputs, "inputs": record.inputs}
+    place = {dof.unsigned: index for index, dof in enumerate(own[role])}
+    missing = [dof.place for dof in interface if dof not in place]
+    if missing:
+        raise InputError(
+            f"{record.source} has no {role.removesuffix('s')} {', '.join(missing)}: a component needs FRFs from loads at all"
+            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {_listed(record.outputs)}"
+            f" and inputs {_listed(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of `interface`"
+        )
+    index = np.array([place[dof] for dof in interface])
+    return index, np.array([float(own[role][k].sign) for k in index])
+
+
+def _listed(dofs: tuple[Dof, ...]) -> str:
+    return ", ".join(map(str, dofs))
