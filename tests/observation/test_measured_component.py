@@ -8,6 +8,8 @@ import pytest
 
 from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, dense_frf, machine_receptance
 from structid import (
+    Base,
+    Component,
     FrfProblem,
     Friction,
     InputError,
@@ -77,6 +79,54 @@ def test_interface_on_the_model_itself_and_through_ties():
     record = asked(outputs=("1Y", "11Y", "4RZ"))
     model = response(joined, parameters(joined, UNKNOWNS[1:]), record)
     near(model.values_at(np.array([BENDING])), dense_frf(alone, record))
+
+
+def test_supports_that_drive_and_a_component_at_once():
+    """Motion per motion of a support, from the dense model with that support free: x = -Z_ff^-1 Z_fs."""
+    base = Base("table", ["0Y"])
+    record = asked(outputs=("1Y", "11Y"), inputs=("0Y",), kind="transmissibility")
+    structure = beam_on_machine(bases=[base])
+    model, start = predicted(structure, record)
+    let_go = beam_on_machine([], bases=[base]).let_go((base,))
+    every = asked(outputs=("1Y", "11Y", "0Y"), inputs=("0Y",))
+    receptance = dense_frf(let_go, every)
+    near(model.values_at(start), receptance[:, :2] / receptance[:, 2:])
+    _, slope = model.derivatives_at(start)
+    step = np.array([0, 0, 1e-4 * BENDING])
+    difference = (model.values_at(start + step) - model.values_at(start - step)) / (2 * step[2])
+    near(slope[..., 2], difference, 1e-5)
+
+
+def test_a_reduced_part_keeps_the_interface_of_a_component():
+    bare = beam_on_machine([], subdivide=6)
+    own = [MeasuredComponent("machine", ["2Y", "4Y"], FREQUENCY, machine_receptance())]
+    elements = [bare.elements[0]]
+    made = {"fixed": ["0Y", "0RZ"], "active": ["Y", "RZ"], "measured": own, "subdivide": 6}
+    whole, reduced = (
+        Structure(bare.nodes, elements, components=parts, **made)
+        for parts in ((), [Component("girder", "beam", 2000.0)])
+    )
+    assert reduced.reductions[0].n_interface == 2
+    assert reduced.n_dofs < whole.n_dofs
+    record = asked(outputs=("1Y", "4Y"), inputs=("4Y",))
+    one = response(whole, parameters(whole, UNKNOWNS[1:]), record)
+    two = response(reduced, parameters(reduced, [Unknown("stiffness", "girder")]), record)
+    near(two.values_at(np.ones(1)), one.values_at(np.array([BENDING])), 1e-4)
+
+
+def test_products_without_a_jacobian_are_those_with_it():
+    structure = beam_on_machine()
+    unknown = parameters(structure, UNKNOWNS)
+    record = simulated_record(structure, unknown, asked(), 0.01, np.random.default_rng(0))
+    problem = FrfProblem(structure, unknown, record)
+    jacobian = problem.linearize(problem.theta_start).jacobian
+    operator = problem.linearize_operator(problem.theta_start, stored_bytes=0)
+    v, u = np.arange(1.0, 4.0), np.linspace(-1, 1, problem.n_data)
+    n_data = problem.n_data
+    np.testing.assert_allclose(
+        operator.forward(v), jacobian[:n_data] @ v, rtol=1e-8, atol=1e-8 * np.abs(jacobian).max()
+    )
+    np.testing.assert_allclose(operator.adjoint(u), jacobian[:n_data].T @ u, rtol=1e-8)
 
 
 def test_two_components_are_one_with_no_coupling():

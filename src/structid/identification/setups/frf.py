@@ -151,6 +151,8 @@ def _measured_warnings(structure: Structure, used: FrfRecord, options: IdentifyO
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
     """Error with which a sweep may find the lines from few factorizations; None where each is solved for."""
+    if structure.measured:
+        return None
     if options.reduced is not None:
         return options.reduced or None
     is_worth = structure.n_dofs >= _LARGE and len(record.frequency) >= FEWEST_LINES

@@ -71,7 +71,13 @@ class CoupledLines:
             yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns).
+
+        Small models solve for all columns, as derivatives do, so that the two share their poles.
+        """
+        if not self.is_large:
+            every = self.fields(physical, coefficients)
+            return np.concatenate([self.channels.read(x[:, :, columns]) for _, x in every])
         chosen = sparse.csc_array(self.channels.columns[:, columns])
         return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
 
