@@ -10,11 +10,15 @@ from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, de
 from structid import (
     Base,
     Component,
+    Dashpot,
     FrfProblem,
     Friction,
     InputError,
     MeasuredComponent,
+    PointMass,
     RigidLink,
+    RotaryInertia,
+    Spring,
     Structure,
     Unknown,
     identify,
@@ -127,6 +131,33 @@ def test_products_without_a_jacobian_are_those_with_it():
         operator.forward(v), jacobian[:n_data] @ v, rtol=1e-8, atol=1e-8 * np.abs(jacobian).max()
     )
     np.testing.assert_allclose(operator.adjoint(u), jacobian[:n_data].T @ u, rtol=1e-8)
+
+
+def test_a_mass_and_a_soil_by_their_frfs_are_those_of_elements():
+    """A beam that nothing else holds, on impedances of a spring and a dashpot each, with a rigid body at its end."""
+    s = 2j * np.pi * FREQUENCY
+    soil, body = np.zeros((2, len(s), 2, 2), dtype=complex)
+    soil[:, 0, 0], soil[:, 1, 1] = 1 / (2e4 + 30 * s), 1 / (5e3 + 4 * s)
+    body[:, 0, 0], body[:, 1, 1] = 1 / (2.5 * s**2), 1 / (0.02 * s**2)
+    known = [
+        MeasuredComponent("soil", ["0Y", "0RZ"], FREQUENCY, soil),
+        MeasuredComponent("body", ["4Y", "4RZ"], FREQUENCY, body),
+    ]
+    made = [
+        Spring("soil", ["0Y", "0RZ"], stiffness=[2e4, 5e3]),
+        Dashpot("loss", ["0Y", "0RZ"], viscous_damping=[30.0, 4.0]),
+        PointMass("body", [4], mass=2.5),
+        RotaryInertia("turning", [4], rotary_inertia=0.02, direction="RZ"),
+    ]
+    beam = beam_on_machine([]).elements[0]
+    nodes = {k: [0.3 * k, 0.0] for k in range(5)}
+    measured, modelled = (
+        Structure(nodes, [beam, *others], active=["Y", "RZ"], measured=parts)
+        for others, parts in (([], known), (made, []))
+    )
+    record = asked(outputs=("0Y", "0RZ", "2Y"), inputs=("4Y", "0RZ"))
+    one, two = (response(it, parameters(it, UNKNOWNS[1:]), record) for it in (measured, modelled))
+    near(one.values_at(np.array([BENDING])), two.values_at(np.array([BENDING])))
 
 
 def test_two_components_are_one_with_no_coupling():

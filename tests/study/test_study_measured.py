@@ -196,6 +196,9 @@ def test_what_is_no_component_is_refused_with_its_place(folder):
     short = machine_record(frequency=FREQUENCY[:90], values=machine_record().values[:90])
     write_record(folder / "short.npz", short)
     assert "(short.npz) was measured from 2 to 77.554 Hz" in refused(folder, (PATH, 'path = "short.npz"'))
+    inside = "relative = 0.01\n[method]\nband = [2.0, 70.0]\nevaluation_band = [2.0, 80.0]\n"
+    words = refused(folder, (PATH, 'path = "short.npz"'), ("relative = 0.01\n", inside))
+    assert "(short.npz) was measured from 2 to 77.554 Hz, and a line lies at 78.4029 Hz" in words
     write_record(folder / "same.npz", machine_record(values=machine_record().values[:, :1, :1] * np.ones((2, 2))))
     assert "(same.npz): the condition number of its FRFs" in refused(folder, (PATH, 'path = "same.npz"'))
     history = TimeRecord(

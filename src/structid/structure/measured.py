@@ -139,12 +139,9 @@ class MeasuredComponent:
     def _places(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
         """The nearest of its lines to each of `frequency`, and which of these lie between them, (n_lines,)."""
         own = self.frequency
-        after = np.clip(np.searchsorted(own, frequency), 1, max(len(own) - 1, 1))
-        before = after - 1
-        after = np.minimum(after, len(own) - 1)
-        place = np.where(frequency - own[before] < own[after] - frequency, before, after)
-        spacing = np.maximum(own[after] - own[before], _EQUAL * own[place])
-        between = np.abs(own[place] - frequency) > _EQUAL * spacing
+        place = np.searchsorted((own[1:] + own[:-1]) / 2, frequency)
+        spacing = np.gradient(own) if len(own) > 1 else own
+        between = np.abs(own[place] - frequency) > _EQUAL * spacing[place]
         outside = frequency[between & ((frequency < own[0]) | (frequency > own[-1]))]
         if len(outside):
             raise InputError(

@@ -65,7 +65,7 @@ class Setup(RecordSetup[FrfProblem]):
 
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
         used = used_lines(self.record, options)
-        warnings = [*record_warnings(self.structure, used), *_measured_warnings(self.structure, used, options)]
+        warnings = [*record_warnings(self.structure, used), *self._measured_warnings(options)]
         model_error = options.model_error
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
@@ -82,6 +82,17 @@ class Setup(RecordSetup[FrfProblem]):
             models=self.models,
         )
         return Prepared(problem, tuple(warnings))
+
+    def _measured_warnings(self, options: IdentifyOptions) -> list[str]:
+        """What is to be said of measured components at the lines that are used, and at those that judge."""
+        lines = np.union1d(*self.axes(options))
+        words = [text for one in self.structure.measured for text in one.warnings(lines)]
+        if self.structure.measured and options.start == "continuation":
+            words.append(
+                'start = "continuation" needs the model beside the lines of the record, where measured components are not known;'
+                " the search begins without it"
+            )
+        return words
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         return channel_errors(lines or self.record, unknowns) if unknowns else None
@@ -136,17 +147,6 @@ class Setup(RecordSetup[FrfProblem]):
 
     def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         return record_fit(title, self.record, problem, own, options)
-
-
-def _measured_warnings(structure: Structure, used: FrfRecord, options: IdentifyOptions) -> list[str]:
-    """What is to be said of measured components at the lines that are used."""
-    words = [text for one in structure.measured for text in one.warnings(used.frequency)]
-    if structure.measured and options.start == "continuation":
-        words.append(
-            'start = "continuation" needs the model beside the lines of the record, where measured components are not known; the'
-            " search begins without it"
-        )
-    return words
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
