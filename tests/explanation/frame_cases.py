@@ -118,6 +118,17 @@ def written_shaken(folder: Path, seed: int | None = 1) -> Path:
     return written(folder, shaken(), shaken(), seed)
 
 
+def written_with_machine(folder: Path, seed: int | None = 1) -> Path:
+    """The same with a machine at the girder, of which FRFs at two degrees of freedom are known: two masses on springs."""
+    s = 2j * np.pi * FREQUENCY[:, None, None]
+    mass, stiffness = np.diag([0.4, 0.7, 0.5]), np.array([[9e3, -9e3, 0], [-9e3, 1.6e4, -7e3], [0, -7e3, 7e3]])
+    receptance = np.linalg.inv(s**2 * mass + stiffness * (1 + 0.03j))[:, [[0], [2]], [0, 2]]
+    write_record(folder / "machine.npz", FrfRecord(FREQUENCY, receptance, ["4Y", "5Y"], ["4Y", "5Y"], "receptance"))
+    machine = '[[structure.measured_component]]\nname = "machine"\npath = "machine.npz"\n\n[[unknown]]'
+    text = STUDY.replace("[[unknown]]", machine, 1)
+    return written(folder, text, text, seed)
+
+
 def off(text: str = STUDY) -> str:
     """The study with starts that are some percent off."""
     return text.replace("bending_stiffness = 600.0", "bending_stiffness = 660.0").replace("= 800.0", "= 750.0")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_cases import STUDY, written, written_histories, written_shaken
+from frame_cases import STUDY, written, written_histories, written_shaken, written_with_machine
 
 from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
 from structid.criticism.candidate import Candidate
@@ -40,7 +40,7 @@ BY_STUDY = {
 OF_CHANNELS = {"sensor_gain", "load_gain", "delay", "load_delay"}
 
 
-@pytest.fixture(scope="module", params=[written, written_histories, written_shaken])
+@pytest.fixture(scope="module", params=[written, written_histories, written_shaken, written_with_machine])
 def trial(tmp_path_factory, request):
     ready = started(load_study(request.param(tmp_path_factory.mktemp("effects"), seed=None)))
     [problem] = ready.problems

@@ -1,1 +1,1 @@
-"""How the equations of a model are solved at its lines: small, medium and large models, driven supports, solvers."""
+"""How the equations of a model are solved at its lines: small, medium and large models, what joins them, solvers."""
