@@ -76,6 +76,8 @@ class ParameterValues:
         Derivative of each physical value with respect to its free variable at `theta`; ones where None.
     to_physical : callable
         Physical values of free variables, each of its own (`Problem.physical`).
+    scale : (n_params,) float array or None
+        Of those that may vanish the size that their deviation is held against then, else 0.
     """
 
     names: tuple[str, ...]
@@ -86,6 +88,7 @@ class ParameterValues:
     theta: FloatArray
     slope: FloatArray | None = None
     to_physical: Callable[[FloatArray], FloatArray] = np.array
+    scale: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -285,7 +288,8 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """Interval of each parameter in physical units, lower and upper end: (n_params, 2), NaN where not determined.
 
         The normal interval of the free variable, taken to physical units: of a positive parameter it is
-        exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds.
+        exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds. A positive one
+        that may vanish, and that the data do not tell from 0, has p + z s above 0.
 
         Parameters
         ----------
@@ -294,9 +298,22 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """
         if not 0 < level < 1:
             raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
-        half = float(special.ndtri(0.5 + level / 2)) * self.std_free
+        quantile = float(special.ndtri(0.5 + level / 2))
+        half = quantile * self.std_free
         with np.errstate(over="ignore"):
-            return np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
+            ends = np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
+        absent = self.may_be_absent(level)
+        ends[absent] = np.stack([np.zeros(absent.sum()), (self.values + quantile * self.std)[absent]], axis=1)
+        return ends
+
+    def may_be_absent(self, level: float = 0.95) -> np.ndarray:
+        """Which positive parameters the data determine, and do not tell from 0, (n_params,) bool."""
+        if self.scale is None:
+            return np.zeros(len(self.names), dtype=bool)
+        quantile = float(special.ndtri(0.5 + level / 2))
+        with np.errstate(invalid="ignore", over="ignore"):
+            is_positive = self.to_physical(self.theta - quantile * self.std_free) >= 0
+            return is_positive & (self.scale > 0) & self.identified & (self.values < quantile * self.std)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
@@ -310,7 +327,11 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         free = self.covariance[np.ix_(known, known)] / np.outer(slope[known], slope[known])
         theta = np.full((n_draws, len(self.values)), np.nan)
         theta[:, known] = rng.multivariate_normal(self.theta[known], free, n_draws, method="eigh")
-        return np.stack([self.to_physical(one) for one in theta])[None]
+        with np.errstate(over="ignore"):
+            found = np.stack([self.to_physical(one) for one in theta])
+        absent = self.may_be_absent()
+        found[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
+        return found[None]
 
     def __getitem__(self, name: str) -> Value:
         """Value and standard deviation of one parameter.
@@ -423,6 +444,7 @@ def estimate(
         theta=locked(theta),
         slope=locked(problem.slope(theta)),
         to_physical=problem.physical,
+        scale=locked(problem.sizes(np.zeros(len(theta)))),
         noise=found.noise,
         model_error=found.model_error,
         covariance_basis="model_error" if found.misfit else "noise",

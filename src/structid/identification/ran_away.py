@@ -9,11 +9,11 @@ import numpy as np
 from structid.estimation import Estimate
 from structid.identification.together import by_name
 from structid.observation import RecordProblem
+from structid.unknowns.named_unknowns import MAY_VANISH
 
 #: Times its start, or parts of it, from where on a value is no longer taken for an answer. Starts that were 50 times off
 #: are found again, and what has no effect ends at the reach of the search, a million times the start.
 _FAR = 1e3
-_DAMPINGS = ("viscous_damping", "loss_factor", "friction", "damping_ratio")
 
 
 def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
@@ -27,7 +27,7 @@ def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, .
     unsure = ~found.identified | (found.covariance_basis == "model_error")
     candidates = positive.astype(bool) & ~has_prior.astype(bool) & unsure & (found.initial > 0)
     ratio = np.divide(found.values, found.initial, out=np.ones(len(candidates)), where=candidates)
-    absent = np.isin(found.kinds, _DAMPINGS)
+    absent = np.isin(found.kinds, MAY_VANISH)
     far = (ratio >= _FAR) | ((ratio <= 1 / _FAR) & ~absent)
     return tuple(np.flatnonzero(candidates & far).tolist())
 

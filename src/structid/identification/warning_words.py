@@ -80,6 +80,12 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
     warnings.extend(_unidentified(found))
+    absent = found.may_be_absent()
+    for i in np.flatnonzero(absent & found.is_free).tolist():
+        unit = "" if found.units[i] == "1" else f" {found.units[i]}"
+        warnings.append(
+            f"{found.names[i]} is not told from 0: its 95 % interval ends at {found.interval()[i, 1]:.2g}{unit}"
+        )
     if found.residual_tests is not None:
         larger = "larger than the noise allows"  # which is told below, with what is done about it
         warnings.extend(w for w in found.residual_tests.words if larger not in w)

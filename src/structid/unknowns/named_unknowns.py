@@ -18,6 +18,10 @@ from structid.unknowns.transforms import Transforms
 StatedPrior = tuple[float, float, bool]
 
 
+#: Kinds of positive parameters that may be absent.
+MAY_VANISH = ("viscous_damping", "loss_factor", "friction", "damping_ratio")
+
+
 @dataclass(frozen=True, eq=False)
 class NamedUnknowns:
     """Named unknowns, one entry each.
@@ -66,7 +70,7 @@ class NamedUnknowns:
         return self.transforms.free(self.start)
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each is held against, (n_params,)."""
+        """What the standard deviation of each is held against, (n_params,); at 0, of those alone that may vanish."""
         return np.maximum(np.abs(physical), self.scale)
 
     @property

@@ -15,7 +15,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, family, require_distinct
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
 from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
@@ -73,6 +73,16 @@ class Parameters(NamedUnknowns):
         return replace(self, couplings=(*self.couplings, *couplings))
 
 
+#: Part of its start that the deviation of a damping is held against at least: it may be absent.
+_ABSENT = 0.25
+
+
+def _sizes(one: Family) -> FloatArray:
+    """What the deviations of parameters that may vanish are held against then, as they may be well known at that; else 0."""
+    part = 1.0 if one.limits[0] < 0 else _ABSENT * (_transform(one) == "log") * np.isin(one.kinds, MAY_VANISH)
+    return np.abs(one.start) * part
+
+
 def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     """The named parameters that `unknowns` declare on `structure`.
 
@@ -114,7 +124,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         each(one.limits[1] for one in free),
     )
     start = [one.start for one in free]
-    sizes = [np.abs(one.start) * (one.limits[0] < 0) for one in free]  # of what may vanish, and be well known at that
+    sizes = [_sizes(one) for one in free]
     made = Parameters(
         names=_joined(one.names for one in free),
         kinds=_joined(one.kinds for one in free),
