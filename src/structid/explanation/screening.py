@@ -59,8 +59,8 @@ def _stepped(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
         at = trial.target.linearize(trial.theta_of(base.values))
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
-    basis = np.linalg.qr(at.jacobian)[0]
-    return {"left": float(at.residual @ at.residual - np.sum((basis.T @ at.residual) ** 2))}
+    rest = at.triangle()[at.n_params :, -1]
+    return {"left": float(rest @ rest)}
 
 
 def screening_points(base: Fitted) -> list[Point]:

@@ -176,8 +176,7 @@ class LevenbergMarquardt(WithJacobian):
 
     def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
         at = problem.linearize(theta)
-        n = at.jacobian.shape[1]
-        both = np.asarray(np.linalg.qr(np.column_stack([at.jacobian, at.residual]), mode="r"))  # last column: Q'r
+        both, n = at.triangle(), at.n_params
         triangle, projected = both[:n, :n], both[:n, n]
         return FactoredPoint(
             theta=theta,
