@@ -14,6 +14,10 @@ FloatArray = NDArray[np.floating[Any]]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 IntArray = NDArray[np.integer[Any]]
 
+# The C library of Linux keeps from now on, instead of asking the system page by page each time, what arrays up to this size
+# leave behind: it learns that from the largest one that was given back, 32 MB at most.
+np.empty((32 << 20) - (64 << 10), dtype=np.uint8)
+
 
 def locked(values: ArrayLike, dtype: Any = None) -> NDArray[Any]:
     """A read-only copy of `values`, so that a frozen object stays what it was."""
