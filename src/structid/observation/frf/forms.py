@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.observation.frf.products import Whitening
@@ -30,31 +30,34 @@ class WhitenedFrf:
     measured: ComplexArray
     deviation: FloatArray
 
-    def residual(self, h: ComplexArray, dh: ComplexArray | None = None) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Complex residual of the model's FRF `h` and its derivative; `dh` None where only the residual is wanted."""
+    def residual(self, h: ComplexArray) -> ComplexArray:
+        """Complex residual of the model's FRF `h`, (..., n_frequencies, n_outputs, n_inputs)."""
         m, s = self.measured, self.deviation
-        change = np.zeros((*h.shape, 0), dtype=np.complex128) if dh is None else dh
         if self.form == "output":
-            return (h - m) / s, change / s[..., None]
-        relative = s / np.abs(m)
+            return (h - m) / s
         if self.form == "log":
-            return _log(h / m) / relative, change / (h * relative)[..., None]
-        size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
-        growth = (np.conj(h)[..., None] * change).real / (2 * size**2)[..., None]
-        data = (h - m) / size
-        return data / relative, (change / size[..., None] - data[..., None] * growth) / relative[..., None]
+            return _log(h * self._inverse) * self._weight
+        return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
-    def whitening(self, h: ComplexArray, lines: slice) -> Whitening:
+    def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
         """How the residual at some lines changes with the response h there."""
-        m, s = self.measured[lines], self.deviation[lines]
         if self.form == "output":
-            return Whitening((1 / s).astype(np.complex128), np.zeros_like(h))
-        relative = s / np.abs(m)
+            return Whitening((1 / self.deviation[lines]).astype(np.complex128))
+        m, weight = self.measured[lines], self._weight[lines]
         if self.form == "log":
-            return Whitening(1 / (h * relative), np.zeros_like(h))
+            return Whitening(weight / h)
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
-        turn = (h - m) / (4 * size**3 * relative)
-        return Whitening(1 / (size * relative) - turn * np.conj(h), -turn * h)
+        turn = (h - m) * weight / (4 * size**3)
+        return Whitening(weight / size - turn * np.conj(h), -turn * h)
+
+    @cached_property
+    def _weight(self) -> FloatArray:
+        """What multiplies relative residuals."""
+        return np.asarray(np.abs(self.measured) / self.deviation)
+
+    @cached_property
+    def _inverse(self) -> ComplexArray:
+        return 1 / self.measured
 
 
 def _log(z: ComplexArray) -> ComplexArray:

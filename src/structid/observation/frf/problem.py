@@ -261,17 +261,17 @@ class FrfProblem(ResponseProblem):
 
         Shapes (..., n_frequencies, n_outputs, n_inputs) and (n_data, ...).
         """
-        data, _ = self._whitened.residual(predicted)
+        data = self._whitened.residual(predicted)
         return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         predicted, derivative = self._observed.derivatives(self.physical(theta))
-        derivative = derivative * self.slope(theta)
         if self.form == "equation":
             data, change = self._equation(theta, predicted, derivative)
         else:
-            data, change = self._whitened.residual(predicted, derivative)
-        return self._linearized(theta, stack_real(data.ravel()), stack_real(change.reshape(-1, len(theta))))
+            data, change = self._whitened.residual(predicted), self._whitened.whitening(predicted).rows(derivative)
+        rows = stack_real(change.reshape(-1, len(theta))) * self.slope(theta)
+        return self._linearized(theta, stack_real(data.ravel()), rows)
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -304,7 +304,7 @@ class FrfProblem(ResponseProblem):
         physical, slope = self.physical(theta), self.slope(theta)
         at = response_products(self.model, physical, self._whitened.whitening, stored_bytes)
         residual, prior = self.prior_rows(theta)
-        data, _ = self._whitened.residual(at.values)
+        data = self._whitened.residual(at.values)
         return OperatorLinearization(
             residual=np.concatenate([stack_real(data.ravel()), residual]),
             forward=lambda v: at.forward(slope * v),

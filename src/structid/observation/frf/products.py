@@ -29,18 +29,21 @@ class Whitening:
     Attributes
     ----------
     own, other : (n_frequencies, n_outputs, n_inputs) complex arrays
+        `other` is None where it is 0.
     """
 
     own: ComplexArray
-    other: ComplexArray
+    other: ComplexArray | None = None
 
     def rows(self, change: ComplexArray) -> ComplexArray:
         """dr for dh (..., n_columns), leading axes as `own`."""
-        return self.own[..., None] * change + self.other[..., None] * np.conj(change)
+        rows: ComplexArray = self.own[..., None] * change
+        return rows if self.other is None else rows + self.other[..., None] * np.conj(change)
 
     def functional(self, u: ComplexArray) -> ComplexArray:
         """w with Re(conj(u) dr) = Re(w dh)."""
-        return np.conj(u) * self.own + u * np.conj(self.other)
+        weights: ComplexArray = np.conj(u) * self.own
+        return weights if self.other is None else weights + u * np.conj(self.other)
 
 
 @dataclass(frozen=True, eq=False)
