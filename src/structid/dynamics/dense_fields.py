@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.modal_fields import ModalFields, modal_fields, worthwhile
@@ -18,6 +20,7 @@ _CHUNK_ENTRIES = 65_536
 _BASIC = 4
 #: Where friction makes fields smaller by more than this, they are solved for: the difference would lose digits.
 MOST_SMALLER = 1e3
+_CHECKED = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,9 @@ class DenseFields:
     loads: FloatArray
     frequency: FloatArray
 
-    def stretches(self, coefficients: ComplexArray, loads: IntArray) -> Iterator[tuple[slice, ComplexArray]]:
+    def stretches(
+        self, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None = None
+    ) -> Iterator[tuple[slice, ComplexArray]]:
         """Fields (n, n_dofs, n_chosen) under some of the loads for stretches of lines, one after another.
 
         Parameters
@@ -53,6 +58,8 @@ class DenseFields:
         coefficients : (n_lines, n_laws) complex array
             How each matrix enters: s^2, s, 1, i, and of friction what may differ from line to line.
         loads : (n_chosen,) int array
+        reader : (n_read, n_dofs) float array, optional
+            What it reads of the fields is given in place of them.
 
         Raises
         ------
@@ -61,23 +68,25 @@ class DenseFields:
         """
         n_lines, n_dofs, n_loads = len(self.laplace), self.matrices.shape[1], self.loads.shape[1]
         laws = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
-        modal = None if self.modal is None else self.modal.under(loads)
-        pushed = None if self.modal is None else self.modal.under(n_loads + laws - _BASIC)
-        step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else len(loads) + len(laws))))
+        both = np.concatenate([np.eye(n_dofs) if reader is None else reader, self._contacts[:, laws - _BASIC].T])
+        modal = self.modal and self.modal.read(both, np.concatenate([loads, n_loads + laws - _BASIC]))
+        n_read, n_chosen = len(both) - len(laws), len(loads)
+        step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else n_chosen + len(laws))))
         for first in range(0, n_lines, step):
             lines = np.arange(first, min(first + step, n_lines))
             part = slice(first, first + len(lines))
-            if modal is None or pushed is None:
-                yield part, self._solved(lines, coefficients, loads)
+            if modal is None:
+                yield part, self._solved(lines, coefficients, loads, reader)
                 continue
-            fields = modal.at(part)
+            found = whole = modal.at(part)
             if len(laws):
-                before = _squares(fields)
-                fields -= self._slip(fields, pushed.at(part), coefficients[part], laws)
-                is_lost = before > MOST_SMALLER**2 * _squares(fields)
+                free = np.ascontiguousarray(whole[:, :n_read, :n_chosen])
+                slip = self._slip(whole[:, n_read:], coefficients[part], laws)
+                found = free - whole[:, :n_read, n_chosen:] @ slip
+                is_lost = _squares(free) > MOST_SMALLER**2 * _squares(found)
                 if is_lost.any():
-                    fields[is_lost] = self._solved(lines[is_lost], coefficients, loads)
-            yield part, fields
+                    found[is_lost] = self._solved(lines[is_lost], coefficients, loads, reader)
+            yield part, found
 
     @cached_property
     def modal(self) -> ModalFields | None:
@@ -98,25 +107,47 @@ class DenseFields:
                 found[:, contact] = matrix[:, place] / np.sqrt(abs(matrix[place, place]))
         return found
 
-    def _slip(
-        self, fields: ComplexArray, pushed: ComplexArray, coefficients: ComplexArray, laws: IntArray
-    ) -> ComplexArray:
-        """What friction takes from fields without it, from those under unit forces at the contacts."""
-        contacts = self._contacts[:, laws - _BASIC].T.astype(np.complex128)
+    def _slip(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> ComplexArray:
+        """Forces of friction (n, n_contacts, n_loads), from what contacts move without it under loads, then unit forces at them."""
         sign = np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
         factors = (coefficients[:, laws] * sign)[:, :, None]
-        system = np.eye(len(laws)) + factors * (contacts @ pushed)
-        return pushed @ np.linalg.solve(system, factors * (contacts @ fields))
+        n_loads = motion.shape[2] - len(laws)
+        return solved_few(np.eye(len(laws)) + factors * motion[:, :, n_loads:], factors * motion[:, :, :n_loads])
 
-    def _solved(self, lines: IntArray, coefficients: ComplexArray, loads: IntArray) -> ComplexArray:
-        """Fields at some lines by a factorization at each."""
+    def _solved(
+        self, lines: IntArray, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None
+    ) -> ComplexArray:
+        """Fields at some lines, or what is read of them, by a factorization at each."""
         n_dofs = self.matrices.shape[1]
         stiffness = coefficients[lines] @ self.matrices.reshape(-1, n_dofs**2)
         try:
-            return np.linalg.solve(stiffness.reshape(-1, n_dofs, n_dofs), self.loads[:, loads].astype(np.complex128))
+            fields = np.linalg.solve(stiffness.reshape(-1, n_dofs, n_dofs), self.loads[:, loads].astype(np.complex128))
         except np.linalg.LinAlgError as error:
             low, high = self.frequency[lines[[0, -1]]]
             raise singular_model(float(low), float(high)) from error
+        return fields if reader is None else reader @ fields
+
+
+def solved_few(systems: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """X with systems X = right, (n_lines, n, n) and (n_lines, n, n_right), for the few unknowns of contacts.
+
+    One or two are solved for by Cramer's rule, all lines together: LAPACK takes line after line.
+
+    Raises
+    ------
+    LinAlgError
+        If a system is singular.
+    """
+    if systems.shape[1] > 2:
+        return np.linalg.solve(systems, right)
+    if systems.shape[1] == 1:
+        determinant, adjugate = systems[:, 0, 0], np.ones((1, 1))
+    else:
+        determinant = systems[:, 0, 0] * systems[:, 1, 1] - systems[:, 0, 1] * systems[:, 1, 0]
+        adjugate = np.swapaxes(systems[:, ::-1, ::-1], 1, 2) * _CHECKED
+    if not determinant.all():
+        raise np.linalg.LinAlgError("Singular matrix")
+    return (adjugate / determinant[:, None, None]) @ right
 
 
 def _squares(fields: ComplexArray) -> FloatArray:

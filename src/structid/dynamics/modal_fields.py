@@ -41,9 +41,9 @@ class ModalFields:
     def _residues(self) -> ComplexArray:
         return (self.shapes.T[:, :, None] * self.drive[:, None, :]).reshape(len(self.inverse), -1)
 
-    def under(self, loads: IntArray) -> ModalFields:
-        """The same under some of the loads."""
-        return replace(self, drive=self.drive[:, loads])
+    def read(self, reader: FloatArray, loads: IntArray) -> ModalFields:
+        """What a reader (n_read, n_dofs) reads under some of the loads, in place of the fields."""
+        return replace(self, shapes=reader @ self.shapes, drive=self.drive[:, loads])
 
     def at(self, lines: slice | IntArray) -> ComplexArray:
         """The fields at some of the lines, (n, n_dofs, n_loads)."""

@@ -45,11 +45,9 @@ class SmallLines:
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
-        found = np.empty((len(self.frequency), len(self._reader), len(columns)), dtype=np.complex128)
         with single_blas():
-            for part, fields in self.at(physical, coefficients).stretches(coefficients, columns):
-                np.matmul(self._reader, fields, out=found[part])
-        return found
+            read = [of for _, of in self.at(physical, coefficients).stretches(coefficients, columns, self._reader)]
+        return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """See `LineDerivatives`; a stretch of lines after another."""
@@ -61,8 +59,8 @@ class SmallLines:
                 yield LineDerivatives(part, self._reader @ x, forces.contracted(-coefficients[part], x, y), reach)
 
     @cached_property
-    def _reader(self) -> ComplexArray:
-        return np.asarray(self.channels.reader.toarray(), dtype=np.complex128)
+    def _reader(self) -> FloatArray:
+        return np.asarray(self.channels.reader.toarray())
 
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
