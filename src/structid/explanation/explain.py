@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import special
@@ -16,8 +16,8 @@ from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.screen import Screened
 from structid.dof import parse_dof
 from structid.errors import StructidError
-from structid.estimation.search.work import ALONE, Work
-from structid.explanation.refits import MISFIT, Fitted, approached, refitted, restored
+from structid.estimation.search.work import ALONE, Task, Work
+from structid.explanation.refits import MISFIT, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
@@ -116,13 +116,15 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     tried = shortlist.tried + len(few)
     looked = [*few, *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]
-    near = work.map(f"{which}causes", approached, base, changes)
+    alike = [*range(len(few)), *(len(few) + k for k in _first_alike(shortlist.rows))]
+    near = _mapped(approached, base, changes, alike, work, f"{which}causes")
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in shortlist.at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
-    fits = _refits(base, items, work, f"likeliest {which}causes")
+    same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
+    fits = _refits(base, items, work, f"likeliest {which}causes", same)
     known = {_place(one.trial.changes[-1][0]) for one in fits}
     rigid = {_place(item[0]): item for one in fits for item in _rigid(base, one)}
     plainer = [item for place, item in rigid.items() if place not in known]
@@ -135,9 +137,29 @@ def _place(candidate: Candidate) -> tuple[str, tuple[str, ...]]:
     return candidate.kind, candidate.where
 
 
-def _refits(base: Fitted, items: Sequence[Item], work: Work, name: str) -> list[Fitted]:
+def _first_alike(rows: Sequence[Screened]) -> list[int]:
+    """For each change the first that a linear look cannot tell from it: mostly itself, at mirrored places another."""
+    seen = [(one.candidate.kind, f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
+    return [seen.index(key) for key in seen]
+
+
+def _mapped(
+    task: Task, base: Fitted, items: Sequence[Any], alike: Sequence[int], work: Work, name: str
+) -> list[dict[str, Any]]:
+    """`task` of every item, but of those that may be `alike` of the first only, where the others can take its answer."""
+    first = [k for k, other in enumerate(alike) if other == k]
+    found = dict(zip(first, work.map(name, task, base, [items[k] for k in first]), strict=True))
+    rest = [k for k in range(len(items)) if k not in found]
+    others = work.map(f"{name}, alike", likewise, base, [(task, items[k], found[alike[k]]) for k in rest])
+    found.update(zip(rest, others, strict=True))
+    return [found[k] for k in range(len(items))]
+
+
+def _refits(
+    base: Fitted, items: Sequence[Item], work: Work, name: str, alike: Sequence[int] | None = None
+) -> list[Fitted]:
     """The changes fitted to the end, those that a model can be made of."""
-    ends = work.map(name, refitted, base, items)
+    ends = _mapped(refitted, base, items, range(len(items)) if alike is None else alike, work, name)
     return [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one]
 
 

@@ -15,7 +15,7 @@ from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_m
 from structid.errors import StructidError
 from structid.estimation import Problem
 from structid.estimation.search.minimum import Minimum
-from structid.estimation.search.work import Tools
+from structid.estimation.search.work import Task, Tools
 from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import Trial
 from structid.identification.together import together
@@ -24,6 +24,8 @@ from structid.observation import FrfProblem, SpectraProblem
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3
 _MOST_PASSES = 4
+#: Part of a misfit below which a difference is one of rounding.
+_ALIKE = 1e-9
 #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
 _OTHER_STRENGTHS = {"direction": (1.6, 1.25, 1.1, 1.04, 1.015), "friction": (3.0, 2.0)}
 
@@ -81,6 +83,30 @@ def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Too
         return _stored(_finally(base, base.trial.changed(candidate, strength), theta))
     except (StructidError, np.linalg.LinAlgError):
         return {}
+
+
+def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Tools) -> dict[str, Any]:
+    """What the fit of another change gave, where it has the same misfit with this one; else this one's own fit.
+
+    At mirrored places of a symmetric structure changes answer alike.
+
+    Parameters
+    ----------
+    base : Fitted
+    item : (task, item, dict)
+        `approached` or `refitted`, what it takes, and what it gave of the other change.
+    tools : Tools
+    """
+    task, (candidate, strength, *_), first = item
+    try:
+        trial = base.trial.changed(candidate, first.get("strength", strength))
+        residual = (trial.target if "strength" in first else trial.anchored()).residual(first["theta"])
+        if abs(residual @ residual + base.aside - first["cost"]) <= _ALIKE * first["cost"]:
+            return {**first, "where": list(candidate.where)}
+    except (StructidError, np.linalg.LinAlgError, KeyError):
+        pass
+    found: dict[str, Any] = task(base, item[1], tools)
+    return found
 
 
 def _stored(found: Fitted) -> dict[str, Any]:
