@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg
 
 from structid.dynamics import dense_fields, modal_fields
-from structid.dynamics.dense_fields import DenseFields
+from structid.dynamics.dense_fields import DenseFields, solved_few
 from structid.errors import SingularModelError
 
 LINES = np.linspace(0.02, 0.9, 400)
@@ -179,3 +179,14 @@ def test_a_line_that_cannot_be_factorized_is_named(n_lines):
     with pytest.raises(SingularModelError, match=r"singular at 0\.\d+ to 0\.\d+ Hz"):
         fields(matrices, laplace, np.ones((1, 1)))
     assert modal_fields.modal_fields(matrices, np.ones((1, 1)), laplace) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_few_unknowns_of_many_lines_are_solved_for_as_by_lapack(n):
+    rng = np.random.default_rng(n)
+    systems = rng.normal(size=(50, n, n)) + 1j * rng.normal(size=(50, n, n))
+    right = rng.normal(size=(50, n, 4))
+    assert np.allclose(solved_few(systems, right), np.linalg.solve(systems, right), rtol=1e-9)
+    systems[7] = 0.0
+    with pytest.raises(np.linalg.LinAlgError):
+        solved_few(systems, right)

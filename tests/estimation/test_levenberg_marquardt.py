@@ -144,3 +144,13 @@ def test_a_region_where_the_model_is_singular_is_stepped_around():
     found = minimize(Residual(guarded, lambda p: np.array([[1 / p[0]], [0.1]]), np.array([40.0])), LevenbergMarquardt())
     assert found.converged
     assert found.theta == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize("n_rows", [3, 5, 300, 2000, 2049])
+def test_triangle_of_any_number_of_rows_has_their_products(n_rows):
+    rng = np.random.default_rng(n_rows)
+    at = Linearization(rng.normal(size=n_rows), rng.normal(size=(n_rows, 4)))
+    rows, triangle = np.column_stack([at.jacobian, at.residual]), at.triangle()
+    assert np.allclose(triangle.T @ triangle, rows.T @ rows)
+    assert triangle.shape == (min(n_rows, 5), 5)
+    assert not np.tril(triangle, -1).any()

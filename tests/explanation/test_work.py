@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from frame_cases import STUDY, off, written
 
+from structid.criticism.candidate import Candidate
+from structid.estimation.search.work import PLAIN_TOOLS
 from structid.explanation import refits
 from structid.explanation.answer import criticized
+from structid.explanation.refits import Fitted, approached, likewise
+from structid.explanation.trial import base_trial
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_started
@@ -52,3 +56,19 @@ def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(stud
     monkeypatch.setattr(refits, "_finally", again)
     kept = Checkpoint(tmp_path / "c", fingerprint(study), resume=True, seconds=0.0)
     same(causes(study, LongRun(checkpoint=kept)), whole)
+
+
+def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(study):
+    ready = started(study)
+    estimate = run_started(ready).identification.estimate
+    problems = tuple(problem.decided(problem.theta_start) for problem in ready.problems)
+    base = Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
+    first = approached(base, (Candidate("mass", ("4",)), 0.3), PLAIN_TOOLS)
+
+    def own(*arguments):
+        return {"theta": "own"}
+
+    taken = likewise(base, (own, (Candidate("mass", ("4",)), 0.3), first), PLAIN_TOOLS)
+    assert taken["theta"] is first["theta"]
+    assert likewise(base, (own, (Candidate("mass", ("3",)), 0.3), first), PLAIN_TOOLS) == {"theta": "own"}
+    assert likewise(base, (own, (Candidate("mass", ("4",)), 0.3), {}), PLAIN_TOOLS) == {"theta": "own"}
