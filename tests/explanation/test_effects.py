@@ -1,8 +1,10 @@
 """Each change screened by algebra is the change that its study makes: both give the same responses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from frame_cases import STUDY, written, written_histories, written_shaken, written_with_machine
+from frame_cases import FREQUENCY, STUDY, shaken, written, written_histories, written_shaken, written_with_machine
 
 from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
 from structid.criticism.candidate import Candidate
@@ -11,11 +13,12 @@ from structid.criticism.pool import pool
 from structid.criticism.screen import point_at
 from structid.errors import StructidError
 from structid.explanation.by_study import study_candidates
-from structid.explanation.edits import _EDITS
+from structid.explanation.edits import _EDITS, edit
 from structid.explanation.explain import _rigid
 from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
 from structid.observation import FrfProblem, SpectraProblem
+from structid.records.io import read_record, write_record
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
 
@@ -115,6 +118,100 @@ def test_a_foot_gives_way_against_the_table_that_moves_it(tmp_path, where):
     assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()
     assert np.abs(found - own).max() < 1e-6 * np.abs(own).max()
     assert view.record.inputs[0].place == ("7X" if where == "1X" else "1X")
+
+
+def of_both(folder, kinds):
+    """A study of the shaken frame with records of the table ("1X", "6X") and of a force ("4Y")."""
+    text, _, _ = shaken().partition("# how the test was made")
+    for at in kinds:
+        kind = "receptance" if at == "4Y" else "transmissibility"
+        ones = np.ones((len(FREQUENCY), 3, 1), complex)
+        write_record(folder / f"{at}.npz", FrfRecord(FREQUENCY, ones, ["2X", "3X", "5Y"], [at], kind))
+        text += f'[[record]]\nname = "at {at}"\npath = "{at}.npz"\n\n[record.noise]\nrelative = 0.01\n\n'
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    ready = started(load_study(path))
+    return base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+
+
+@pytest.mark.parametrize("kinds", [("1X", "4Y"), ("4Y", "1X"), ("1X", "6X")])
+def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, kinds):
+    """Each record has degrees of freedom of its own; a place is the same in all."""
+    trial = of_both(tmp_path, kinds)
+    fields = [fields_at(view, view.theta_start) for view in trial.views]
+    structural = [one for one in pool(fields) if one.record is None and one.kind != "friction"]
+    chosen = {(one.kind, one.where): one for one in structural[::7]}
+    chosen |= {(one.kind, one.where): one for one in structural if one.kind == "support"}
+    seen = set()
+    for one in chosen.values():
+        q = float(one.strengths[len(one.strengths) // 2])
+        try:
+            changed = trial.changed(one, q)
+        except StructidError:
+            continue
+        for own, view in zip(fields, changed.views, strict=True):
+            predicted = view.with_lines(np.searchsorted(view.frequency, own.problem.frequency)).predicted(
+                view.theta_start
+            )
+            change = predicted - own.frf
+            found = one.effect(own, np.array([q]))[0]
+            assert np.abs(found - change).max() < 1e-3 * np.abs(change).max() + 1e-9 * np.abs(own.frf).max(), one.where
+        seen.add((one.kind, one.where))
+    assert {("support", ("1X",)), ("support", ("6X",)), ("support", ("6RZ",))} <= seen
+    assert {"mass", "joint"} <= {kind for kind, _ in seen}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        '[record.relabel]\n"13X" = "3X-"\n',
+        '[record.structure]\nfixed = ["1 X Y RZ", "6 X Y RZ"]\n',
+        'relabel = { "11X" = "1X" }\n',
+    ],
+)
+def test_a_foot_gives_way_whatever_the_record_says_of_channels_and_supports(tmp_path, more):
+    path = written_shaken(tmp_path, seed=None)
+    record = read_record(tmp_path / "frf.npz")
+    names = {"13X": {"3X": "13X-"}, "11X": {"1X": "11X"}}
+    called = next((names[key] for key in names if key in more), {})
+    outputs = [called.get(dof.place, dof) for dof in record.outputs]
+    inputs = [called.get(dof.place, dof) for dof in record.inputs]
+    write_record(tmp_path / "frf.npz", replace(record, outputs=outputs, inputs=inputs))
+    text = path.read_text(encoding="utf-8")
+    head, tail = text.split("[record.noise]")
+    path.write_text(f"{head}{more}\n[record.noise]{tail}", encoding="utf-8")
+    ready = started(load_study(path))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    fields, _ = candidates(trial)
+    [foot] = [one for one in pool([fields]) if one.kind == "support" and one.where == ("1X",)]
+    [view] = trial.changed(foot, 1e-5).views
+    lines = np.searchsorted(view.frequency, fields.problem.frequency)
+    own = view.predicted(view.theta_start)[lines] - fields.frf
+    assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()
+    assert np.abs(foot.effect(fields, np.array([1e-5]))[0] - own).max() < 1e-6 * np.abs(own).max()
+
+
+def test_a_damper_is_tried_across_a_spring_that_stands_on_the_table(tmp_path):
+    text = shaken(STUDY.replace('second = "4X"', 'second = "6X"'))
+    ready = started(load_study(written(tmp_path, text, text, seed=None)))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    fields, _ = candidates(trial)
+    [across] = [one for one in pool([fields]) if one.kind == "dashpot" and len(one.where) == 2]
+    assert across.where == ("2X", "6X")
+    [view] = trial.changed(across, 5.0).views
+    own = view.predicted(view.theta_start)[np.searchsorted(view.frequency, fields.problem.frequency)] - fields.frf
+    assert np.abs(across.effect(fields, np.array([5.0]))[0] - own).max() < 1e-6 * np.abs(own).max()
+
+
+def test_channels_that_have_other_names_already_are_turned_and_exchanged(tmp_path):
+    record = {"relabel": {"13X": "3X-", "load 14Y": "4Y"}}
+    study = {"structure": {}, "record": record}
+    edit(study, Candidate("polarity", ("3X",)), 1.0)
+    assert record["relabel"] == {"13X": "3X", "load 14Y": "4Y"}
+    edit(study, Candidate("swap", ("3X", "5X")), 1.0)
+    assert record["relabel"] == {"13X": "5X", "load 14Y": "4Y", "5X": "3X"}
+    edit(study, Candidate("load_polarity", ("4Y",)), 1.0)
+    assert record["relabel"]["load 14Y"] == "4Y-"
 
 
 def test_supports_of_beams_in_several_pieces_give_way(tmp_path):

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.criticism.fields import Fields
+from structid.dof import Dof
+from structid.structure.elements.element import dof_code
 
 #: Change of the FRF for some strengths, (n_strengths, n_lines, n_outputs, n_inputs).
 Effect = Callable[[Fields, FloatArray], ComplexArray]
@@ -39,7 +41,9 @@ class Candidate:
     record : int, optional
         Position of the only record that it changes.
     others : tuple of str
-        Channels that stay, where some are left out; the property that changes; the input at a support that gives way.
+        Channels that stay, where some are left out; or the property that changes.
+    driven : tuple of int
+        Positions of the records whose input is at a support that gives way.
     alike : Candidate, optional
         What looks the same on smoothed data.
     detail : mapping of str to float
@@ -53,6 +57,7 @@ class Candidate:
     bounds: tuple[float, float] = (-np.inf, np.inf)
     record: int | None = None
     others: tuple[str, ...] = ()
+    driven: tuple[int, ...] = ()
     alike: Candidate | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
 
@@ -67,22 +72,48 @@ def steps(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:
     return np.concatenate([sign * scale * _STEPS for sign in signs])
 
 
-def added(directions: FloatArray, law: Callable[[Fields], ComplexArray]) -> Effect:
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Directions D in any model: degrees of freedom by their codes, (n_codes,), and what each has of them, (n_codes, m)."""
+
+    codes: IntArray
+    weights: FloatArray
+
+    def rows(self, fields: Fields) -> tuple[IntArray, FloatArray]:
+        """The degrees of freedom of `fields` that take part, and D on them, (n_rows, m)."""
+        directions = fields.reached(self.codes).T @ self.weights
+        rows = np.flatnonzero(directions.any(axis=1))
+        return rows, directions[rows]
+
+    def beside(self, other: Places) -> Places:
+        """The directions of both, one after the other."""
+        n, m = self.weights.shape[1], other.weights.shape[1]
+        weights = np.block(
+            [[self.weights, np.zeros((len(self.codes), m))], [np.zeros((len(other.codes), n)), other.weights]]
+        )
+        return Places(np.concatenate([self.codes, other.codes]), weights)
+
+
+def place_of(*ends: tuple[Dof, float]) -> Places:
+    """One direction of some degrees of freedom, each with its part."""
+    codes = [dof_code(dof.node, dof.direction) for dof, _ in ends]
+    return Places(np.array(codes), np.array([[part] for _, part in ends]))
+
+
+def added(places: Places, law: Callable[[Fields], ComplexArray]) -> Effect:
     """Of a part D D' times q a(s) added to Z: dh = -(D'y)' q a (I + q a G)^-1 D'x with G = D' Z^-1 D.
 
     Parameters
     ----------
-    directions : (n_dofs, m) float array
+    places : Places
         D.
     law : callable
         a at the lines, (n_lines,).
     """
 
-    rows = np.flatnonzero(directions.any(axis=1))
-    d = directions[rows]
-
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
         a = law(fields)
+        rows, d = places.rows(fields)
         u, v = d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows]
         g = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
         weight = strengths[:, None] * a
@@ -97,17 +128,16 @@ def added(directions: FloatArray, law: Callable[[Fields], ComplexArray]) -> Effe
     return effect
 
 
-def rubbing(direction: FloatArray) -> Effect:
-    """Of dry friction r per unit of drive that acts along a direction (n_dofs,), by harmonic balance: stiffness i r / |x|.
+def rubbing(places: Places) -> Effect:
+    """Of dry friction r per unit of drive that acts along one direction, by harmonic balance: stiffness i r / |x|.
 
     |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
     and g = d' Z^-1 d. For one load.
     """
 
-    rows = np.flatnonzero(direction)
-    d = direction[rows]
-
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        rows, directions = places.rows(fields)
+        d = directions[:, 0]
         u, v = (d @ fields.under_loads[:, rows])[:, 0], d @ fields.under_sensors[:, rows]
         g = d @ fields.flexibility[:, rows[:, None], rows] @ d
         r = strengths[:, None]

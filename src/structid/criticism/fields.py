@@ -192,12 +192,15 @@ class Fields:
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def reached(self, codes: IntArray) -> FloatArray:
-        """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held."""
-        numbering = self.structure.numbering
-        place = np.minimum(np.searchsorted(numbering.codes, codes), len(numbering.codes) - 1)
-        rows = numbering.matrix[place, :].toarray()
-        rows[numbering.codes[place] != codes] = 0.0
-        return np.asarray(rows)
+        """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held, or are no part of the model."""
+        known = self.structure.numbering.codes
+        place = np.minimum(np.searchsorted(known, codes), len(known) - 1)
+        return np.where((known[place] == codes)[:, None], self._follow[place], 0.0)
+
+    @cached_property
+    def _follow(self) -> FloatArray:
+        """How free degrees of freedom move all, (n_codes, n_dofs)."""
+        return np.asarray(self.structure.numbering.matrix.toarray())
 
 
 def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import partial
+from functools import partial, reduce
 from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.criticism.candidate import Candidate, added, released, replaced, rubbing, steps
+from structid.criticism.candidate import Candidate, Places, added, place_of, released, replaced, rubbing, steps
 from structid.criticism.data import misfit_of_lines
 from structid.criticism.fields import ElementMatrix, Fields
 from structid.dof import Dof
@@ -52,10 +52,16 @@ def pool(records: Sequence[Fields]) -> list[Candidate]:
     """
     first, found = records[0], list[Candidate]()
     if first.structure.n_dofs <= MOST_DOFS:
-        found += [*_supports(first), *_joints(first), *_additions(first), *_untied(first)]
+        found += [*_supports(records), *_joints(first), *_additions(first), *_untied(first)]
     for number, fields in enumerate(records):
         found += _channels(fields, number)
     return found
+
+
+def exchanges(records: Sequence[Fields]) -> Iterator[Candidate]:
+    """Those of `pool` that exchange or turn channels: without a strength, and far from a model that was bent to them."""
+    for number, fields in enumerate(records):
+        yield from (one for one in _channels(fields, number) if len(one.strengths) == 1)
 
 
 def _spread(items: list[T], most: int) -> list[T]:
@@ -77,52 +83,54 @@ def _constant(fields: Fields) -> ComplexArray:
     return np.ones_like(fields.laplace)
 
 
-def _scale(fields: Fields, direction: FloatArray, law: ComplexArray) -> float:
+def _scale(fields: Fields, places: Places, law: ComplexArray) -> float:
     """Strength at which an added part is as stiff as what it is added to, at most lines."""
-    rows = np.flatnonzero(direction)
-    size = np.abs(law * (direction[rows] @ fields.flexibility[:, rows[:, None], rows] @ direction[rows]))
+    rows, directions = places.rows(fields)
+    d = directions[:, 0]
+    size = np.abs(law * (d @ fields.flexibility[:, rows[:, None], rows] @ d))
     return float(1 / np.median(size))
 
 
 def _additions(fields: Fields) -> Iterator[Candidate]:
     """Springs to the ground, dashpots, masses and appendages."""
-    nodes: dict[int, list[FloatArray]] = {}
-    places = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
-    few, frequencies = set(_spread(sorted(places), _APPENDAGE_NODES)), _swinging(fields)
-    for dof, column in fields.columns.items():
-        if dof.node not in places:
+    nodes: dict[int, list[Places]] = {}
+    chosen = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
+    few, frequencies = set(_spread(sorted(chosen), _APPENDAGE_NODES)), _swinging(fields)
+    for dof in fields.columns:
+        if dof.node not in chosen:
             continue
-        where = (dof.place,)
+        where, at = (dof.place,), place_of((dof, 1.0))
         rubs = (
-            Candidate("friction", where, rubbing(column), _RUBBING, _POSITIVE)
+            Candidate("friction", where, rubbing(at), _RUBBING, _POSITIVE)
             if len(fields.problem.record.inputs) == 1 and fields.problem.record.kind != "transmissibility"
             else None
         )
         for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):
-            strengths = steps(_scale(fields, column, law(fields)))
-            yield Candidate(kind, where, added(column[:, None], law), strengths, _POSITIVE, alike=alike)
+            strengths = steps(_scale(fields, at, law(fields)))
+            yield Candidate(kind, where, added(at, law), strengths, _POSITIVE, alike=alike)
         if rubs is not None:
             yield rubs
         if dof.direction in _TRANSLATIONS:
-            nodes.setdefault(dof.node, []).append(column)
+            nodes.setdefault(dof.node, []).append(at)
             if dof.node in few:
-                yield from _appendages(fields, dof, column, frequencies)
-    for node, columns in nodes.items():
-        scale = min(_scale(fields, column, _inertia(fields)) for column in columns)
-        yield Candidate("mass", (str(node),), added(np.stack(columns, 1), _inertia), steps(scale, (1, -1)))
-    for pair, column in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
-        strengths = steps(_scale(fields, column, _velocity(fields)))
-        yield Candidate("dashpot", pair, added(column[:, None], _velocity), strengths, _POSITIVE)
+                yield from _appendages(fields, dof, at, frequencies)
+    for node, ways in nodes.items():
+        scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
+        yield Candidate("mass", (str(node),), added(reduce(Places.beside, ways), _inertia), steps(scale, (1, -1)))
+    for pair, apart in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
+        strengths = steps(_scale(fields, apart, _velocity(fields)))
+        yield Candidate("dashpot", pair, added(apart, _velocity), strengths, _POSITIVE)
 
 
-def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], FloatArray]]:
-    """Where springs are: the two ends, and how they move apart."""
+def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], Places]]:
+    """Where springs are between two ends that both move: these, and how they move apart."""
     for element in fields.structure.elements:
         if isinstance(element, Spring) and element.second is not None:
             for first, second in zip(element.first, element.second, strict=True):
-                one, other = (fields.columns.get(dof.unsigned) for dof in (first, second))
-                if one is not None and other is not None:
-                    yield (first.place, second.place), second.sign * other - first.sign * one
+                apart = place_of((second.unsigned, float(second.sign)), (first.unsigned, -float(first.sign)))
+                moves = fields.reached(apart.codes)
+                if moves.any(axis=1).all() and (apart.weights[:, 0] @ moves)[fields.undriven].any():
+                    yield (first.place, second.place), apart
 
 
 def _swinging(fields: Fields) -> list[float]:
@@ -137,9 +145,9 @@ def _swinging(fields: Fields) -> list[float]:
     return np.unique(np.concatenate([frequency[best], spread])).tolist()
 
 
-def _appendages(fields: Fields, dof: Dof, column: FloatArray, frequencies: Sequence[float]) -> Iterator[Candidate]:
-    scale = _scale(fields, column, _inertia(fields))
-    effects = {f: added(column[:, None], partial(_appendage, f)) for f in frequencies if f > 0}
+def _appendages(fields: Fields, dof: Dof, at: Places, frequencies: Sequence[float]) -> Iterator[Candidate]:
+    scale = _scale(fields, at, _inertia(fields))
+    effects = {f: added(at, partial(_appendage, f)) for f in frequencies if f > 0}
     for f, effect in effects.items():
         masses = scale * _APPENDAGE_MASSES
         yield Candidate("appendage", (dof.place,), effect, masses, _POSITIVE, detail={"frequency": f})
@@ -152,19 +160,26 @@ def _appendage(frequency: float, fields: Fields) -> ComplexArray:
     return found
 
 
-def _supports(fields: Fields) -> Iterator[Candidate]:
-    """Held directions that give way."""
-    held, _, own = fields.loose
-    inputs = {dof.unsigned for dof in fields.problem.record.inputs}
-    for i, dof in enumerate(held):
-        scale = float(1 / np.median(np.abs(own[:, i])))
-        driven_by = (dof.place,) if dof.unsigned in inputs else ()
-        effect = released(partial(_loose, i))
-        yield Candidate("support", (dof.place,), effect, steps(scale), _POSITIVE, others=driven_by)
+def _supports(records: Sequence[Fields]) -> Iterator[Candidate]:
+    """Directions that some record holds or drives, and that give way."""
+    inputs = [{dof.unsigned for dof in fields.problem.record.inputs} for fields in records]
+    scales = {
+        dof.unsigned: float(1 / np.median(np.abs(own)))
+        for fields in reversed(records)
+        for dof, own in zip(fields.loose[0], fields.loose[2].T, strict=True)
+    }
+    for dof, scale in scales.items():
+        driven = tuple(number for number, own in enumerate(inputs) if dof in own)
+        effect = released(partial(_loose, dof))
+        yield Candidate("support", (dof.place,), effect, steps(scale), _POSITIVE, driven=driven)
 
 
-def _loose(i: int, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
-    return fields.loose[1][:, :, i], fields.loose[2][:, i]
+def _loose(dof: Dof, fields: Fields) -> tuple[ComplexArray, ComplexArray]:
+    held, coupling, own = fields.loose
+    places = [i for i, one in enumerate(held) if one.unsigned == dof]
+    if not places:  # this record neither holds nor drives it
+        return np.zeros(fields.under_loads.shape[:2], complex), np.zeros_like(fields.laplace)
+    return coupling[:, :, places[0]], own[:, places[0]]
 
 
 class _Column(NamedTuple):
@@ -212,14 +227,12 @@ def _untied(fields: Fields) -> Iterator[Candidate]:
     for one in _spread([one for one in items if counts[one.element, one.property] > 1], 2 * _MOST_ELEMENTS):
         size, vectors = np.linalg.eigh(one.matrix)
         keep = size > 1e-9 * max(size[-1], 0.0)
-        directions = fields.reached(one.codes).T @ (vectors[:, keep] * np.sqrt(size[keep]))
-        if not keep.any() or not directions.any():
+        places = Places(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
+        if not keep.any() or not len(places.rows(fields)[0]):
             continue
         law = _inertia if one.kind == "mass" else partial(_lossy, one.loss)
         where = (f"{one.element}:{one.number + 1}",)
-        yield Candidate(
-            f"untied {one.kind}", where, added(directions, law), _PARTS, (-1.0, np.inf), others=(one.property,)
-        )
+        yield Candidate(f"untied {one.kind}", where, added(places, law), _PARTS, (-1.0, np.inf), others=(one.property,))
 
 
 def _held_together(fields: Fields) -> Iterator[ElementMatrix]:

@@ -74,8 +74,7 @@ def _spring(study: Tables, candidate: Candidate, strength: float) -> None:
 def _support(study: Tables, candidate: Candidate, strength: float) -> None:
     dof = parse_dof(candidate.where[0])
     ends = {"first": candidate.where[0], **_driving_end(study, candidate, dof)}
-    places = [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
-    freed = [_freed(place, dof) for place in places]
+    freed = [_freed(place, dof) for place in _holding(study)]
     if not any(freed):
         raise NoEditError(f"{candidate.where[0]} is held by a group of a mesh; hold it by `fixed` to let it give way")
     name = _named(study, f"support {candidate.where[0]}")
@@ -96,12 +95,17 @@ def _driving_end(study: Tables, candidate: Candidate, dof: Dof) -> dict[str, str
         there = {one: f"{label if one.unsigned == dof else one.node}{one.direction}" for one in driving}
         base["supports"] = [text if one.sign > 0 else f"{text}-" for one, text in there.items()]
         end = f"{label}{dof.direction}"
-        study["structure"]["fixed"] = [*as_list(study["structure"].get("fixed", [])), end]
-        if candidate.others:
-            for record in _records(study):
-                _rename(record, {candidate.where[0]: end})
+        for place in _holding(study):
+            place["fixed"] = [*as_list(place.get("fixed", [])), end]
+        for number in candidate.driven:
+            _rename(_records(study)[number], {candidate.where[0]: end})
         return {"second": end}
     return {}
+
+
+def _holding(study: Tables) -> list[Tables]:
+    """The tables with a ``fixed`` of their own."""
+    return [study["structure"], *(r["structure"] for r in _records(study) if "fixed" in r.get("structure", {}))]
 
 
 def _new_node(study: Tables, beside: int) -> int:
@@ -267,9 +271,17 @@ def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
 
 
 def _rename(record: Tables, changes: dict[str, str]) -> None:
-    if record.get("relabel"):
-        raise NoEditError("the channels are called otherwise already")
-    record["relabel"] = changes
+    """Channels by other names, those that `relabel` gave them already among them."""
+    given = record.setdefault("relabel", {})
+    called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
+    for old, new in changes.items():
+        *side, place = old.split()
+        key = called.get(("".join(side), place))
+        if key is None:
+            given[old] = new
+            continue
+        one, other = parse_dof(new), parse_dof(given[key])
+        given[key] = one.place if one.sign == other.sign else f"{one.place}-"
 
 
 def _left_out(study: Tables, candidate: Candidate, strength: float) -> None:

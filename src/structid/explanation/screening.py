@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates
-from structid.criticism.pool import pool
+from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened, point_at
 from structid.errors import StructidError
 from structid.estimation import JointProblem
@@ -18,8 +18,6 @@ from structid.estimation.search.work import Tools, Work
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
 from structid.explanation.trial import QUICK
-from structid.identification.before.aligned import aligned
-from structid.identification.before.channels import exchanged_sensors
 from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem
 
@@ -27,8 +25,12 @@ _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
 _AT_FIT = 2
 _LEAST_DROP = 0.02
+#: Part of the misfit of the initial model that an exchange leaves at most where it is fitted whatever else is seen.
+_TOLD = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
+#: Kind, place and record of a change.
+_Key: TypeAlias = tuple[str, tuple[str, ...], int | None]
 #: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
 _Promises = dict[tuple[object, ...], tuple[float, Screened]]
 
@@ -147,19 +149,23 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     return Shortlist(rows, [row for row in at_fit if row in rows][:_AT_FIT], tried)
 
 
-def _told(base: Fitted) -> set[tuple[str, ...]]:
-    """Pairs of sensors that look exchanged beside the initial model."""
+def _told(base: Fitted) -> set[_Key]:
+    """Channels that the initial model shows to be exchanged or turned: a model bent to them is far from the right one."""
     trial = base.trial
     if trial.is_of_modes:
         return set()
-    starts = [np.asarray(view.theta_start) for view in trial.views]
-    beside = [aligned(view, view.predicted(start)) for view, start in zip(trial.views, starts, strict=True)]
-    return {(a.place, b.place) for found in beside for a, b in exchanged_sensors(found)}
+    point = point_at(trial.anchored_views(), np.asarray(trial.target.theta_start))
+    rows = point.screened(list(exchanges(point.records)))
+    return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
 
 
-def _is_told(candidate: Candidate, told: Collection[tuple[str, ...]]) -> bool:
-    """Whether a change is fitted whatever a linear look says: a model bent to exchanged channels is far from the right one."""
-    return candidate.kind == "load_swap" or (candidate.kind == "swap" and candidate.where in told)
+def _key(candidate: Candidate) -> _Key:
+    return candidate.kind, candidate.where, candidate.record
+
+
+def _is_told(candidate: Candidate, told: Collection[_Key]) -> bool:
+    """Whether a change is fitted whatever a linear look at a fit says."""
+    return candidate.kind == "load_swap" or _key(candidate) in told
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> list[Screened]:

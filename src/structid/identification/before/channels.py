@@ -181,13 +181,6 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
             )
 
 
-def exchanged_sensors(found: Aligned) -> tuple[tuple[Dof, Dof], ...]:
-    """Pairs of sensors each of which moves as the initial model does at the other."""
-    apart = [o for o, fault, _ in _faults(found, found.level, found.accord) if fault == "apart"]
-    outputs = found.record.outputs
-    return tuple((outputs[a], outputs[b]) for a, b in _exchanged(found, apart))
-
-
 def _faults(
     found: Aligned, level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
