@@ -13,7 +13,10 @@ from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, explains
 from structid.dof import parse_dof
 from structid.explanation.answer import criticized
+from structid.explanation.refits import Fitted
+from structid.explanation.screening import _told
 from structid.explanation.suggestions import suggestion_text
+from structid.explanation.trial import base_trial
 from structid.identification.before.channels import ChannelWarnings
 from structid.records.io import read_record, write_record
 from structid.study.run.run import run_started
@@ -171,6 +174,21 @@ def test_two_faults_are_both_named(tmp_path):
     found = {(cause.kind, cause.where) for cause in result.criticism.causes}
     assert ("mass", ("4",)) in found
     assert {("support", ("6RZ",)), ("joint", ("right:1/6RZ",))} & found
+
+
+@pytest.mark.parametrize("is_exchanged", [True, False])
+def test_exchanged_cables_show_beside_a_start_that_is_far_off(tmp_path, is_exchanged):
+    """Whatever the fit, which bends to them, shows; a right record shows none."""
+    far = STUDY.replace("= 600.0", "= 790.0").replace("= 800.0", "= 620.0")
+    path = written(tmp_path, far)
+    record = read_record(tmp_path / "frf.npz")
+    order = [2, 1, 0, 3] if is_exchanged else [0, 1, 2, 3]
+    write_record(tmp_path / "frf.npz", replace(record, values=record.values[:, order]))
+    ready = started(load_study(path))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    told = _told(Fitted(trial, np.asarray(trial.target.theta_start), 1.0))
+    assert (("swap", ("2X", "4Y"), 0) in told) == is_exchanged
+    assert bool(told) == is_exchanged
 
 
 def test_a_second_cause_tells_its_own_value(tmp_path):
