@@ -85,10 +85,7 @@ def _support(study: Tables, candidate: Candidate, strength: float) -> None:
 def _driving_end(study: Tables, candidate: Candidate, dof: Dof) -> dict[str, str]:
     """The other end of a spring at a support that drives: a new node in its place, with its channel; none of other supports."""
     for base in study["structure"].get("base", []):
-        texts = map(str, as_list(base["supports"]))
-        driving = [
-            d for text in texts for d in ([parse_dof(text)] if text.strip().endswith("-") else dofs_of_text(text))
-        ]
+        driving = [one for text in as_list(base["supports"]) for one in dofs_of_text(str(text))]
         if all(one.unsigned != dof for one in driving):
             continue
         label = _new_node(study, dof.node)

@@ -360,7 +360,7 @@ def _base(entry: Section, nodes: Positions) -> Base:
     supports: list[str | Dof] = []
     for text in as_list(given["supports"]):
         with entry.located("supports"):
-            found = [text] if text.strip().endswith("-") else dofs_of_text(text)
+            found = dofs_of_text(text)
         supports += [_known_dof(entry, "supports", dof, nodes) for dof in found]
     with entry.located():
         return Base(given["name"], supports)
@@ -395,7 +395,7 @@ def _measured(entry: Section, files: InputFiles, nodes: Positions) -> MeasuredCo
 
 
 def dofs_of_text(text: str) -> list[Dof]:
-    """``1X`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
+    """``1X`` or ``1X-`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
     several = _SEVERAL.match(text)
     words = [several[1] + direction for direction in several[2].split()] if several else [text]
     if text.strip().isdigit():
