@@ -21,6 +21,8 @@ from structid import (
 )
 from structid.criticism.views import modal_view
 from structid.identification.fits.modal_fit import paired_modes
+from structid.identification.identify import identify_together
+from structid.identification.setups.modal import ModalSettings, ModalSetup
 from structid.modal.modal_record import ModalChanges
 from structid.observation import ModalProblem
 
@@ -124,6 +126,7 @@ def test_rows_are_those_of_known_entries_and_what_is_unknown_has_no_part():
 @pytest.mark.parametrize("form", ["output", "dynamic"])
 @pytest.mark.parametrize("options", [{}, {"closeness": 0.5}, {"shape_form": "mac", "shape_error": 0.05}])
 def test_a_channel_that_is_unknown_throughout_is_one_that_is_not_there(form, options):
+    """Also where `identify` tests the residual of each channel by its name."""
     record = measured(lost=0)
     dead = without(record, *((2, mode) for mode in range(4)))
     less = record.some_channels([0, 1, 3, 4])
@@ -131,6 +134,23 @@ def test_a_channel_that_is_unknown_throughout_is_one_that_is_not_there(form, opt
     one, other = (problem_of(each, form=form, **options) for each in (dead, less))
     assert one.residual(theta) == pytest.approx(other.residual(theta), rel=1e-9, abs=1e-9)
     assert one.linearize(theta).n_eliminated == other.linearize(theta).n_eliminated
+    settings = ModalSettings(form=form, **options)
+    setups = [ModalSetup(storeys(), one.parameters, each, settings) for each in (dead, less)]
+    answers = [identify_together([setup]).estimate for setup in setups]
+    names = [[test.name for test in answer.residual_tests.series] for answer in answers]
+    assert names[0] == names[1]
+    assert not any("3X" in name for name in names[0])
+    assert answers[0].values == pytest.approx(answers[1].values, rel=1e-6)
+
+
+def test_a_channel_that_no_group_of_modes_has_whole_has_no_row():
+    record = without(measured(lost=0), (2, 0), (2, 2))
+    problem = problem_of(record, closeness=0.5)
+    assert [len(group.members) for group in problem.data.groups] == [1, 3]
+    found = identify_together([ModalSetup(storeys(), problem.parameters, record, ModalSettings(closeness=0.5))])
+    named = [test.name for test in found.estimate.residual_tests.series]
+    assert named == [*(f"shape at {c}X+" for c in (1, 2, 4, 5)), "mixing of close modes", "frequency"]
+    assert problem.pull(problem.theta_start)["shapes"][0] == 4 * 4
 
 
 def test_the_scale_and_its_error_are_those_of_known_entries():

@@ -171,22 +171,26 @@ class ModalProblem(MeasuredProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own."""
+        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own.
+
+        Channels without a row have no name: those that are unknown in all modes, or in one of every group.
+        """
         n = len(self.record.channels)
-        channel, names = 2 * np.arange(n), [f"shape at {dof}" for dof in self.record.channels]
         if self.form == "dynamic":
-            forces = tuple(f"force for the {name}" for name in names)
             mode, place = np.nonzero(self.data.known.T[self.data.measured])
-            return DataRows(self.data.measured[mode], channel[place], forces)
+            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
+            return DataRows(self.data.measured[mode], 2 * place, forces)
         lines, series = [], []
         for group in self.data.groups:
             m = len(group.members)
             lines += [np.tile(group.members, len(group.channels)), np.repeat(group.members, m)]
-            series += [np.repeat(channel[group.channels], m), np.full(m * m, 2 * n)]
+            series += [np.repeat(2 * group.channels, m), np.full(m * m, 2 * n)]
+        used = np.unique(np.concatenate([group.channels for group in self.data.groups]))
+        shapes = [f"shape at {self.record.channels[c]}" for c in used]
         scalars = ("frequency", "damping ratio") if self.use_damping else ("frequency",)
         lines.append(np.tile(self.data.measured, len(scalars)))
         series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
-        return DataRows(np.concatenate(lines), np.concatenate(series), (*names, "mixing of close modes", *scalars))
+        return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
@@ -265,8 +269,7 @@ class ModalProblem(MeasuredProblem):
         if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
             return {}
         covariance = np.linalg.inv(information)
-        names = self.rows.names
-        kinds = np.array([_kind_of(names[number // 2]) for number in self.series.tolist()])
+        kinds = np.array([_kind_of(name) for name in self.rows.names])[np.unique(self.series, return_inverse=True)[1]]
         whole = float(at.residual[: self.n_data] @ at.residual[: self.n_data])
         found = {}
         filled = (at.residual[: self.n_data] != 0) | (at.jacobian[: self.n_data] != 0).any(axis=1)
