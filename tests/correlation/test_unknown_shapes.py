@@ -107,6 +107,17 @@ def test_a_mode_without_a_shape_is_paired_with_the_free_mode_nearest_in_frequenc
     assert spans.likeness[1:3] == pytest.approx(np.ones(2), abs=1e-9)  # at the sensors where both are known
 
 
+def test_close_modes_are_a_span_past_a_mode_without_a_shape():
+    hz, shapes = np.array([5.0, 10.0, 10.05, 10.1]), np.linalg.qr(np.random.default_rng(4).standard_normal((8, 4)))[0]
+    turned = shapes.copy()
+    turned[:, [1, 3]] = shapes[:, [1, 3]] @ [[0.8, -0.6], [0.6, 0.8]]
+    turned[:, 2] = np.nan
+    found = pair_modes(hz, turned, hz, shapes)
+    assert found.number.tolist() == [0, 1, 2, 3]
+    assert found.groups == (((1, 3), (1, 3)),)
+    assert found.likeness[[1, 3]] == pytest.approx(np.ones(2), abs=1e-9)
+
+
 def test_a_record_without_a_known_entry_is_refused(tmp_path):
     with pytest.raises(InputError, match="no mode above 0 Hz with a shape"):
         correlate(load_study(blanked(tmp_path, bare=[0, 1, 2, 3])))

@@ -171,7 +171,7 @@ def test_the_scale_and_its_error_are_those_of_known_entries():
 def test_a_mode_without_a_shape_is_paired_by_its_frequency_and_counts_by_it():
     record = without(measured(lost=0), mode=2)
     problem = problem_of(record)
-    assert [len(group.members) for group in problem_of(record, closeness=0.9).data.groups] == [2, 1, 1]
+    assert [len(group.members) for group in problem_of(record, closeness=0.9).data.groups] == [3, 1]
     pairs = paired_modes(problem, problem.theta_start)
     assert pairs.number.tolist() == [0, 1, 2, 3]
     assert np.isnan(pairs.mac).tolist() == np.isnan(pairs.angle).tolist() == [False, False, True, False]
@@ -184,6 +184,26 @@ def test_a_mode_without_a_shape_is_paired_by_its_frequency_and_counts_by_it():
     gain = np.linalg.eigvalsh(more.T @ more - less.T @ less)
     assert gain[-1] > 1e4
     assert gain[:-1] == pytest.approx(np.zeros(4), abs=1e-6 * gain[-1])  # one frequency, and no more
+
+
+def test_close_modes_are_one_group_past_a_mode_without_a_shape():
+    """Frequencies, damping ratios and their changes then come in the order of the modes, not of the groups."""
+    frequency, shapes = textbook_modes()
+    whole = replace(measured(lost=0), frequency=frequency, mode_shapes=shapes)
+    record = without(whole, (4, 3), mode=2)
+    problem = problem_of(record, closeness=0.9)
+    assert [group.members.tolist() for group in problem.data.groups] == [[0, 1, 3], [2]]
+    assert problem.data.is_alone.tolist() == [False, False, True, False]
+    truth = problem.unknowns.transforms.free(STIFFNESS)
+    assert problem.residual(truth) == pytest.approx(np.zeros(len(problem.residual(truth))), abs=1e-8)
+    both = replace(problem, use_damping=True)
+    at, change = both.linearize(truth + 0.05), differences(both.residual, truth + 0.05)
+    assert np.abs(at.jacobian - change).max() < 1e-6 * np.abs(at.jacobian).max()
+    rng = np.random.default_rng(0)
+    own = ModalChanges(*1e-3 * rng.standard_normal((2, 30, 4)), 0.01 * rng.standard_normal((30, 5, 4)))
+    told = problem_of(replace(record, changes=own), closeness=0.9)
+    rows = told.data_changes(truth)[:, -4:] * told.data.frequency_std
+    assert rows[:, 2] == pytest.approx(-own.frequency[:, 2], rel=1e-9)
 
 
 def test_a_mode_without_a_shape_may_be_one_that_no_sensor_sees():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -183,7 +182,7 @@ def pair_modes(
         number[rows[near]] = use[columns[near]]
     own = np.where(number >= 0, likeness[np.arange(len(f)), number], 0.0)
     groups = []
-    for members in _close(f, closeness):
+    for members in _close(f, np.flatnonzero(~np.isnan(x).all(axis=0)).tolist(), closeness):
         model = _extended(members, number, likeness, g, closeness)
         told = bool((own[members] >= _TOLD).all())
         shared = ~np.isnan(x[:, members]).any(axis=1)
@@ -201,11 +200,11 @@ def pair_modes(
     return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus, nearness)
 
 
-def _close(frequency: FloatArray, closeness: float) -> list[list[int]]:
-    """Modes in order, neighbours within `closeness` in one list."""
-    found = [[0]]
-    for k, (low, high) in enumerate(pairwise(frequency.tolist()), 1):
-        if high - low <= closeness * high:
+def _close(frequency: FloatArray, modes: list[int], closeness: float) -> list[list[int]]:
+    """Of `modes`, in order, neighbours within `closeness` in one list."""
+    found: list[list[int]] = []
+    for k in modes:
+        if found and frequency[k] - frequency[found[-1][-1]] <= closeness * frequency[k]:
             found[-1].append(k)
         else:
             found.append([k])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,14 +157,18 @@ class MeasuredModes:
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes, those that are close together; a mode without a known shape entry stands alone."""
-        frequency = self.frequency
-        variance = self._covariance[: len(frequency), : len(frequency)]
-        reach = np.maximum(self.closeness * frequency[1:], NOT_TOLD_APART * neighbour_std(variance))
-        bare = np.asarray(~self.known[:, self.measured].any(axis=0))
-        breaks = np.flatnonzero((np.diff(frequency) > reach) | bare[1:] | bare[:-1]) + 1
+        """Measured modes, those that are close together, by their lowest.
+
+        A mode without a known shape entry stands alone, and those about it are close or not as if it were not there.
+        """
+        frequency, has_shape = self.frequency, self.known[:, self.measured].any(axis=0)
+        shown = np.flatnonzero(has_shape)
+        variance = self._covariance[np.ix_(shown, shown)]
+        reach = np.maximum(self.closeness * frequency[shown[1:]], NOT_TOLD_APART * neighbour_std(variance))
+        breaks = np.flatnonzero(np.diff(frequency[shown]) > reach) + 1
+        parts = [*np.split(shown, breaks), *np.flatnonzero(~has_shape)[:, None]]
         made = []
-        for places in np.split(np.arange(len(frequency)), breaks):
+        for places in sorted(parts, key=lambda part: int(part[0])):
             members = self.measured[places]
             channels = np.flatnonzero(self.known[:, members].all(axis=1))
             shapes = self.shapes[np.ix_(channels, members)] / self._std_of(channels, members)[:, None]
@@ -175,10 +181,14 @@ class MeasuredModes:
             made.append(GroupData(members, channels, value, shapes, mixing))
         return tuple(made)
 
+    def by_mode(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Values of the members of each group, in the order of the modes that count, (n_measured, ...)."""
+        return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in self.groups]))]
+
     @cached_property
-    def is_alone(self) -> np.ndarray:
+    def is_alone(self) -> NDArray[np.bool_]:
         """Whether each mode that counts is a group of its own, (n_measured,)."""
-        return np.concatenate([np.full(len(group.members), len(group.members) == 1) for group in self.groups])
+        return self.by_mode([np.full(len(group.members), len(group.members) == 1) for group in self.groups])
 
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
         """Rows for frequencies and damping ratios, (n_measured, n) each, in their standard deviations.

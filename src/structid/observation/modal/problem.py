@@ -347,13 +347,11 @@ class ModalProblem(MeasuredProblem):
                 len(chosen) * bool(len(group.channels)) + 1
             )  # A, and the mixing's empty diagonal
             fits.append(fit)
-        frequency = np.concatenate([fit.frequency for fit in fits]) - self.data.frequency
-        damping = np.concatenate([fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
+        by_mode = self.data.by_mode
+        frequency = by_mode([fit.frequency for fit in fits]) - self.data.frequency
+        damping = by_mode([fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
         scalar = self.data.whitened(frequency[:, None], damping[:, None])[:, 0]
-        change = [
-            np.concatenate([fit.frequency_slope for fit in fits]),
-            np.concatenate([fit.damping_slope for fit in fits]),
-        ]
+        change = by_mode([fit.frequency_slope for fit in fits]), by_mode([fit.damping_slope for fit in fits])
         unused = int((~self.data.is_alone).sum()) if self.use_damping else 0
         jacobian = np.concatenate([*slopes, self.data.whitened(*change)])
         return np.concatenate([*rows, scalar]), jacobian, eliminated + unused
@@ -374,7 +372,7 @@ class ModalProblem(MeasuredProblem):
             d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
             rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
             model.append(d_frequency)
-        rows.append(self.data.whitened(np.concatenate(model) - frequency.T, -ratio.T))
+        rows.append(self.data.whitened(self.data.by_mode(model) - frequency.T, -ratio.T))
         return np.concatenate(rows).T
 
 
