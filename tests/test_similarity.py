@@ -123,6 +123,9 @@ def test_unknown_entries_leave_the_measures_of_the_known_ones():
         by_hand[own, r] = ecomac(x[own, pair], y[own, pair]) * 2
     assert ecomac(x[:, pairs], y[:, pairs]) == pytest.approx(np.nanmean(by_hand, axis=1) / 2, rel=1e-12)
     assert comac(x[:, [0, 1]], y[:, [0, 1]])[[0, 3]] == pytest.approx(1.0)  # one pair of entries is always alike
+    for measure in (comac, ecomac):  # nothing is known of the third pair: the others count
+        assert measure(x, y) == pytest.approx(measure(x[:, pairs], y[:, pairs]), rel=1e-12)
+        assert np.isnan(measure(x[:, [2]], y[:, [2]])).all()
     whole = shapes(6, 3)
     turned = whole * np.exp(0.7j)
     whole[1, 2] = np.nan

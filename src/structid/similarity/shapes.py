@@ -205,14 +205,16 @@ def _paired_columns(
 ) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
     """Both sets with columns of size 1, the second turned to the phase of the first, and which entries both know.
 
-    Others are 0.
+    Others are 0, also of a pair that knows none in common.
     """
     x, y = _columns("first", first), _columns("second", second)
     if x.shape != y.shape:
         raise InputError(f"`first` and `second` must have one shape, got {x.shape} and {y.shape}; pair them first")
     known = ~(np.isnan(x) | np.isnan(y))
     x, y = np.where(known, x, 0.0), np.where(known, y, 0.0)
-    x, y = x / np.sqrt(energies("first", x)), y / np.sqrt(energies("second", y))
+    shared = known.any(axis=0)
+    x = x / np.sqrt(energies("first", np.where(shared, x, 1.0)))
+    y = y / np.sqrt(energies("second", np.where(shared, y, 1.0)))
     product = np.sum(y.conj() * x, axis=0)
     size = np.abs(product)
     return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0), known
