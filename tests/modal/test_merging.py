@@ -108,7 +108,8 @@ def test_merging_leaves_entries_that_a_set_up_does_not_know_to_the_others():
     np.testing.assert_allclose(found.shape_std[:, [1, 3]], whole.shape_std[:, [1, 3]])
     lost = merge_modes([without(first, (0, 1), (1, 1)), second])
     assert lost.n_modes == 3
-    assert f"set-up 1: {omega[1]:.4g} Hz (none in set-up 2, nearest" in lost.warnings[0]
+    assert f"set-up 1: {omega[1]:.4g} Hz (none of its references is known);" in lost.warnings[0]
+    assert f"set-up 2: {omega[1]:.4g} Hz (none in set-up 1, nearest" in lost.warnings[0]
 
 
 def test_merging_without_covariance_gives_none():

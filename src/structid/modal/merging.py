@@ -177,6 +177,8 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
 
 def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
     """The set-ups that lack a mode like this, and how near their nearest comes."""
+    if np.isnan(_rows(setups[number], shared)[:, mode]).all():
+        return "none of its references is known"
     reasons = []
     for other, setup in enumerate(setups):
         if other == number or not setup.n_modes:
