@@ -397,7 +397,8 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
         done = invoke("modes", f"lower.{suffix}", f"upper.{suffix}", "--merge", "--out", f"merged_{suffix}")
         assert (done.exit_code, done.stderr) == (0, "")
         assert not page_of_before.exists()
-        assert f"{whole.n_modes} modes at {n} sensors" in done.stdout
+        assert f"{whole.n_modes} modes at {n} sensors\n" in done.stdout
+        assert "modes.uff" not in done.stdout
         merged = read_modes(tmp_path / f"merged_{suffix}" / "modes.json")
         assert {dof.unsigned for dof in merged.channels} == {dof.unsigned for dof in whole.channels}
         np.testing.assert_allclose(merged.frequency, whole.frequency, rtol=1e-5)
@@ -422,6 +423,8 @@ def test_unknown_entries_of_set_ups_go_through_merging_to_a_fit(tmp_path, monkey
         write_modes(tmp_path / f"{name}.json", replace(part, mode_shapes=shapes))
     done = invoke("modes", "lower.json", "upper.json", "--merge", "--out", "merged")
     assert (done.exit_code, done.stderr) == (0, "")
+    assert "shape entries unknown" in done.stdout
+    assert "modes.uff is not written: UFF has no sign for an unknown entry" in done.stdout
     assert sorted(file.name for file in (tmp_path / "merged").iterdir()) == [
         "modes.csv",
         "modes.json",

@@ -29,9 +29,10 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
-    """Heading, warnings, and the table of modes that set-ups have in common, with what each of them says."""
+    """Heading, warnings, the table of modes that set-ups have in common, with what each of them says, and what is not written."""
     modes, n = merging.modes, merging.modes.n_modes
     heading = f"{', '.join(names)}: {counted(n, 'mode')} at {counted(len(modes.channels), 'sensor')}"
+    heading += modes.unknown_words
     rows = [
         (
             str(k + 1),
@@ -43,7 +44,8 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
     ]
     table = Table(("mode", "frequency (Hz)", "damping ratio (%)", "of each set-up (Hz)"), tuple(rows), (0, 1, 2))
     warnings = [Text(f"warning: {warning}", style="yellow") for warning in modes.warnings]
-    return [Text(heading, style="bold"), *warnings, printed(table)]
+    left_out = [] if modes.known.all() else [Text("modes.uff is not written: UFF has no sign for an unknown entry")]
+    return [Text(heading, style="bold"), *warnings, printed(table), *left_out]
 
 
 def mode_table(result: ModesResult) -> Table:
