@@ -289,10 +289,12 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
 def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
     """Each column divided by its known entry of largest magnitude, so that this entry is 1."""
     known = ~np.isnan(shapes)
-    largest = np.where(known, np.abs(shapes), 0.0).argmax(axis=0)
-    return shapes / np.where(known.any(axis=0), shapes[largest, np.arange(shapes.shape[1])], 1.0)
+    largest = shapes[np.where(known, np.abs(shapes), 0.0).argmax(axis=0), np.arange(shapes.shape[1])]
+    return shapes / np.where(np.isnan(largest), 1.0, largest)
 
 
-def largest_entries(shapes: NDArray[np.inexact]) -> FloatArray:
-    """Size of the largest known entry of each column, (n_modes,); 0 where none is known."""
-    return np.asarray(np.where(np.isnan(shapes), 0.0, np.abs(shapes)).max(axis=0, initial=0.0))
+def largest_entries(shapes: NDArray[np.inexact], empty: float = 0.0) -> FloatArray:
+    """Size of the largest known entry of each column, (n_modes,); `empty` where none is known."""
+    known = ~np.isnan(shapes)
+    sizes = np.where(known, np.abs(shapes), 0.0).max(axis=0, initial=0.0)
+    return np.asarray(np.where(known.any(axis=0), sizes, empty))

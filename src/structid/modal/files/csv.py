@@ -144,7 +144,7 @@ def read_modes_csv(path: Path) -> ModalRecord:
     scaling = _scaling(path, header, lines)
     dofs = _channels(path, header)
     shapes, shape_std = _shapes(table, dofs)
-    size = np.where(np.isnan(shapes).all(axis=0), 1.0, largest_entries(shapes))
+    size = largest_entries(shapes, empty=1.0)
     if not size.all():
         raise FileError(
             f"{path}: {table.mode(int(np.argmin(size)))} has a mode shape of zeros; give it, or leave it blank where it is unknown"

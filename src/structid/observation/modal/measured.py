@@ -91,11 +91,7 @@ class MeasuredModes:
     def shapes(self) -> FloatArray:
         """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes); NaN: unknown."""
         real = most_real(self.record.mode_shapes)
-        return real / self._sizes(real)
-
-    def _sizes(self, shapes: NDArray[np.inexact]) -> FloatArray:
-        """Of the largest known entry of each mode, 1 where there is none."""
-        return np.where(self.known.any(axis=0), largest_entries(shapes), 1.0)
+        return real / largest_entries(real, empty=1.0)
 
     @cached_property
     def shape_std(self) -> FloatArray:
@@ -109,7 +105,7 @@ class MeasuredModes:
         own = self.record.shape_std
         freed: FloatArray = np.zeros(self.shapes.shape)
         if own is not None:
-            freed = unscaled_shape_std(self.shapes, own / self._sizes(self.record.mode_shapes))
+            freed = unscaled_shape_std(self.shapes, own / largest_entries(self.record.mode_shapes, empty=1.0))
         if self.record.changes is not None:
             count = np.maximum(self.known.sum(axis=0), 1)
             freed = np.broadcast_to(np.sqrt(np.sum(np.where(self.known, freed, 0.0) ** 2, axis=0) / count), freed.shape)
@@ -216,7 +212,7 @@ class MeasuredModes:
             return None
         given = np.asarray(self.record.mode_shapes)
         turn = real_turn(given)
-        shapes = (own.mode_shapes * turn).real / self._sizes((given * turn).real)
+        shapes = (own.mode_shapes * turn).real / largest_entries((given * turn).real, empty=1.0)
         frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
         n_all, n = shapes.shape[1:], len(self.measured)
         if self.frequency_error or self.damping_error or self.shape_error:

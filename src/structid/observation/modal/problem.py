@@ -343,9 +343,8 @@ class ModalProblem(MeasuredProblem):
             fit = group_fit(state, group, chosen)
             rows += [fit.shape_residual.ravel(), fit.mixing.ravel()]
             slopes += [fit.shape_slope.reshape(-1, n_params), fit.mixing_slope.reshape(-1, n_params)]
-            eliminated += len(chosen) * (
-                len(chosen) * bool(len(group.channels)) + 1
-            )  # A, and the mixing's empty diagonal
+            n_mixing = len(chosen) ** 2 if len(group.channels) else 0
+            eliminated += n_mixing + len(chosen)  # A, and the mixing's empty diagonal
             fits.append(fit)
         by_mode = self.data.by_mode
         frequency = by_mode([fit.frequency for fit in fits]) - self.data.frequency
