@@ -1,10 +1,10 @@
 """Parameters from modes: derivatives against differences, close and crossing modes, uncertainty, ratios, joint fits."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from modal_problem_cases import gains, gradient_errors, require_exact_slope
 
 from structid import (
     Beam,
@@ -20,7 +20,6 @@ from structid import (
     Status,
     Structure,
     Unknown,
-    channel_errors,
     estimate,
     parameters,
     simulated_record,
@@ -91,17 +90,6 @@ def stiffnesses(structure, element="k"):
     return parameters(structure, [Unknown("stiffness", element, each=True)])
 
 
-def require_exact_slope(problem, theta, tolerance=1e-6):
-    at = problem.linearize(theta)
-    assert len(at.residual) == len(problem.residual(theta))
-    assert problem.n_data == len(problem.lines) == len(problem.series)
-    step = 1e-5
-    for j, unit in enumerate(np.eye(len(theta))):
-        sides = [problem.residual(theta + sign * step * unit) for sign in (1, -1)]
-        change = (sides[0] - sides[1]) / (2 * step)
-        assert np.abs(at.jacobian[:, j] - change).max() < tolerance * np.abs(at.jacobian).max()
-
-
 @pytest.mark.parametrize("damping", [False, True])
 def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
     structure = chain()
@@ -133,20 +121,6 @@ def test_modes_in_their_order_are_paired_by_it_whatever_their_shapes():
     require_exact_slope(
         by_order, by_order.theta_start + 0.1 * np.random.default_rng(1).standard_normal(unknown.n_params)
     )
-
-
-def gradient_errors(problem, theta):
-    """Gradient of the sum of squares, and by differences."""
-    at = problem.linearize(theta)
-    step = 1e-6
-    sums = [[np.sum(problem.residual(theta + s * step * u) ** 2) for s in (1, -1)] for u in np.eye(len(theta))]
-    return 2 * at.jacobian.T @ at.residual, np.diff(sums, axis=1)[:, 0] / (-2 * step)
-
-
-def gains(record, *unknowns):
-    """Errors of the sensors of modes."""
-    sensors = SimpleNamespace(outputs=record.channels, inputs=(), frequency=record.frequency)
-    return channel_errors(sensors, unknowns)
 
 
 @pytest.mark.parametrize(("structure", "channels", "count"), [
