@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.estimation import Estimate, Status
-from structid.observation import ModalProblem, RecordProblem
-from structid.observation.frf.continuation import DAMPING
+from structid.observation import RecordProblem
+from structid.unknowns.named_unknowns import DAMPING
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
@@ -47,8 +47,7 @@ def unused_damping(
 ) -> list[str]:
     """That measured damping ratios are left out, where dampings are not determined."""
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING))
-    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
-    if not len(open_ones) or not any(problem.leaves_damping_out for problem in modal):
+    if not len(open_ones) or not any(problem.leaves_damping_out for problem in problems):
         return []
     listed = ", ".join(names[i] for i in open_ones[:3]) + (
         f" and {len(open_ones) - 3} more" if len(open_ones) > 3 else ""

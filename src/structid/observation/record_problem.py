@@ -215,6 +215,11 @@ class RecordProblem(ParameterProblem, ABC):
         return "the stated noise"
 
     @property
+    def leaves_damping_out(self) -> bool:
+        """Whether damping was measured and does not count."""
+        return False
+
+    @property
     def measures_force(self) -> bool:
         """Whether the record fixes the size of masses and stiffnesses, which is free without a measured force."""
         return True

@@ -18,8 +18,10 @@ from structid.unknowns.transforms import Transforms
 StatedPrior = tuple[float, float, bool]
 
 
+#: Kinds of parameters that are damping, linear in the motion.
+DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
 #: Kinds of positive parameters that may be absent.
-MAY_VANISH = ("viscous_damping", "loss_factor", "friction", "damping_ratio")
+MAY_VANISH = (*DAMPING, "friction")
 
 
 @dataclass(frozen=True, eq=False)

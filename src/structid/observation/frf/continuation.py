@@ -8,13 +8,12 @@ from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.records import FrfRecord
 from structid.records.transforms.half_plane import right_half_plane
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import DAMPING, NamedUnknowns
 
 #: Decay of the smoothed lines in parts of their angular frequency, from far off the axis down to it.
 LEVELS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.09, 0.06, 0.03, 0.015)
 #: What the start is expected to be off by, in the logarithm: 0.5 is a factor of 1.65.
 START_ERROR = 0.5
-DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
 _DAMPING_ERROR = 1.0
 _FEWEST_LINES = 60
 _MOST_LINES = 250

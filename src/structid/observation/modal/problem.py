@@ -115,7 +115,6 @@ class ModalProblem(MeasuredProblem):
 
     @property
     def leaves_damping_out(self) -> bool:
-        """Whether damping ratios were measured and do not count."""
         return not self.use_damping and bool((np.nan_to_num(self.record.damping_ratio) > 0).any())
 
     @property
