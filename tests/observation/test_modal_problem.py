@@ -214,6 +214,23 @@ def test_modal_fit_recovers_parameters_of_clean_modes_from_a_poor_start_with_few
     np.testing.assert_allclose(found.values, true, rtol=1e-7)
 
 
+def test_modes_that_few_sensors_tell_apart_are_fitted_without_the_way_of_wide_errors():
+    """Three modes 4 % apart and two sensors: errors of 2 % would leave them one group, which two sensors cannot span."""
+    springs = [Spring(f"k{i}", [f"{i}X"], stiffness=k) for i, k in ((1, 1000.0), (2, 1080.0), (3, 1166.0))]
+    links = Spring("links", ["1X", "2X"], ["2X", "3X"], stiffness=5.0)
+    structure = Structure(
+        {i: float(i) for i in range(1, 4)}, [PointMass("m", [1, 2, 3], 1.0), *springs, links], active=["X"]
+    )
+    truth = parameters(structure, [Unknown("stiffness", spring.name) for spring in springs])
+    record = measured(structure, truth.values(truth.start), ["1X", "3X"], 3, np.random.default_rng(2))
+    problem = ModalProblem(structure, truth.started_at(truth.start * np.array([1.02, 0.98, 1.01])), record)
+    assert [name for way in problem.stage_plans() for name, _ in way] == ["modal dynamic residual"]
+    with pytest.raises(
+        InputError, match=r"modes 1, 2, 3 are not told apart .* 2 sensors; lower `closeness` or the errors"
+    ):
+        replace(problem, frequency_error=0.02)
+
+
 def followed_chain():
     """Three masses, and three nodes more that follow them: six sensors can be put on three degrees of freedom."""
     nodes = {i: float(i) for i in range(7)}

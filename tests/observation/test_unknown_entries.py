@@ -216,7 +216,7 @@ def test_what_cannot_do_without_more_entries_says_so():
         problem_of(replace(record, mode_shapes=np.full((5, 4), np.nan)))
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
-        InputError, match=r"modes 2, 3, 4 lie within 0.5 .* 2 sensors at which the shapes of all are known"
+        InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"
     ):
         problem_of(few, closeness=0.5)
     with pytest.raises(InputError, match="and there are 2 sensors; lower `closeness`"):

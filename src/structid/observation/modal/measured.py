@@ -21,6 +21,10 @@ from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
 
+class FewSensorsError(InputError):
+    """There are more modes that are not told apart than sensors that tell their shapes."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredModes:
     """A record of modes with errors stated beside its own; the fields are those of `ModalProblem`."""
@@ -55,9 +59,9 @@ class MeasuredModes:
         if short:
             numbers, n_own = ", ".join(str(mode + 1) for mode in short[0].members.tolist()), len(short[0].channels)
             where = "" if n_own == len(self.record.channels) else " at which the shapes of all are known"
-            raise InputError(
-                f"modes {numbers} lie within {self.closeness:g} of each other and there are {counted(n_own, 'sensor')}{where};"
-                " lower `closeness`, measure more places, or leave modes out"
+            raise FewSensorsError(
+                f"modes {numbers} are not told apart (within {self.closeness:g} of each other, or their errors) and there are"
+                f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
             )
 
     def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -18,7 +19,7 @@ from structid.modal import ModalRecord
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
-from structid.observation.modal.measured import MeasuredModes
+from structid.observation.modal.measured import FewSensorsError, MeasuredModes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
 from structid.observation.record_problem import DataRows, MeasuredProblem
 from structid.similarity.pairing import assigned, likenesses, pairing_worth
@@ -201,11 +202,13 @@ class ModalProblem(MeasuredProblem):
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS
-        ordered = replace(near, form="output", frequency_error=frequency, shape_error=shape, in_order=True)
-        ways = (), (("modes in their order", ordered),)
-        if self.structure.n_dofs > _DENSE_UP_TO or self.channels is not None:
-            return ways
-        return *ways, (("modal dynamic residual", replace(near, form="dynamic")),)
+        ways: list[Stages] = [()]
+        with suppress(FewSensorsError):  # errors so wide leave more modes together than the sensors tell
+            ordered = replace(near, form="output", frequency_error=frequency, shape_error=shape, in_order=True)
+            ways.append((("modes in their order", ordered),))
+        if self.structure.n_dofs <= _DENSE_UP_TO and self.channels is None:
+            ways.append((("modal dynamic residual", replace(near, form="dynamic")),))
+        return ways
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
