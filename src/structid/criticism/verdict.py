@@ -16,6 +16,7 @@ from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
 from structid.identification.ran_away import ran_away_words
+from structid.shown import counted
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 
@@ -27,6 +28,10 @@ _LOCAL_MISFIT = 4.0
 _MOVES = 3.0
 #: Part of the parameters that may differ between parts of the data.
 _CONTRADICTS = 0.2
+#: Chi-square per degree of freedom, in parts of what is expected, from where on a cause is not the whole of it.
+_LEAVES = 4.0
+#: Degrees of freedom below which a residual hardly tests a model.
+_FEW = 15
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise, and how far a value moves, in standard deviations and as
@@ -244,7 +249,13 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
-        return Judgement("sound", f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter.")
+        words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
+        if estimate.degrees_of_freedom < _FEW:
+            words += (
+                f" But {counted(estimate.n_data, 'value')} hardly test {counted(len(estimate.names), 'parameter')}: a wrong model"
+                " may fit as well."
+            )
+        return Judgement("sound", words)
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
     pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
@@ -269,6 +280,8 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
                 else "."
             )
         )
+        if best.chi_square_per_dof > _LEAVES * expected_misfit(found):
+            words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
     if away:

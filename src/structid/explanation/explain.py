@@ -28,6 +28,9 @@ _FINALISTS = 8
 _OF_LARGE = 4
 #: Kinds that are always refitted to the end: smoothed data do not show them; and how many of them.
 _ALWAYS, _OF_ALWAYS = ("friction", "tone", "leakage"), 3
+#: Of changes of the study so many are refitted that leave this part of the misfit at most by a linear step at the fit: with 10 %
+#: of model error nobody sees elements that are too long.
+_OF_FEW, _AT_FIT = 2, 0.75
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
 #: Of the sum of squares, what another start must reach.
@@ -121,7 +124,10 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
-    finalists += [k for k, one in enumerate(looked) if near[k] and one in shortlist.at_fit and k not in finalists]
+    telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
+    finalists += [
+        k for k, one in enumerate(looked) if near[k] and one in (*shortlist.at_fit, *telling) and k not in finalists
+    ]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
     fits = _refits(base, items, work, f"likeliest {which}causes", same)

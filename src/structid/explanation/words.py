@@ -8,6 +8,8 @@ from structid.shown import listed
 
 #: Relative difference of a gain from that of another unit within which it is taken for it.
 _UNIT = 0.05
+#: Places of one cause that are named.
+_SHOWN = 3
 #: Kinds that results call otherwise.
 _KINDS = {
     "untied stiffness": "untied",
@@ -65,8 +67,8 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
-        "outlying_lines": f"lines at {', '.join(where)} do not go with the others",
-        "tone": f"a tone at {', '.join(where)} that no force made, such as mains, is in the record",
+        "outlying_lines": f"lines at {_few(where)} do not go with the others",
+        "tone": f"a tone at {_few(where)} that no force made, such as mains, is in the record",
         "extra_mode": f"the mode at {first} is none of this structure",
         "record": f"record {first} is of another state than the others",
         "noise_level": "the noise is not what it was taken for; it is"
@@ -79,3 +81,9 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
             return f"{what} is in another unit than stated ({unit})"
         return f"the calibration of {what} is off" + ("" if value is None else f" by a factor of {value:.4g}")
     return words[candidate.kind]
+
+
+def _few(places: tuple[str, ...]) -> str:
+    """The first of many places, and how many more there are."""
+    more = len(places) - _SHOWN
+    return ", ".join(places) if more <= 1 else f"{', '.join(places[:_SHOWN])} and {more} more stretches"

@@ -260,6 +260,12 @@ class FrfRecord(Shown):
         return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance)
 
 
+#: By how much a coherence may lie below 1 that a file of six digits holds as 1.
+_ROUNDED = 5e-6
+#: Degrees of freedom from where on a variance from repeats is taken as known.
+_FREEDOM = 20
+
+
 def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: int) -> FloatArray:
     """E|error|^2 of an FRF estimated from averages: |H|^2 (1 - g2) / (n g2).
 
@@ -270,7 +276,7 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
     values : complex array
         FRF estimate.
     coherence : float array of the same shape
-        Coherence g2; values below 1e-6 count as 1e-6.
+        Coherence g2; values below 1e-6 count as 1e-6, and 1, which no noisy average has, as what files round to it.
     averages : int
         Number n of independent averages.
 
@@ -278,9 +284,13 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
     ----------
     Bendat and Piersol (2010), Random Data, 4th ed., Eqs. (9.90) and (9.91).
     """
-    if averages < 1:
-        raise InputError(f"`averages` must be at least 1, got {averages}")
-    bounded = np.clip(coherence, 1e-6, 1.0)
+    if averages < 2:
+        raise InputError(
+            f"coherence tells noise from 2 averages on, got `averages` = {averages}: of one it is 1 whatever the noise; declare"
+            " the noise instead"
+        )
+    is_rounded = (coherence >= 1) & (coherence < 1).any()
+    bounded = np.maximum(np.where(is_rounded, 1 - _ROUNDED, coherence), 1e-6)
     return np.abs(values) ** 2 * (1 - bounded) / (averages * bounded)
 
 
@@ -314,6 +324,9 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
 def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     """The mean of repeated measurements, with the variance of that mean from their scatter.
 
+    Few repeats tell the variance of a line badly: their scatter is averaged over as many neighbouring lines as it takes to
+    have 20 degrees of freedom, as a part of each value's square or as it is, whichever is more alike over the lines.
+
     Raises
     ------
     InputError
@@ -332,8 +345,26 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
         if not same:
             raise InputError(f"repeated records must share frequencies, channels and kind; {other.source!r} differs")
     values = np.array([record.values for record in records])
-    variance = values.var(axis=0, ddof=1) / len(records)
-    return replace(first, values=values.mean(axis=0), variance=variance, noise_source="repeats", coherence=None)
+    mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / len(records)
+    pooled = _pooled(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))
+    return replace(first, values=mean, variance=pooled, noise_source="repeats", coherence=None)
+
+
+def _pooled(variance: FloatArray, square: FloatArray, freedom: int) -> FloatArray:
+    """Variances (n_lines, n_outputs, n_inputs) of so many degrees of freedom, averaged over neighbouring lines."""
+    reach = -(-(_FREEDOM // freedom) // 2)
+    if not reach or len(variance) <= 2 * reach:
+        return variance
+    found = np.empty_like(variance)
+    for pair in np.ndindex(variance.shape[1:]):
+        own, size = variance[:, *pair], square[:, *pair]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = [np.nanstd(np.log(part[part > 0])) for part in (own, own / size)]
+        scale = size if (size > 0).all() and spread[1] < spread[0] else np.ones(len(size))
+        window = np.ones(2 * reach + 1)
+        counts = np.convolve(np.ones(len(own)), window, "same")
+        found[:, *pair] = np.convolve(own / scale, window, "same") / counts * scale
+    return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

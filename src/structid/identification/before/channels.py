@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.identification.before.aligned import Aligned, accord, median
 from structid.records import FrfRecord
@@ -31,6 +31,8 @@ _FEWEST, _AGREE, _PAIRED = 3, 0.85, 0.6
 _NEAR = 0.35
 #: Powers of ten from which on units differ, and how near they must be.
 _DECADES, _NEAR_DECADE = 2, 0.2
+#: Standard deviations from where on a value stands out of its noise.
+_CLEAR = 3.0
 #: What reciprocity may miss by, and standard errors of that.
 _RECIPROCAL, _ERRORS = 0.05, 6.0
 
@@ -219,10 +221,10 @@ def _reciprocity(record: FrfRecord) -> Iterator[str]:
     for one, other in combinations([dof for dof in loads if dof in sensors], 2):
         there = _signed(record, sensors[one], loads[other])
         back = _signed(record, sensors[other], loads[one])
-        ratio = there / np.where(back == 0, np.nan, back)
-        ratio = ratio[np.isfinite(ratio) & (ratio != 0)]
-        if len(ratio) < 8:
+        clear = np.isfinite(there) & np.isfinite(back)
+        if clear.sum() < 8:
             continue
+        ratio = there[clear] / back[clear]
         size = np.log(np.abs(ratio))
         middle = float(np.median(size))
         spread = 1.4826 * float(np.median(np.abs(size - middle))) * 1.2533 / np.sqrt(len(size))
@@ -235,8 +237,11 @@ def _reciprocity(record: FrfRecord) -> Iterator[str]:
             )
 
 
-def _signed(record: FrfRecord, o: int, i: int) -> np.ndarray:
-    return record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
+def _signed(record: FrfRecord, o: int, i: int) -> ComplexArray:
+    """One FRF with the senses of its channels taken out, where it stands out of its noise; NaN elsewhere."""
+    values = record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
+    noise = 0.0 if record.variance is None else np.sqrt(record.variance[:, o, i])
+    return np.where(np.abs(values) > _CLEAR * noise, values, np.nan)
 
 
 def _unit(size: float, units: Sequence[tuple[float, str, str]]) -> str:
