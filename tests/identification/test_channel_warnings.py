@@ -76,6 +76,34 @@ def test_the_motion_of_a_support_is_no_force(factor, words):
     assert "force" not in one
 
 
+@pytest.mark.parametrize(
+    ("factor", "start", "words"),
+    [
+        (
+            4.448,
+            "support 6X+: the measured transmissibility is 4.4 times the model's beside other supports",
+            "its sensor",
+        ),
+        (-1.0, "support 6X+ moves with the opposite sense", "relabel it"),
+    ],
+)
+def test_the_motion_of_one_support_of_two_is_no_force(factor, start, words):
+    """A frame between two supports, each a base of its own."""
+    bare = shear_frame()
+    storeys = Spring(
+        "storey", [f"{i}X" for i in range(1, 7)], [f"{i}X" for i in range(6)], stiffness=1.5e6, loss_factor=0.03
+    )
+    bases = [Base("ground", "0X"), Base("roof", "6X")]
+    nodes = {i: (float(i), 0.0) for i in range(7)}
+    held = Structure(nodes, [bare.elements[0], storeys], ["0X", "6X"], active=["X"], bases=bases)
+    made = problem(1.0, held, loads=("0X", "6X"), kind="transmissibility")
+    assert told(made) == ()
+    found = told(with_values(made, times(factor, i=1)))
+    [one] = [one for one in found if one.startswith(start)]
+    assert words in one
+    assert not any("force" in one or "load" in one for one in found)
+
+
 @pytest.mark.parametrize("loads", [("5X", "2X"), ("1X", "3X", "5X")])
 def test_right_models_with_several_loads_are_silent(loads):
     assert [words for seed in range(12) for words in told(problem(far(seed), loads=loads, seed=seed))] == []

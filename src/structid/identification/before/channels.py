@@ -33,6 +33,7 @@ _NEAR = 0.35
 _DECADES, _NEAR_DECADE = 2, 0.2
 #: Standard deviations from where on a value stands out of its noise.
 _CLEAR = 3.0
+_SUPPORT_REMEDY, _LOAD_REMEDY = "check the sensitivity and unit of its sensor", "check the load cell's sensitivity"
 #: What reciprocity may miss by, and standard errors of that.
 _RECIPROCAL, _ERRORS = 0.05, 6.0
 
@@ -69,9 +70,14 @@ def channel_warnings(found: Aligned) -> ChannelWarnings:
         return ChannelWarnings(of_pairs=of_pairs)
     of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
     of_sensors = tuple(_sensors(found, level, agreement))
-    if record.kind == "transmissibility":
+    if _is_of_support(record):
         return ChannelWarnings((), (*of_loads, *of_sensors), of_pairs)
     return ChannelWarnings(of_loads, of_sensors, of_pairs)
+
+
+def _is_of_support(record: FrfRecord) -> bool:
+    """Whether its inputs are motions of supports, which have no unit of force."""
+    return record.kind == "transmissibility"
 
 
 def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
@@ -91,7 +97,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         )
         return
     is_driven = any(sensor.unsigned == load.unsigned for sensor in record.outputs for load in record.inputs)
-    of_support = record.kind == "transmissibility"
+    of_support = _is_of_support(record)
     drive = "support" if of_support else "load"
     if goes <= -_GOES and not is_driven:
         yield (
@@ -119,7 +125,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         times = f"{np.exp(common):.2g}" if common > 0 else f"1/{np.exp(-common):.2g}"
         yield (
             f"support {_listed(record.inputs)}: its motion is {times} times what the record says, or the model is far off:"
-            f" {told}; check the sensitivity and unit of its sensor"
+            f" {told}; {_SUPPORT_REMEDY}"
         )
         return
     unit = _unit(common, _FORCES) if agree else ""
@@ -128,28 +134,32 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         if common > 0
         else f"the force is 1/{np.exp(-common):.2g} of what the record says, or the model's masses are too small by that"
     )
-    remedy = f", as if it were {unit}" if unit else "; check the load cell's sensitivity"
+    remedy = f", as if it were {unit}" if unit else f"; {_LOAD_REMEDY}"
     yield f"load {_listed(record.inputs)}: {cause}: {told}{remedy}"
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Loads whose level or sense differs from the others'."""
+    """Loads, or supports that drive, whose level or sense differs from the others'."""
     if len(record.inputs) < 2:
         return
     loads, goes = median(level, 0), median(agreement, 0)
+    of_support = _is_of_support(record)
+    drive, acts = ("support", "moves") if of_support else ("load", "acts")
     for i, load in enumerate(record.inputs):
         others = np.delete(np.arange(len(loads)), i)
         reference = float(median(loads[others], 0)) if len(others) > 1 else 0.0
         if not float(median(goes[others], 0)) >= _GOES:
             continue
         if goes[i] <= _TURNED:
-            yield f"load {load} acts with the opposite sense at most sensors; check its sign, or relabel it"
+            yield f"{drive} {load} {acts} with the opposite sense at most sensors; check its sign, or relabel it"
         elif goes[i] >= _GOES and abs(loads[i] - reference) > _ABOUT_ONE and abs(loads[i]) > _ABOUT_ONE:
-            size, unit = loads[i] - reference, _unit(loads[i] - reference, _FORCES)
-            yield (
-                f"load {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other loads: "
-                + (f"the force looks to be {unit}" if unit else "check the load cell's sensitivity")
-            )
+            size = loads[i] - reference
+            told = f"{drive} {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other {drive}s"
+            if of_support:
+                yield f"{told}: {_SUPPORT_REMEDY}"
+            else:
+                unit = _unit(size, _FORCES)
+                yield f"{told}: {f'the force looks to be {unit}' if unit else _LOAD_REMEDY}"
 
 
 def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
