@@ -1,6 +1,7 @@
 """Plans: predictions against the dense bound, choices against all choices, and the command as a user meets it."""
 
 import json
+import re
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -154,6 +155,22 @@ def test_a_study_that_supports_drive_is_planned(tmp_path, record):
     assert found.options.kind == "transmissibility"
     assert [str(dof) for dof in found.chosen.loads] == ["0X+"]
     assert found.determined
+
+
+@pytest.mark.parametrize(
+    ("key", "named", "words"),
+    [
+        ("sensors", '"2X", "0X"', "sensors: 0X+ is held at zero by the supports"),
+        ("installed_sensors", '"0X"', "installed_sensors: 0X+ is held at zero by the supports"),
+        ("loads", '"0X", "2X"', "loads: 2X+ is a force, and others are motions of supports"),
+    ],
+)
+def test_only_loads_may_be_supports_that_drive(tmp_path, key, named, words):
+    text = (Path(__file__).parents[2] / "examples" / "shaken_building" / "study.toml").read_text(encoding="utf-8")
+    text = text[: text.index("[record]")] + f"[plan]\nband = [0.5, 18.0]\n{key} = [{named}]\n"
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(f"[plan] {words}")):
+        load_plan(tmp_path / "study.toml")
 
 
 def test_predictions_do_not_depend_on_stretches(beam, monkeypatch):

@@ -55,8 +55,7 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     for name, dofs in (("sensors", sensors), ("loads", loads)):
         if not dofs:
             raise InputError(f"`{name}` must name at least one place; the structure has no free translation")
-        if name == "sensors" or not structure.driven(dofs):
-            structure.selection(dofs)
+        structure.require_places(dofs, name == "loads")
     n_sensors = _count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
     n_loads = _count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
     if n_loads > 1 and any(isinstance(element, Friction) for element in structure.elements):

@@ -128,8 +128,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
-            if not (role == "input" and structure.driven(dofs)):
-                structure.selection(dofs)
+            structure.require_places(dofs, role == "input")
     return setup
 
 

@@ -36,7 +36,7 @@ _NO_NOISE: tuple[str, ...] = (
     f"no noise is given: {100 * _DEFAULT_NOISE:g} % of each value is taken; give [plan.noise], with `absolute` for what the"
     " sensors add, or places where little moves look too good",
 )
-_DOFS = ("sensors", "loads", "installed_sensors", "installed_loads")
+_LOADS = ("loads", "installed_loads")
 
 
 @dataclass(frozen=True)
@@ -145,12 +145,11 @@ def _options(
     given = section.values(PLAN)
     frequency, line_notes = _lines(section, given, structure, unknown, record, method)
     noise, noise_notes = _noise(section, record, declared, method.model_error)
-    for key in _DOFS:
+    for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
             given[key] = parse_dofs(as_list(given.get(key, [])))
-            if not structure.driven(given[key]):
-                structure.selection(given[key])
-    if structure.driven((*given["loads"], *given["installed_loads"])):
+            structure.require_places(given[key], key in _LOADS)
+    if structure.driven([dof for key in _LOADS for dof in given[key]]):
         given.setdefault("kind", "transmissibility")
     if record is not None:
         given.setdefault("kind", record.kind)
