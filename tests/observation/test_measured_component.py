@@ -222,6 +222,17 @@ def test_lines_between_are_interpolated_where_its_own_are_dense():
     assert re.search(r"1\d\d of 140 lines lie between its own and are interpolated", told)
 
 
+def test_what_lines_read_of_it_is_worked_out_once():
+    [own] = beam_on_machine().measured
+    found = own.receptance_at(FREQUENCY[3:9])
+    assert own.receptance_at(FREQUENCY[3:9].copy()) is found
+    np.testing.assert_array_equal(found, own.receptance[3:9])
+    for first in range(40):
+        np.testing.assert_array_equal(own.receptance_at(FREQUENCY[first:]), own.receptance[first:])
+    with pytest.raises(ValueError, match="read-only"):
+        found[0] = 0.0
+
+
 def refused(component: MeasuredComponent, record=None) -> str:
     with pytest.raises(InputError) as caught:
         predicted(beam_on_machine([component]), record or asked())

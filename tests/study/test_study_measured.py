@@ -1,6 +1,7 @@
 """Measured components in a study file: read, identified, told of, explained, and what is refused with its place."""
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from structid import FrfRecord, PointMass, TimeRecord, Unknown, parameters, simu
 from structid.cli.app import app
 from structid.records import write_record
 from structid.study.run.run import run_study
-from structid.study.schema.study import load_study
+from structid.study.schema.study import edited_study, load_study
 
 STUDY = """
 title = "A beam that carries a machine"
@@ -167,6 +168,30 @@ relative = 0.01
     assert not second.structure.measured
     assert np.abs((found.estimate.values - [*MOUNT, BENDING]) / found.estimate.std).max() < 4
     assert found.estimate.chi_square_per_dof == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_component_is_read_once_for_all_that_is_made_of_a_study(folder):
+    """Its file is read again where it, or the component's table, is another."""
+    study = load_study(folder / "study.toml")
+    [own] = study.structure.measured
+
+    def edited(of, change):
+        tables = deepcopy(dict(of.root.table))
+        change(tables["structure"])
+        return edited_study(of, tables)
+
+    def stiffer(structure):
+        structure["beam"][0]["bending_stiffness"] *= 1.1
+
+    once = edited(study, stiffer)
+    twice = edited(once, stiffer)
+    assert once.structure is not study.structure
+    assert once.structure.measured[0] is twice.structure.measured[0] is own
+    assert twice.digests == study.digests
+    turned = edited(study, lambda structure: structure["measured_component"][0].update(interface=["12Y", "11Y"]))
+    np.testing.assert_array_equal(turned.structure.measured[0].receptance[:, 0, 0], own.receptance[:, 1, 1])
+    write_record(folder / "machine.npz", machine_record(values=2 * machine_record().values))
+    np.testing.assert_allclose(edited(study, stiffer).structure.measured[0].receptance, 2 * own.receptance)
 
 
 def test_tables_of_other_programs_and_averaged_histories_are_read_as_records_are(folder):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,8 @@ _SINGULAR = 1e8
 _RECIPROCAL = 0.05
 #: Part of the lines at which a component may give power; lines of which its roughness is told.
 _MOST, _FEWEST = 0.5, 6
+#: Sets of lines for which Y is kept: those of records, of what judges, and of stages.
+_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,17 +101,31 @@ class MeasuredComponent:
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:
         """Y at lines inside its band, (n_lines, n, n); by cubics through four lines between its own where these are dense enough.
 
+        Kept for the lines last asked for.
+
         Raises
         ------
         InputError
             If a line lies outside its band, or between lines that are too far apart, or Y is singular there.
         """
-        place, between = self._places(frequency)
-        found = np.array(self.receptance[place])
-        if between.any():
-            found[between] = _read_between(self.frequency, self.receptance, frequency[between])
-        self._require_regular(frequency, found)
+        key = frequency.tobytes()
+        found = self._known.get(key)
+        if found is None:
+            place, between = self._places(frequency)
+            values = np.array(self.receptance[place])
+            if between.any():
+                values[between] = _read_between(self.frequency, self.receptance, frequency[between])
+            self._require_regular(frequency, values)
+            found = locked(values)
+            if len(self._known) >= _KEPT:
+                self._known.clear()
+            self._known[key] = found
         return found
+
+    @cached_property
+    def _known(self) -> dict[bytes, ComplexArray]:
+        """Y at the lines last asked for."""
+        return {}
 
     def warnings(self, frequency: FloatArray) -> tuple[str, ...]:
         """What is worth knowing of it where it serves at these lines."""

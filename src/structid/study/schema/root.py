@@ -10,6 +10,7 @@ from pathlib import Path
 from structid.estimation.search.work import ALONE, Work
 from structid.files import digest, require_readable
 from structid.solver.solved import Solved
+from structid.structure import MeasuredComponent
 from structid.study.schema.kinds import TEXT
 from structid.study.schema.section import Section, StudyError, StudyText
 from structid.study.schema.tables import Key, Table
@@ -42,12 +43,15 @@ class InputFiles:
         Where a solver runs.
     solved : list of Solved
         What the study's solver gave, once it has run.
+    measured : dict
+        Measured components that were read, by the digest of their file and their table.
     """
 
     folder: Path
     digests: dict[str, str] = field(default_factory=dict)
     work: Work = ALONE
     solved: list[Solved] = field(default_factory=list)
+    measured: dict[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
         """The path of `name`, which is now one of the study's inputs.
@@ -58,8 +62,17 @@ class InputFiles:
             If there is no such file, or it is empty or not permitted.
         """
         path = require_readable(self.folder / name)
-        self.digests[Path(name).name if Path(name).is_absolute() else Path(name).as_posix()] = digest(path)
+        self.digests[_told_name(name)] = digest(path)
         return path
+
+    def digest(self, name: str) -> str:
+        """Of `name`, of which `path` was asked."""
+        return self.digests[_told_name(name)]
+
+
+def _told_name(name: str) -> str:
+    """What results call a file of the study: without the folders of an absolute path."""
+    return Path(name).name if Path(name).is_absolute() else Path(name).as_posix()
 
 
 def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.options import IdentifyOptions
 from structid.solver.solved import Solved
-from structid.structure import Structure
+from structid.structure import MeasuredComponent, Structure
 from structid.study.schema.method import read_method
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups
@@ -36,6 +36,8 @@ class Study:
         SHA-256 of the study file and of every file that it names.
     solved : Solved, optional
         What its solver gave.
+    measured : mapping
+        See `InputFiles`.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Study:
     root: Section
     digests: Mapping[str, str]
     solved: Solved | None = None
+    measured: Mapping[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
 
     @property
     def structure(self) -> Structure:
@@ -104,11 +107,12 @@ def load_study(path: str | Path, work: Work = ALONE) -> Study:
 
 
 def edited_study(study: Study, tables: Mapping[str, Any], work: Work = ALONE) -> Study:
-    """The study with other tables, as `load_study` reads it; structures whose tables are as before are not made again.
+    """The study with other tables, as `load_study` reads it.
 
+    Structures whose tables are as before are not made again, nor measured components read whose tables and files are.
     Places of errors are those of what the file had.
     """
-    files = InputFiles(study.path.parent, dict(study.digests), work)
+    files = InputFiles(study.path.parent, dict(study.digests), work, measured=dict(study.measured))
     found = _read(root_of(replace(study.root.source, edited=tables)), files, study.setups)
     return found if found.solved is not None else replace(found, solved=study.solved)
 
@@ -121,4 +125,4 @@ def _read(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) 
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
     options = replace(options, regularization=terms)
     solved = files.solved[0] if files.solved else None
-    return Study(title_of(root), setups, options, root, files.digests, solved)
+    return Study(title_of(root), setups, options, root, files.digests, solved, files.measured)

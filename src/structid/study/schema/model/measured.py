@@ -13,7 +13,7 @@ from structid.errors import InputError
 from structid.records import FrfRecord
 from structid.records.io import ReadOptions
 from structid.structure import MeasuredComponent
-from structid.study.schema.kinds import TEXTS
+from structid.study.schema.kinds import TEXTS, as_list
 from structid.study.schema.records.record import load_record, read_source, record_table
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
@@ -48,16 +48,22 @@ def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list
     StudyError
         If its file cannot be read, or does not hold FRFs between all degrees of freedom of the interface.
     """
-    given = entry.values(MEASURED)
-    record = load_record(read_source(entry, files, keys=MEASURED))
-    texts = given.get("interface", ())
-    named = [dof for text in ((texts,) if isinstance(texts, str) else texts) for dof in known(text)]
+    source, given = read_source(entry, files, keys=MEASURED), entry.values(MEASURED)
+    named = [dof for text in as_list(given.get("interface", ())) for dof in known(text)]
+    key = files.digest(given["path"]), repr(entry.table)
+    if key not in files.measured:
+        files.measured[key] = _read(entry, given["name"], load_record(source), named)
+    return files.measured[key]
+
+
+def _read(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> MeasuredComponent:
+    """The component of the record, at the degrees of freedom `named`, or at all sensors."""
     interface = tuple(dict.fromkeys(dof.unsigned for dof in named or record.outputs))
     with entry.located("interface" if named else "path"):
         rows, columns = (_placed(record, role, interface) for role in ("outputs", "inputs"))
         moving = record.lines(record.frequency > 0).as_kind("receptance")
         values = moving.values[:, rows[0][:, None], columns[0]] * np.outer(rows[1], columns[1])
-        return MeasuredComponent(given["name"], interface, moving.frequency, values, record.source)
+        return MeasuredComponent(name, interface, moving.frequency, values, record.source)
 
 
 def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
