@@ -45,8 +45,8 @@ class MeasuredComponent:
     frequency : (n_lines,) float array
         Hz, increasing.
     receptance : (n_lines, n, n) complex array
-        Y, motion of each of `interface` per force at each of them, m/N (rad for rotations, N m for moments). What is not
-        reciprocal in it is averaged out.
+        Y, motion of each of `interface` per force at each of them, m/N (rad for rotations, N m for moments), as measured. What
+        is not reciprocal in it is averaged out where it serves.
     source : str
         File that it comes from.
 
@@ -66,7 +66,6 @@ class MeasuredComponent:
     frequency: FloatArray
     receptance: ComplexArray
     source: str
-    asymmetry: float
 
     def __init__(
         self,
@@ -84,14 +83,11 @@ class MeasuredComponent:
         require_finite("receptance", values, "remove these lines, or repair the file")
         if not len(axis) or (np.diff(axis) <= 0).any():
             raise InputError(f"`frequency` of {name!r} must increase, and hold at least one line")
-        turned = np.swapaxes(values, 1, 2)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "interface", given)
         object.__setattr__(self, "frequency", axis)
-        object.__setattr__(self, "receptance", locked((values + turned) / 2))
+        object.__setattr__(self, "receptance", locked(values))
         object.__setattr__(self, "source", source)
-        size = np.linalg.norm(values)
-        object.__setattr__(self, "asymmetry", float(np.linalg.norm(values - turned) / size) if size else 0.0)
 
     @property
     def words(self) -> str:
@@ -112,15 +108,20 @@ class MeasuredComponent:
         found = self._known.get(key)
         if found is None:
             place, between = self._places(frequency)
-            values = np.array(self.receptance[place])
+            values = np.array(self._reciprocal[place])
             if between.any():
-                values[between] = _read_between(self.frequency, self.receptance, frequency[between])
+                values[between] = _read_between(self.frequency, self._reciprocal, frequency[between])
             self._require_regular(frequency, values)
             found = locked(values)
             if len(self._known) >= _KEPT:
                 self._known.clear()
             self._known[key] = found
         return found
+
+    @cached_property
+    def _reciprocal(self) -> ComplexArray:
+        """The mean of Y and its transpose."""
+        return locked((self.receptance + np.swapaxes(self.receptance, 1, 2)) / 2)
 
     @cached_property
     def _known(self) -> dict[bytes, ComplexArray]:
@@ -146,9 +147,11 @@ class MeasuredComponent:
                     f"{self.words}: the real part of mobility of {dof.place} under its own force is negative at {100 * gives:.0f} %"
                     " of the lines; check the sense of sensor and load and the sign convention"
                 )
-        if self.asymmetry > _RECIPROCAL:
+        size = np.linalg.norm(self.receptance)
+        apart = np.linalg.norm(self.receptance - np.swapaxes(self.receptance, 1, 2))
+        if apart > _RECIPROCAL * size:
             words.append(
-                f"{self.words}: its FRFs differ by {100 * self.asymmetry:.2g} % from the reciprocal ones, and their mean is"
+                f"{self.words}: its FRFs differ by {100 * apart / size:.2g} % from the reciprocal ones, and their mean is"
                 " taken; check senses and places of its sensors and loads"
             )
         return tuple(words)
@@ -179,12 +182,12 @@ class MeasuredComponent:
         own, found = self.frequency, np.zeros(len(self.frequency))
         if len(own) < _FEWEST:
             return np.full(len(own), np.inf)
-        size = np.linalg.norm(self.receptance, axis=(1, 2))
+        size = np.linalg.norm(self._reciprocal, axis=(1, 2))
         size = np.maximum(size, np.maximum(np.roll(size, 1), np.roll(size, -1)))
         for first in (0, 1):
             kept = np.unique([0, *range(first, len(own), 2), len(own) - 1])
             out = np.setdiff1d(np.arange(len(own)), kept)
-            off = _read_between(own[kept], self.receptance[kept], own[out]) - self.receptance[out]
+            off = _read_between(own[kept], self._reciprocal[kept], own[out]) - self._reciprocal[out]
             found[out] = np.linalg.norm(off, axis=(1, 2)) / size[out]
         low, high = np.searchsorted(own, [frequency[0], frequency[-1]])
         found[: max(low - 1, 0)] = found[high + 1 :] = 0.0
