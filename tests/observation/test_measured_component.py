@@ -287,7 +287,7 @@ def test_what_is_odd_in_its_frfs_is_said():
     words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, turned).warnings(FREQUENCY)
     assert any("from the reciprocal ones" in one for one in words)
     words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, -y).warnings(FREQUENCY)
-    assert sum("the real part of mobility" in one for one in words) == 2
+    assert sum("is negative at 100 % of all its lines; check" in one for one in words) == 2
     assert len(beam_on_machine().measured[0].warnings(FREQUENCY)) == 1
 
 

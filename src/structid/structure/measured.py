@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
@@ -23,8 +23,10 @@ _COARSE = 0.1
 _SINGULAR = 1e8
 #: Part of an FRF by which it may differ from the reciprocal one without a word.
 _RECIPROCAL = 0.05
-#: Part of the lines at which a component may give power; lines of which its roughness is told.
-_MOST, _FEWEST = 0.5, 6
+#: Part of its lines at which a component may give power without a word.
+_GIVES_POWER = 0.5
+#: Lines from which on half of them tell how well the others can be read between them.
+_TOLD_BY_HALF = 6
 #: Sets of lines for which Y is kept: those of records, of what judges, and of stages.
 _KEPT = 16
 
@@ -142,10 +144,10 @@ class MeasuredComponent:
             )
         power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
         for dof, gives in zip(self.interface, (power < 0).mean(axis=0), strict=True):
-            if gives > _MOST:
+            if gives > _GIVES_POWER:
                 words.append(
                     f"{self.words}: the real part of mobility of {dof.place} under its own force is negative at {100 * gives:.0f} %"
-                    " of the lines; check the sense of sensor and load and the sign convention"
+                    " of all its lines; check the sense of sensor and load and the sign convention"
                 )
         size = np.linalg.norm(self.receptance)
         apart = np.linalg.norm(self.receptance - np.swapaxes(self.receptance, 1, 2))
@@ -180,7 +182,7 @@ class MeasuredComponent:
     def _roughness(self, frequency: FloatArray) -> FloatArray:
         """How far each of its lines near `frequency` is off where it is left out, in parts of it and its neighbours, (n_own,)."""
         own, found = self.frequency, np.zeros(len(self.frequency))
-        if len(own) < _FEWEST:
+        if len(own) < _TOLD_BY_HALF:
             return np.full(len(own), np.inf)
         size = np.linalg.norm(self._reciprocal, axis=(1, 2))
         size = np.maximum(size, np.maximum(np.roll(size, 1), np.roll(size, -1)))
@@ -215,9 +217,10 @@ class MeasuredComponent:
 def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatArray) -> ComplexArray:
     """Y of all `components` at the degrees of freedom of all of their interfaces, (n_lines, n, n)."""
     each = [one.receptance_at(frequency) for one in components]
-    found = np.zeros((len(frequency), *[sum(y.shape[1] for y in each)] * 2), dtype=np.complex128)
-    for line in range(len(frequency)):
-        found[line] = linalg.block_diag(*(y[line] for y in each))
+    ends = np.cumsum([0, *(y.shape[1] for y in each)])
+    found = np.zeros((len(frequency), ends[-1], ends[-1]), dtype=np.complex128)
+    for y, (first, last) in zip(each, pairwise(ends.tolist()), strict=True):
+        found[:, first:last, first:last] = y
     return found
 
 

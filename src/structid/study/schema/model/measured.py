@@ -12,6 +12,7 @@ from structid.dof import Dof
 from structid.errors import InputError
 from structid.records import FrfRecord
 from structid.records.io import ReadOptions
+from structid.shown import listed
 from structid.structure import MeasuredComponent
 from structid.study.schema.kinds import TEXTS, as_list
 from structid.study.schema.records.record import load_record, read_source, record_table
@@ -74,12 +75,8 @@ def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[I
     if missing:
         raise InputError(
             f"{record.source} has no {role.removesuffix('s')} {', '.join(missing)}: a component needs FRFs from loads at all"
-            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {_listed(record.outputs)}"
-            f" and inputs {_listed(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of `interface`"
+            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {listed(record.outputs)}"
+            f" and inputs {listed(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of `interface`"
         )
     index = np.array([place[dof] for dof in interface])
     return index, np.array([float(own[role][k].sign) for k in index])
-
-
-def _listed(dofs: tuple[Dof, ...]) -> str:
-    return ", ".join(map(str, dofs))
