@@ -29,6 +29,7 @@ from structid.solver.solved import Units
 
 RUN = CliRunner()
 ETA = 0.02
+DECAY = '[[record.channel_error]]\nproperty = "window_decay"\nstart = 1.0\n'
 MATRICES = 'stiffness = "{stem}_k.mtx"\nmass = "{stem}_m.mtx"\ndofs = ["1X", "2X", "3X", "4X", "5X", "6X"]'
 
 
@@ -220,6 +221,7 @@ def test_half_a_file_is_refused_and_finished_runs_are_kept(tmp_path):
         (lambda t: t.replace('frfs = "{stem}.csv"', 'frfs = "{stem}.csv"\nlength_unit = "mm"'), "says its units and loads itself"),
         (lambda t: t[: t.index("[record]")], "needs a [record]"),
         (lambda t: t + "[record.time]\n", "time histories are fitted by matrices or modes"),
+        (lambda t: t + DECAY, "'model' is known by its FRFs alone, which a window's decay cannot be computed with"),
         (lambda t: t.replace("[structure.solver]\n", '[structure]\nfixed = ["1"]\n[structure.solver]\n', 1), "put it in the deck"),
     ],
 )  # fmt: skip

@@ -236,6 +236,16 @@ def test_what_is_no_component_is_refused_with_its_place(folder):
     assert "unknown key" in refused(folder, (PATH, PATH + "\nnoise = 3"))
 
 
+def test_what_needs_lines_beside_those_of_the_record_is_refused_with_it(folder):
+    path = 'path = "frf.npz"\n'
+    words = refused(folder, (path, path + 'leakage = "hann"\n'))
+    assert "is known by its FRFs alone, which leakage of segments cannot be computed with; leave `leakage` out" in words
+    words = refused(
+        folder, ("[record.noise]", '[[record.channel_error]]\nproperty = "window_decay"\nstart = 1.0\n[record.noise]')
+    )
+    assert "alone, which a window's decay cannot be computed with; correct the record for it, or take a model" in words
+
+
 def test_records_of_histories_and_modes_are_refused_with_it(folder):
     rng = np.random.default_rng(0)
     history = TimeRecord(400.0, rng.standard_normal((2000, 2)), ["1Y", "3Y"], ["acceleration", "force"])

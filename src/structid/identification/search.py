@@ -83,7 +83,7 @@ def answered(
     method = chosen_method(problems, options)
     regular = regularized(problems, options, method, progress, work)
     few = all(np.isnan(problem.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
-    local = any(problem.is_local for problem in problems)
+    local = not all(problem.structure.has_matrices for problem in problems)  # FRFs alone hold about the start only
     search = (
         Search(seed=options.seed)
         if local

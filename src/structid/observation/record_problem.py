@@ -136,11 +136,6 @@ class RecordProblem(ParameterProblem, ABC):
         return len(self.rows.lines)
 
     @property
-    def is_local(self) -> bool:
-        """Whether the model holds about its start only, so that searches begin there and nowhere else."""
-        return False
-
-    @property
     def lines(self) -> IntArray:
         return self.rows.lines
 

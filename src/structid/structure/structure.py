@@ -154,13 +154,20 @@ class Structure(Shown, StructurePlots):
         """Whether its matrices are all there is of it, hence modes, and responses at any frequency."""
         return self.has_matrices and not self.measured
 
-    def require_modes(self, what: str) -> None:
-        """Raise `InputError` where measured components, known by their FRFs alone, do not go with `what`."""
+    def require_modes(
+        self, what: str, remedy: str = "take FRFs as the record ([record.frf] makes them of time histories)"
+    ) -> None:
+        """Raise `InputError` where it has no modes, which `what` needs; `remedy` is one beside a model of what has none."""
+        if self.has_modes:
+            return
         if self.measured:
-            raise InputError(
-                f"{self.measured[0].words} is known by its FRFs alone, which {what} cannot be computed with; take FRFs as the"
-                " record ([record.frf] makes them of time histories), or a model of the component"
-            )
+            part, model = self.measured[0].words, "a model of the component"
+        else:
+            part = next(repr(element.name) for element in self.elements if not element.has_matrices)
+            model = 'its matrices or modes (`gives = "matrices"` or `"modes"` of a solver)'
+        raise InputError(
+            f"{part} is known by its FRFs alone, which {what} cannot be computed with; {remedy}, or take {model}"
+        )
 
     @property
     def dimension(self) -> int:

@@ -119,7 +119,7 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
         at, to = np.array(both).T
         axis = axis * np.exp(np.interp(np.log(axis), np.log(at), np.log(to / at)))
         bent = replace(own, frequency=axis)
-        if problem.is_tabulated:  # parts of it are known at lines alone; between them is close enough for levels
+        if not problem.structure.has_modes:  # parts of it are known at lines alone; between them is close enough
             found = _between(axis, record.frequency, predicted)
         else:
             found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))

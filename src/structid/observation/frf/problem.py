@@ -126,19 +126,18 @@ class FrfProblem(ResponseProblem):
             raise InputError(
                 "leakage of segments needs a structure without friction, which random motion does not know"
             )
-        if self.is_tabulated:
-            raise InputError(
-                "leakage of segments needs lines beside those of the record, which no measured component has"
-            )
+        self.structure.require_modes("leakage of segments", "leave `leakage` out, where segments are long enough")
 
     def _require_sound_channels(self, channels: ChannelErrors) -> None:
         if self.form == "equation":
             raise InputError("form 'equation' takes no errors of channels; use form 'output'")
-        if channels.decay(channels.start) is not None and (self._has_friction or self.is_tabulated):
-            raise InputError(
-                "a window's decay as a parameter needs a structure without friction and measured components; give its known value,"
-                " or correct the record for it"
-            )
+        if channels.decay(channels.start) is not None:
+            if self._has_friction:
+                raise InputError(
+                    "a window's decay as a parameter needs a structure without friction; give its known value, or correct the"
+                    " record for it"
+                )
+            self.structure.require_modes("a window's decay", "correct the record for it")
 
     @property
     def _has_friction(self) -> bool:
@@ -176,18 +175,9 @@ class FrfProblem(ResponseProblem):
         return self.reduced is not None and self.is_large
 
     @property
-    def is_local(self) -> bool:
-        return not self.structure.has_matrices
-
-    @property
-    def is_tabulated(self) -> bool:
-        """Whether parts of the model are known at certain lines only, on the imaginary axis."""
-        return not self.structure.has_modes
-
-    @property
     def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
         """See `smoothed_records`; () where the model is not known beside the axis."""
-        return () if self.is_tabulated else smoothed_records(self.record)
+        return smoothed_records(self.record) if self.structure.has_modes else ()
 
     def with_lines(self, keep: IntArray) -> FrfProblem:
         return replace(self, record=self.record.lines(keep))
@@ -347,7 +337,7 @@ class FrfProblem(ResponseProblem):
         With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
         FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver.stages` leads.
         """
-        if self.is_local:
+        if not self.structure.has_matrices:
             return ()
         plans = self.stage_plans()
         return (partial(frequency_continuation, self), *plans) if 1 < len(self.frequency) <= _MOST_LINES else plans
