@@ -217,8 +217,7 @@ def test_lines_between_are_interpolated_where_its_own_are_dense():
     between = beam_on_machine([MeasuredComponent("machine", ["11Y", "12Y"], fine, machine_receptance(fine))])
     model, start = predicted(between, asked())
     near(model.values_at(start), dense_frf(beam_on_machine([]), asked()), 1e-3)
-    [said, told] = between.measured[0].warnings(FREQUENCY)
-    assert "not in the intervals" in said
+    [told] = between.measured[0].line_warnings(FREQUENCY)
     assert re.search(r"1\d\d of 140 lines lie between its own and are interpolated", told)
 
 
@@ -228,7 +227,7 @@ def test_a_changed_copy_is_as_if_it_were_made_so():
     own = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, y)
     other = replace(own, name="n")
     np.testing.assert_array_equal(other.receptance_at(FREQUENCY), own.receptance_at(FREQUENCY))
-    assert [words.replace("'n'", "'m'") for words in other.warnings(FREQUENCY)] == list(own.warnings(FREQUENCY))
+    assert [words.replace("'n'", "'m'") for words in other.warnings] == list(own.warnings)
     mean = (y[:, 0, 1] + y[:, 1, 0]) / 2
     np.testing.assert_allclose(own.receptance_at(FREQUENCY)[:, 0, 1], mean)
     np.testing.assert_allclose(own.receptance_at(FREQUENCY)[:, 1, 0], mean)
@@ -284,11 +283,14 @@ def test_what_is_odd_in_its_frfs_is_said():
     y = machine_receptance()
     turned = y.copy()
     turned[:, 0, 1] *= 1.5
-    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, turned).warnings(FREQUENCY)
+    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, turned).warnings
     assert any("from the reciprocal ones" in one for one in words)
-    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, -y).warnings(FREQUENCY)
+    words = MeasuredComponent("m", ["11Y", "12Y"], FREQUENCY, -y).warnings
     assert sum("is negative at 100 % of all its lines; check" in one for one in words) == 2
-    assert len(beam_on_machine().measured[0].warnings(FREQUENCY)) == 1
+    [own] = beam_on_machine().measured
+    [words] = own.warnings
+    assert "masses told are without it, and errors of its FRFs are not in the intervals" in words
+    assert own.line_warnings(FREQUENCY) == ()
 
 
 def identified(seed: int, component_noise: float = 0.0):

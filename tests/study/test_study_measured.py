@@ -13,6 +13,7 @@ from structid import FrfRecord, PointMass, TimeRecord, Unknown, parameters, simu
 from structid.cli.app import app
 from structid.records import write_record
 from structid.study.run.run import run_study
+from structid.study.run.start import started
 from structid.study.schema.study import edited_study, load_study
 
 STUDY = """
@@ -168,6 +169,14 @@ relative = 0.01
     assert not second.structure.measured
     assert np.abs((found.estimate.values - [*MOUNT, BENDING]) / found.estimate.std).max() < 4
     assert found.estimate.chi_square_per_dof == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_holds_of_a_component_is_said_once_for_all_records(folder):
+    record = STUDY[STUDY.index("[record]") :].replace("[record]", "[[record]]")
+    path = changed(folder, (STUDY[STUDY.index("[record]") :], f"{record}\n{record}"))
+    for warnings in (run_study(load_study(path)).identification.warnings, started(load_study(path)).warnings):
+        [words] = [one for one in warnings if "masses told are without it" in one]
+        assert words.startswith("measured component 'machine'")
 
 
 def test_a_component_is_read_once_for_all_that_is_made_of_a_study(folder):

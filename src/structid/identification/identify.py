@@ -19,7 +19,7 @@ from structid.identification.ran_away import ran_away, ran_away_words
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups.frf import Setup
-from structid.identification.setups.setup import AnySetup, prefixes, titles
+from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, unused_damping
 from structid.observation import ChannelUnknown, RecordProblem
@@ -119,10 +119,10 @@ def identify_together(
     pairs = zip(prefixes(setups), lost, strict=True)
     truncations = tuple(replace(one, words=prefix + one.words) for prefix, one in pairs if one is not None)
     warnings = [one.warning for one in truncations if one.warning]
+    warnings += prepared_warnings(setups, prepared)
     warnings += [
         prefix + words
-        for told in ([ready.warnings for ready in prepared], [fit.warnings if fit else () for fit in fits],
-                     [fit.warnings if fit else () for fit in modal_fits])
+        for told in ([fit.warnings if fit else () for fit in fits], [fit.warnings if fit else () for fit in modal_fits])
         for prefix, own in zip(prefixes(setups), told, strict=True)
         for words in own
     ]  # fmt: skip

@@ -130,18 +130,13 @@ class MeasuredComponent:
         """Y at the lines last asked for."""
         return {}
 
-    def warnings(self, frequency: FloatArray) -> tuple[str, ...]:
-        """What is worth knowing of it where it serves at these lines."""
-        _, between = self._places(frequency)
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth knowing of it, wherever it serves."""
         words = [
             f"{self.words}: masses told are without it, and errors of its FRFs are not in the intervals; state what these may come"
             " to as `model_error`"
         ]
-        if between.any():
-            words.append(
-                f"{self.words}: {between.sum()} of {counted(len(frequency), 'line')} lie between its own and are interpolated;"
-                f" left out, one of its lines would be off by up to {100 * self._roughness(frequency).max():.2g} %"
-            )
         power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
         for dof, gives in zip(self.interface, (power < 0).mean(axis=0), strict=True):
             if gives > _GIVES_POWER:
@@ -157,6 +152,22 @@ class MeasuredComponent:
                 " taken; check senses and places of its sensors and loads"
             )
         return tuple(words)
+
+    def line_warnings(self, frequency: FloatArray) -> tuple[str, ...]:
+        """What is worth knowing of it where it serves at these lines.
+
+        Raises
+        ------
+        InputError
+            As `receptance_at`, but for a singular Y.
+        """
+        _, between = self._places(frequency)
+        if not between.any():
+            return ()
+        return (
+            f"{self.words}: {between.sum()} of {counted(len(frequency), 'line')} lie between its own and are interpolated;"
+            f" left out, one of its lines would be off by up to {100 * self._roughness(frequency).max():.2g} %",
+        )
 
     def _places(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
         """The nearest of its lines to each of `frequency`, and which of these lie between them, (n_lines,)."""

@@ -65,7 +65,9 @@ class Setup(RecordSetup[FrfProblem]):
 
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
         used = used_lines(self.record, options)
-        warnings = [*record_warnings(self.structure, used), *self._measured_warnings(options)]
+        lines = np.union1d(*self.axes(options))
+        warnings = [*record_warnings(self.structure, used)]
+        warnings += [words for one in self.structure.measured for words in one.line_warnings(lines)]
         model_error = options.model_error
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
@@ -81,12 +83,11 @@ class Setup(RecordSetup[FrfProblem]):
             reduced=_sweep_error(self.structure, used, options),
             models=self.models,
         )
-        return Prepared(problem, tuple(warnings))
+        return Prepared(problem, tuple(warnings), tuple(self._measured_warnings(options)))
 
     def _measured_warnings(self, options: IdentifyOptions) -> list[str]:
-        """What is to be said of measured components at the lines that are used, and at those that judge."""
-        lines = np.union1d(*self.axes(options))
-        words = [text for one in self.structure.measured for text in one.warnings(lines)]
+        """What is to be said of measured components, whatever the lines."""
+        words = [text for one in self.structure.measured for text in one.warnings]
         if self.structure.measured and options.start == "continuation":
             words.append(
                 'start = "continuation" needs the model beside the lines of the record, where measured components are not known;'

@@ -45,10 +45,11 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Prepared(Generic[P]):
-    """The least-squares problem of a record, and what is worth a warning about it."""
+    """The least-squares problem of a record, and what is worth a warning about it, and about its structure whatever the record."""
 
     problem: P
     warnings: tuple[str, ...] = ()
+    of_structure: tuple[str, ...] = ()
 
 
 class RecordSetup(ABC, Generic[P]):
@@ -163,3 +164,10 @@ def titles(setups: Sequence[AnySetup]) -> list[str]:
 def prefixes(setups: Sequence[AnySetup]) -> list[str]:
     """What stands before words about each record: its title where there are several."""
     return [f"{title}: " if len(setups) > 1 else "" for title in titles(setups)]
+
+
+def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[Any]]) -> list[str]:
+    """What is worth a warning about structures, once, and about each record with its title before it."""
+    of_structures = dict.fromkeys(words for ready in prepared for words in ready.of_structure)
+    pairs = zip(prefixes(setups), prepared, strict=True)
+    return [*of_structures, *(prefix + words for prefix, ready in pairs for words in ready.warnings)]

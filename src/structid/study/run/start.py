@@ -12,7 +12,7 @@ from structid.errors import NoLinesError, SingularModelError
 from structid.identification.checks import require_sound_model
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
-from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, titles
+from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
@@ -72,18 +72,12 @@ def started(study: Study) -> Start:
     """
     models = Models()
     setups = tuple(loaded(source, models) for source in study.setups)
-    problems: list[RecordProblem] = []
-    warnings: list[str] = []
-    looks: list[Look] = []
-    for prefix, setup, source in zip(prefixes(setups), setups, study.setups, strict=True):
-        prepared, own = _prepared(study, source, setup)
-        problems.append(prepared.problem)
-        warnings += [prefix + warning for warning in prepared.warnings]
-        looks.append(own)
+    pairs = [_prepared(study, source, setup) for setup, source in zip(setups, study.setups, strict=True)]
+    prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
     with study.root.located():
-        same = alike(problems, titles(setups))
+        same = alike([ready.problem for ready in prepared], titles(setups))
         together(same)
-    return Start(study, setups, same, tuple(warnings), tuple(looks))
+    return Start(study, setups, same, tuple(prepared_warnings(setups, prepared)), looks)
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
