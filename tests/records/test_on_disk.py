@@ -125,7 +125,7 @@ BAD = {
     "array": (
         "bare.h5",
         ReadOptions(sampling_rate=1.0, channels=CHANNELS, quantities=QUANTITIES, array="x"),
-        "holds the arrays test/all",
+        "holds the arrays test/all.*; say which to read with `array` in the study.*--array",
     ),
     "format": ("text.csv", OPTIONS, "read by chunks from .npy, .h5 or .hdf5; convert it"),
     "complex": ("complex.npy", OPTIONS, "must hold real numbers"),

@@ -58,8 +58,8 @@ def test_gap_named_with_remedies_that_work(gapped):
         "in 1 of 2 channels there are 2 gaps of 4 samples",
     ):
         assert words in message
-    assert "`start = 2.51` and `stop = 3.99` in [record] or ReadOptions (--start 2.51 --stop 3.99 on the" in message
-    assert "`longest_gap = 3` in [record] or ReadOptions (--longest-gap 3 on the command line)" in message
+    assert "`start = 2.51` and `stop = 3.99` in the study, beside `path`, or in ReadOptions (--start" in message
+    assert "`longest_gap = 3` in the study, beside `path`, or in ReadOptions (--longest-gap 3" in message
     cut = read_record(path, ReadOptions(**options, start=2.51, stop=3.99))
     assert np.allclose(cut.values, CLEAN[251:], atol=1e-15)
     assert cut.start == pytest.approx(2.51)
@@ -86,7 +86,7 @@ def test_gap_at_the_end_is_not_filled(tmp_path):
     with pytest.raises(FileError) as caught:
         read_record(tmp_path / "a.csv", ReadOptions(longest_gap=5))
     assert "longest_gap" not in str(caught.value)
-    assert "`start = 0` and `stop = 3.97` in [record]" in str(caught.value)
+    assert "`start = 0` and `stop = 3.97` in the study, beside `path`" in str(caught.value)
 
 
 def test_missing_lines_are_counted(tmp_path):

@@ -104,7 +104,9 @@ def test_labels_give_units_without_164(tmp_path, values):
 def test_contradicting_units_are_not_guessed(tmp_path, values):
     data = [units(), function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="g")]
     path = write(tmp_path / "a.uff", data)
-    with pytest.raises(FileError, match=r"unit 'g'.*`unit` for FRFs or `units`.*--unit"):
+    with pytest.raises(
+        FileError, match=r"unit 'g'.*for FRFs with `unit` in.*--unit .*histories with `units` in.*--units "
+    ):
         read_record(path)
     record = read_record(path, ReadOptions(unit="g/N"))
     np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 9.80665, rtol=1e-11)

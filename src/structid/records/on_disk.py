@@ -23,7 +23,7 @@ from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields, hdf5_part
 from structid.files.npy import npy_header
 from structid.records.io.bare import channel_units, require_option
 from structid.records.io.layout import MARK
-from structid.records.io.options import ReadOptions
+from structid.records.io.options import ReadOptions, option_words
 from structid.records.record import QUANTITY_UNITS, Quantity, TimeRecord
 
 _NPY, _HDF5 = (".npy",), (".h5", ".hdf5")
@@ -296,7 +296,7 @@ def _only_array(path: Path, wanted: str) -> str:
         return wanted
     if wanted or len(numeric) != 1:
         raise InputError(
-            f"{path}: holds the arrays {', '.join(numeric) or 'none'}; say which to read with `array` in [record] or ReadOptions"
+            f"{path}: holds the arrays {', '.join(numeric) or 'none'}; say which to read with {option_words(array=None)}"
         )
     return numeric[0]
 

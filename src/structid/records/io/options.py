@@ -120,7 +120,7 @@ def option_words(**values: object) -> str:
     """Options, with their values where these are known, as a study, Python and the command line take them."""
     keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
     flags = [f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()]
-    return f"{keys} in [record] or ReadOptions ({' '.join(flags)} on the command line)"
+    return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
 
 
 def _is_positive(value: Any) -> bool:

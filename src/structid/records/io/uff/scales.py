@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import FileError, InputError
+from structid.records.io.options import option_words
 from structid.units import parse_frf_unit, parse_unit
 
 #: Specific data types of dataset 58 that structid reads, and the one it writes for each quantity.
@@ -124,8 +125,8 @@ def channel_scale(
     if label is not None and not math.isclose(label[1], factor, rel_tol=1e-4):
         raise FileError(
             f"{path}: the data of {dof} have unit {text!r} (factor {label[1]:g} to SI), but dataset 164 "
-            f"says {factor:g}; tell which is right: `unit` for FRFs or `units` for time histories, in [record] or"
-            " ReadOptions (--unit or --units on the command line)"
+            f"says {factor:g}; tell which is right: for FRFs with {option_words(unit=None)}, for time histories with"
+            f" {option_words(units=None)}"
         )
     return quantity, factor
 
