@@ -269,6 +269,8 @@ def test_what_is_no_component_is_refused():
         lambda: beam_on_machine([MeasuredComponent("m", "11X", FREQUENCY, y[:, :1, :1])])
     )
     assert "held at zero" in _error(lambda: beam_on_machine([MeasuredComponent("m", "0Y", FREQUENCY, y[:, :1, :1])]))
+    twice = [MeasuredComponent("mount", ends, FREQUENCY, y)]
+    assert "two parts of the structure are called 'mount'" in _error(lambda: beam_on_machine(twice))
     decaying = replace(asked(), decay=np.full(len(FREQUENCY), 3.0))
     assert "correct the record for its window" in refused(beam_on_machine().measured[0], decaying)
 

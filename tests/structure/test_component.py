@@ -354,7 +354,7 @@ def test_it_travels_and_shows():
         ({"interface": "15X"}, "15X of `interface` is no degree of freedom of it; the nearest is 15Z"),
         ({"elements": ["left", "right", "legs"]}, "component 'panel' has no interface: nothing else"),
         ({"elements": "legs"}, "component 'panel' has no degrees of freedom inside: all 3 belong"),
-        ({"name": "legs"}, "two element sets are called 'legs'"),
+        ({"name": "legs"}, "two parts of the structure are called 'legs'"),
     ],
 )
 def test_what_cannot_be_a_component_is_refused(change, fragment):

@@ -132,7 +132,7 @@ FRAME = Beam("frame", [[1, 2], [2, 3]], 1.0, 2.0)
         (Joint("j", "frame:1", "7RZ", 1.0), None, "'j' uses node 7"),
         (Joint("j", "frame:1", "2X", 1.0), None, "frame:1 has no stiffness in 2X.*some in Y RZ"),
         (Joint("j", "frame:1", "2RZ", 1.0), ["X", "Y"], "2RZ is held, as the structure moves in X Y only"),
-        (Joint("frame", "frame:1", "2RZ", 1.0), None, "two element sets are called 'frame'"),
+        (Joint("frame", "frame:1", "2RZ", 1.0), None, "two parts of the structure are called 'frame'"),
         (Joint("other", "frame:1", "2RZ", 1.0), None, "joint 'other' is in the place of joint 'k'"),
     ],
 )

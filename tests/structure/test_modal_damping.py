@@ -125,7 +125,7 @@ def test_what_modal_damping_cannot_be_of_is_named(monkeypatch):
             beam(wrong)
     with pytest.raises(InputError, match="needs masses and stiffnesses"):
         Structure({1: 0.0}, [PointMass("m", 1, 1.0)], active=["X"], damping_ratio=0.01)
-    with pytest.raises(InputError, match="two element sets are called 'all modes'"):
+    with pytest.raises(InputError, match="two parts of the structure are called 'all modes'"):
         Structure({1: 0.0}, [PointMass("all modes", 1, 1.0)], active=["X"], damping_ratio=0.01)
     sets = [PointMass("m", [1, 2], [1.0, 0.0]), Spring("k", "1X", stiffness=1.0)]
     loose = Structure({1: 0.0, 2: 1.0}, sets, active=["X"], damping_ratio=0.01)

@@ -184,7 +184,7 @@ SQUARE = {1: (0.0, 0.0), 2: (1.0, 0.0), 3: (1.0, 1.0), 4: (0.0, 1.0), 5: (2.0, 0
             [2],
             "is a corner of cells of 'p'",
         ),
-        ([Beam("node 2", [[1, 2], [2, 5]], 1.0, 1.0)], [], [2], "two element sets are called 'node 2'"),
+        ([Beam("node 2", [[1, 2], [2, 5]], 1.0, 1.0)], [], [2], "two parts of the structure are called 'node 2'"),
     ],
 )
 def test_nodes_that_cannot_slide_are_named(sets, ties, sliding, words):

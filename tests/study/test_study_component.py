@@ -125,7 +125,7 @@ def test_what_reduction_changes_is_told_before_and_after(study):
         ('"15Z"', '"99Z"', "node 99 does not exist"),
         ('"15Z"', '"15X"', "15X of `interface` is no degree of freedom of it; the nearest is 15Z"),
         ("up_to = 300.0", "upto = 300.0", "unknown key; the nearest is `up_to`"),
-        ('name = "panel"', 'name = "mount"', "two element sets are called 'mount'"),
+        ('name = "panel"', 'name = "mount"', "two parts of the structure are called 'mount'"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(study, old, new, words):

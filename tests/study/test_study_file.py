@@ -38,7 +38,12 @@ WRONG = [
     ('first = "1X"', 'first = "1Q"', 'first = "1Q"', ['"ground" first', "'1Q'", "12Z+"]),
     ('first = "1X"', 'first = "9X"', 'first = "9X"', ["node 9 does not exist"]),
     ('second = ["2X", "3X"]', 'second = ["2X"]', '[[structure.spring]]\nname = "upper', ["as many entries as `first`"]),
-    ('name = "mass 2"', 'name = "mass 1"', "[[structure.point_mass]]", ["two element sets are called 'mass 1'"]),
+    (
+        'name = "mass 2"',
+        'name = "mass 1"',
+        "[[structure.point_mass]]",
+        ["two parts of the structure are called 'mass 1'"],
+    ),
     ("1 = 0.0", "one = 0.0", "one = 0.0", ["[structure.nodes] one", "whole numbers"]),
     ("1 = 0.0", "1 = [0.0, 1.0]", "2 = 1.0", ["[structure.nodes] 2", "2 coordinates"]),
     ("1 = 0.0", "1 = [inf]", "1 = [inf]", ["[structure.nodes] 1", "coordinates"]),

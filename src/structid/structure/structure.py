@@ -404,7 +404,7 @@ def _require_names(structure: Structure) -> None:
     names += [] if structure.damping_ratio is None else [ALL_MODES]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"two element sets are called {name!r}; give each a name of its own")
+            raise InputError(f"two parts of the structure are called {name!r}; give each a name of its own")
     for element in structure.elements:
         for node in np.unique(element.nodes).tolist():
             if node >= 0 and node not in structure.nodes:
