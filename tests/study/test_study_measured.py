@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, machine_receptance
+from measured_cases import BENDING, FREQUENCY, MOUNT, NODES, asked, beam_on_machine, machine_receptance
 from structid import FrfRecord, PointMass, TimeRecord, Unknown, parameters, simulated_record
 from structid.cli.app import app
 from structid.records import write_record
@@ -22,13 +22,7 @@ title = "A beam that carries a machine"
 active = ["Y", "RZ"]
 fixed = ["0 Y RZ"]
 [structure.nodes]
-0 = [0.0, 0.0]
-1 = [0.3, 0.0]
-2 = [0.6, 0.0]
-3 = [0.9, 0.0]
-4 = [1.2, 0.0]
-11 = [0.6, 0.1]
-12 = [1.2, 0.1]
+NODES
 [[structure.beam]]
 name = "beam"
 nodes = [[0, 1], [1, 2], [2, 3], [3, 4]]
@@ -60,7 +54,7 @@ elements = "beam"
 path = "frf.npz"
 [record.noise]
 relative = 0.01
-"""
+""".replace("NODES", "\n".join(f"{label} = {place}" for label, place in NODES.items()))
 UNKNOWNS = [Unknown("stiffness", "mount", each=True), Unknown("bending_stiffness", "beam")]
 PATH = 'path = "machine.npz"'
 INTERFACE = 'interface = ["11Y", "12Y"]\n'
