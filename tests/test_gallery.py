@@ -75,7 +75,9 @@ HOLDS = {
     "trust/swapped_cables": lambda own: near(own["found"], stiffness_spring_1=1000.0, stiffness_spring_3=1000.0),
     "trust/wrong_unit": lambda own: near(own["found"], bending_stiffness_beam=80.0, **{"gain_3Y+": 1 / 9.80665}),
     "trust/priors": lambda own: near(own["found"], mass_mass_2=3.0, gain_sensors=1.0),
-    "trust/regularization": lambda own: np.nanmax(own["smooth"].std) < np.nanmax(own["alone"].std) / 2,
+    "trust/regularization": lambda own: (
+        not own["alone"].identified.any() and np.max(own["smooth"].std / own["smooth"].values) < 0.1
+    ),
     "trust/bounds": lambda own: [one.side for one in own["found"].estimate.at_bound] == ["lower"],
     "trust/what_varies": lambda own: near(own["found"], bending_stiffness_strip=40.0) and len(own["found"].varied) == 1,
     "trust/several_states": lambda own: list(own["found"].changed) == [True, False, True, False],

@@ -118,7 +118,7 @@ def test_set_ups_may_lack_an_element_set_of_the_mesh_and_be_held_elsewhere(tmp_p
     [
         ('[[record.structure.point_mass]]\nname = "m"\ngroup = "Tap"\nmass = 1.0\n', "there is no group 'Tap' in bracket.inp"),
         ('[[record.structure.point_mass]]\nname = "m"\nnodes = [7]\nmass = 1.0\n', "node 7 does not exist"),
-        ('[record.structure]\nwithout = ["flanges"]\n', "there is no element set or tie 'flanges'; the nearest is 'flange'"),
+        ('[record.structure]\nwithout = ["flanges"]\n', "measured component 'flanges'; the nearest is 'flange'"),
         ('[record.structure.nodes]\n50 = [0.0, 0.0, 0.0]\n', "node 50 is in [structure.nodes] already"),
     ],
 )  # fmt: skip

@@ -41,7 +41,8 @@ def _whitened(made: Readings, like: Readings) -> np.ndarray:
 
 def _readings(rig: Rig, table: Table, case: Case, faults: tuple[Fault, ...]) -> Readings:
     """Free of noise; FRFs have fewer lines, and histories stand as the FRFs that they hold."""
-    record = {"frf2": "states2", "modal": "modal", "ambient": "modal"}.get(case.record, "states")
+    other = {"frf2": "states2", "modal": "modal", "ambient": "modal", "shaken": "shaken", "quake": "shaken"}
+    record = other.get(case.record, "states")
     return measured(rig, table, record, faults, np.random.default_rng(0), noisy=False)
 
 
