@@ -188,7 +188,7 @@ def test_exchanged_cables_show_beside_a_start_that_is_far_off(tmp_path, is_excha
     write_record(tmp_path / "frf.npz", replace(record, values=record.values[:, order]))
     ready = started(load_study(path))
     trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
-    told = _told(Fitted(trial, np.asarray(trial.target.theta_start), 1.0))
+    told = _told(Fitted(trial, np.asarray(trial.target.theta_start), 1.0), ())
     assert (("swap", ("2X", "4Y"), 0) in told) == is_exchanged
     assert bool(told) == is_exchanged
 

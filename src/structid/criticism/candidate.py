@@ -85,14 +85,6 @@ class Places:
         rows = np.flatnonzero(directions.any(axis=1))
         return rows, directions[rows]
 
-    def beside(self, other: Places) -> Places:
-        """The directions of both, one after the other."""
-        n, m = self.weights.shape[1], other.weights.shape[1]
-        weights = np.block(
-            [[self.weights, np.zeros((len(self.codes), m))], [np.zeros((len(other.codes), n)), other.weights]]
-        )
-        return Places(np.concatenate([self.codes, other.codes]), weights)
-
 
 def place_of(*ends: tuple[Dof, float]) -> Places:
     """One direction of some degrees of freedom, each with its part."""

@@ -142,14 +142,9 @@ class Fields:
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
         """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,); none that is driven."""
-        numbering = self.structure.numbering
-        rows = numbering.matrix
-        found = {}
-        for place in np.flatnonzero(np.diff(rows.indptr)).tolist():
-            follow = rows[[place], :].toarray()[0]
-            if follow[self.undriven].any():
-                found[dof_of_code(int(numbering.codes[place])).unsigned] = follow
-        return found
+        moves = self._follow[:, self.undriven].any(axis=1)
+        pairs = zip(self.structure.numbering.codes[moves].tolist(), self._follow[moves], strict=True)
+        return {dof_of_code(code).unsigned: follow for code, follow in pairs}
 
     @cached_property
     def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import partial, reduce
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple, TypeVar
 
@@ -116,7 +116,8 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
                 yield from _appendages(fields, dof, at, frequencies)
     for node, ways in nodes.items():
         scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
-        yield Candidate("mass", (str(node),), added(reduce(Places.beside, ways), _inertia), steps(scale, (1, -1)))
+        every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
+        yield Candidate("mass", (str(node),), added(every, _inertia), steps(scale, (1, -1)))
     for pair, apart in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
         strengths = steps(_scale(fields, apart, _velocity(fields)))
         yield Candidate("dashpot", pair, added(apart, _velocity), strengths, _POSITIVE)

@@ -125,9 +125,8 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
     telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
-    finalists += [
-        k for k, one in enumerate(looked) if near[k] and one in (*shortlist.at_fit, *telling) and k not in finalists
-    ]
+    at_fit = [*shortlist.at_fit, *telling]
+    finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
     fits = _refits(base, items, work, f"likeliest {which}causes", same)

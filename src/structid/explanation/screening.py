@@ -110,7 +110,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     """
     points = screening_points(base)
     names = titles(base.trial.setups)
-    told = _told(base)
+    told = _told(base, points)
     answers = work.map(name, _looked, tuple(points), range(len(points)))
     best, others, here = _Promises(), _Promises(), _Promises()
     tried = 0
@@ -149,12 +149,15 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     return Shortlist(rows, [row for row in at_fit if row in rows][:_AT_FIT], tried)
 
 
-def _told(base: Fitted) -> set[_Key]:
+def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
     """Channels that the initial model shows to be exchanged or turned: a model bent to them is far from the right one."""
     trial = base.trial
     if trial.is_of_modes:
         return set()
-    point = point_at(trial.anchored_views(), np.asarray(trial.target.theta_start))
+    start = np.asarray(trial.target.theta_start)
+    point = (
+        points[0] if trial.is_large else point_at(trial.anchored_views(), start)
+    )  # where a large model is screened first
     rows = point.screened(list(exchanges(point.records)))
     return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
 
