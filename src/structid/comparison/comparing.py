@@ -21,6 +21,7 @@ from structid.estimation.estimate import estimate
 from structid.estimation.search.work import StageProgress
 from structid.identification.together import together
 from structid.observation import RecordProblem
+from structid.shown import listed
 from structid.study.results.folder import plain
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
 from structid.study.run.solver.rounds import about_answer
@@ -81,11 +82,11 @@ class ComparisonResult:
     def basis_words(self) -> str:
         """How the states were brought together, in a sentence."""
         kinds = Counter(name.split("[")[0] for name in self.comparison.carried)
-        listed = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
+        shared = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
         return {
             "independent": "each state was identified from its own data; uncertainties of both add",
-            "carried": f"the later state was identified with the baseline's result as the prior of {listed}",
-            "joint": f"both states were identified at once from all data, with {listed} in common",
+            "carried": f"the later state was identified with the baseline's result as the prior of {shared}",
+            "joint": f"both states were identified at once from all data, with {shared} in common",
         }[self.basis]
 
 
@@ -207,9 +208,8 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
         (found.only_after, "later state", "baseline"),
     ):
         if names:
-            listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
             warnings.append(
-                f"{listed}: identified in the {one} only; if the {other} takes them as known from it, their uncertainty"
+                f"{listed(names, 3)}: identified in the {one} only; if the {other} takes them as known from it, their uncertainty"
                 " is missing in the changes: identify them in both and name them as unchanged"
             )
     untested = [n for n, p in zip(found.names, found.p_values, strict=True) if not np.isfinite(p)]

@@ -19,6 +19,7 @@ from structid.errors import InputError
 from structid.identification.setups.modal import ModalSettings
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries
+from structid.shown import listed
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
 from structid.similarity.pairing import assigned
 from structid.structure import Structure
@@ -193,8 +194,7 @@ class ModesCorrelation:
 
 
 def _listed(values: FloatArray) -> str:
-    told = ", ".join(f"{value:.5g}" for value in values[:6].tolist())
-    return told + (f" and {len(values) - 6} more" if len(values) > 6 else "")
+    return listed([f"{value:.5g}" for value in values.tolist()])
 
 
 def correlated_modes(

@@ -84,6 +84,5 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
 
 
 def _few(places: tuple[str, ...]) -> str:
-    """The first of many places, and how many more there are."""
-    more = len(places) - _SHOWN
-    return ", ".join(places) if more <= 1 else f"{', '.join(places[:_SHOWN])} and {more} more stretches"
+    """All of few places, the first of many and how many more there are."""
+    return listed(places) if len(places) <= _SHOWN + 1 else f"{listed(places, _SHOWN)} stretches"

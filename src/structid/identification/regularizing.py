@@ -30,6 +30,7 @@ from structid.identification.together import places, together
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.observation import RecordProblem
 from structid.observation.scatter import ScatterProblem, scatter_problems
+from structid.shown import listed
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
@@ -362,11 +363,10 @@ def regularization_warnings(
     warnings = [item.words for item in held]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:
-        listed = ", ".join(owing[:4]) + (f" and {len(owing) - 4} more" if len(owing) > 4 else "")
         sources = [coupling.name for p in problems for coupling in p.parameters.couplings]
         sources += ["their priors"] if any(np.isfinite(p.unknowns.prior_std).any() for p in problems) else []
         warnings.append(
             f"{len(owing)} of {len(found.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
-            f" by the data: {listed}"
+            f" by the data: {listed(owing, 4)}"
         )
     return tuple(warnings)

@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.estimation import Estimate, Status
 from structid.observation import RecordProblem
+from structid.shown import listed
 from structid.unknowns.named_unknowns import DAMPING
 
 
@@ -29,10 +30,9 @@ def _unidentified(found: Estimate) -> list[str]:
     """Each parameter that is not identified; very many of them together."""
     lost = np.flatnonzero(~found.identified & found.is_free)
     if not found.uncertainty.has_matrix:
-        listed = ", ".join(found.names[i] for i in lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
         words = (
             f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
-            f" their values or not known: {listed}"
+            f" their values or not known: {listed([found.names[i] for i in lost], 4)}"
         )
         return [words] if lost.size else []
     where = ["at the initial values " if found.std[i] <= abs(found.values[i]) else "" for i in lost]
@@ -46,14 +46,12 @@ def unused_damping(
     problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
 ) -> list[str]:
     """That measured damping ratios are left out, where dampings are not determined."""
-    open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING))
-    if not len(open_ones) or not any(problem.leaves_damping_out for problem in problems):
+    open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
+    if not open_ones or not any(problem.leaves_damping_out for problem in problems):
         return []
-    listed = ", ".join(names[i] for i in open_ones[:3]) + (
-        f" and {len(open_ones) - 3} more" if len(open_ones) > 3 else ""
-    )
     return [
-        f"damping is not determined ({listed}), and the measured damping ratios are not used: write `use_damping = true` in"
+        f"damping is not determined ({listed([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"
+        " write `use_damping = true` in"
         " [record.modes]"
     ]
 

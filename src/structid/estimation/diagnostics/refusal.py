@@ -11,6 +11,7 @@ from structid.errors import SingularModelError
 from structid.estimation.covariance import inverse_information
 from structid.estimation.diagnostics.collinearity import percent_text
 from structid.estimation.problem import Problem
+from structid.shown import listed
 
 #: An estimate that fits to the noise and is this well determined overrules a hopeless bound at the initial values: a
 #: value that wandered off with the noise is seldom four of its standard deviations from 0.
@@ -47,8 +48,7 @@ class Bound:
         worst = int(np.argmax(relative))
         if not np.isfinite(relative[worst]):
             lost = [name for name, value in zip(names, relative, strict=True) if not np.isfinite(value)]
-            more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
-            return f"at {self.place} the Cramér-Rao bound is infinite for {', '.join(lost[:3])}{more}"
+            return f"at {self.place} the Cramér-Rao bound is infinite for {listed(lost, 3)}"
         rms = percent_text(float(np.sqrt(np.mean(relative**2))))
         return (
             f"at {self.place} the Cramér-Rao bound is {rms} of the value (RMS of {len(names)} parameters),"

@@ -11,6 +11,7 @@ from scipy import special
 from structid.arrays import FloatArray
 from structid.estimation.comparison.multiple_tests import adjusted_p_values
 from structid.estimation.problem import Problem
+from structid.shown import listed
 
 _DOUBT = 1e-3
 _FEWEST_ROWS = 20
@@ -236,7 +237,5 @@ def _told(probability: float) -> str:
 
 
 def _listed(names: Sequence[str], n_all: int) -> str:
-    shown = ", ".join(names[:_MOST_NAMED])
-    if len(names) > _MOST_NAMED:
-        shown += f" and {len(names) - _MOST_NAMED} more"
+    shown = listed(names, _MOST_NAMED)
     return shown if n_all == len(names) == 1 else f"{shown} ({len(names)} of {n_all} channels)"

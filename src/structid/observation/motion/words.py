@@ -10,6 +10,7 @@ from structid.estimation.diagnostics.identifiability import identifiability
 from structid.observation.motion.equations import TimeEquations
 from structid.regression.block_least_squares import BlockFit
 from structid.regression.streaming_qr import LinearFit
+from structid.shown import listed
 from structid.unknowns import Parameters
 
 _UNSEEN = {
@@ -81,7 +82,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
     lost = np.flatnonzero(~found.seen)
     for kind in dict.fromkeys(unknown.kinds[i] for i in lost):
         names = [unknown.names[i] for i in lost if unknown.kinds[i] == kind]
-        words.append(f"not seen: {_listed(names)}: {_UNSEEN[kind]}")
+        words.append(f"not seen: {listed(names)}: {_UNSEEN[kind]}")
     if found.rank < found.seen.sum() and n_rows >= n_params:
         words.append(
             f"the regressors have rank {found.rank} for {n_params} parameters; samples at other instants, a force at"
@@ -92,7 +93,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
     outside = (found.values <= unknown.transforms.lower) | (found.values >= unknown.transforms.upper)
     if outside.any():
         words.append(
-            f"outside the declared range: {_listed([unknown.names[i] for i in np.flatnonzero(outside)])};"
+            f"outside the declared range: {listed([unknown.names[i] for i in np.flatnonzero(outside)])};"
             " least squares does not impose it, and noise or a wrong model is the usual cause"
         )
     words.append(
@@ -113,15 +114,10 @@ def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | N
     swamped = np.flatnonzero(relative > _SWAMPED)
     if len(swamped):
         words.append(
-            f"the motion does not rise above its noise for {_listed([equations.unknown.names[i] for i in swamped])};"
+            f"the motion does not rise above its noise for {listed([equations.unknown.names[i] for i in swamped])};"
             " measure it better, excite it more, or take the displacements from a better sensor than an integral"
         )
     return words
-
-
-def _listed(names: list[str], most: int = 6) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 def _identifiability(equations: TimeEquations, found: LinearFit) -> Identifiability:

@@ -13,7 +13,7 @@ from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
 from structid.report.figures.plan import compared
 from structid.report.tables import Table, printed
-from structid.shown import counted
+from structid.shown import counted, listed
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
 
@@ -134,5 +134,4 @@ def next_lines(found: Plan) -> list[str]:
 
 def places(dofs: tuple[Dof, ...]) -> str:
     """Places with commas, the first dozen of them."""
-    shown = ", ".join(str(dof) for dof in dofs[:_MOST_PLACES])
-    return shown + (f" and {len(dofs) - _MOST_PLACES} more" if len(dofs) > _MOST_PLACES else "")
+    return listed(dofs, _MOST_PLACES)

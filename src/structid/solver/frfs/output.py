@@ -14,6 +14,7 @@ from structid.errors import FileError
 from structid.modal.files.nastran import PUNCH_SUFFIXES
 from structid.records import FrfRecord, TimeRecord
 from structid.records.io import read_record
+from structid.shown import listed
 from structid.solver.deck import FREQUENCIES
 from structid.solver.frfs.punched import punched_frfs
 from structid.solver.outputs import there
@@ -92,10 +93,9 @@ class FrfsOut:
         near = np.where(np.abs(given[before] - self.frequency) <= np.abs(given[after] - self.frequency), before, after)
         missing = self.frequency[np.abs(given[near] - self.frequency) > _SAME_LINE * self.frequency]
         if len(missing):
-            told = ", ".join(f"{line:.7g}" for line in missing[:_MOST_TOLD])
-            more = f" and {len(missing) - _MOST_TOLD} more" if len(missing) > _MOST_TOLD else ""
+            told = listed([f"{line:.7g}" for line in missing], _MOST_TOLD)
             raise FileError(
-                f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {told}{more} Hz; FRFs are"
+                f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {told} Hz; FRFs are"
                 f" not interpolated: let the solver compute the lines that {FREQUENCIES} beside the deck lists, or"
                 " where the deck has {{frequency}}"
             )
