@@ -330,6 +330,20 @@ def test_of_small_misfits_only_what_matters_is_a_cause(share, left, distance, sh
     assert explains(Cause("mass", ("7",), "a mass is missing", share, left, moved=moved), misfit) is is_cause
 
 
+@pytest.mark.parametrize(
+    "found, shift, is_cause",
+    [
+        (("mass[posts:1]", 0.989, "1"), 0.002, False),  # elements of one group differ by a hundredth
+        (("mass[posts:1]", 0.96, "1"), 0.002, True),
+        (("mass[posts:1]", 0.989, "1"), 0.05, True),
+        (("mass[posts:1]", 0.989, "kg"), 0.002, True),  # a value that was held, not a ratio
+    ],
+)
+def test_an_element_that_differs_by_scatter_and_moves_nothing_is_no_cause(found, shift, is_cause):
+    moved = (Moved("b", "N/m", 2.0, 2.0 * (1 + shift), (1.9, 2.1), 3.0),)
+    assert explains(Cause("untied", ("posts:1",), "", 0.83, 1.25, (found,), moved), 7.5) is is_cause
+
+
 def test_what_few_averages_leave_is_no_misfit_that_a_cause_would_have_to_remove():
     moved = (Moved("a", "1", 1.0, 0.95, (0.94, 0.96), 3.0),)
     cause = Cause("window", ("all channels",), "resonances leak", 0.23, 1.065, moved=moved)

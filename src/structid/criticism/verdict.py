@@ -37,6 +37,8 @@ _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise, and how far a value moves, in standard deviations and as
 #: a part of itself.
 _NEARLY_ALL, _MATTERS, _SHIFTS = 0.85, 2.2, 0.01
+#: By what part elements of one group differ though nothing is wrong.
+_SCATTER = 0.02
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
 _DOUBT, _TOLERANCE = 1e-3, 1.25
 #: Ratio of misfit and noise from which on their difference is what is told.
@@ -197,7 +199,8 @@ def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
     """Whether a change is the cause of a misfit, not only one that lowers it.
 
     It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more than
-    its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters.
+    its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. Nor is
+    it one element that differs from its group by no more than elements do, where nothing moves with it.
 
     Parameters
     ----------
@@ -208,7 +211,17 @@ def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
         The same where all is right, see `expected_misfit`.
     """
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
-    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and any(map(_matters, cause.moved)))
+    matters = any(map(_matters, cause.moved))
+    if not matters and _is_scatter(cause):
+        return False
+    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
+
+
+def _is_scatter(cause: Cause) -> bool:
+    """Whether a change is no larger than what elements of a group differ by as they are made."""
+    return cause.kind == "untied" and all(
+        unit == "1" and abs(ratio - 1) < _SCATTER for _, ratio, unit in cause.found[:1]
+    )
 
 
 def _matters(value: Moved) -> bool:
