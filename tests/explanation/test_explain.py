@@ -217,9 +217,16 @@ def test_a_cause_that_leaves_much_is_not_told_as_all_of_it(tmp_path):
     words = result.criticism.judgement.words
     left = np.sqrt(result.criticism.causes[0].chi_square_per_dof)
     assert left > 2
-    assert f"It is not all: it leaves {left:.2g} times the noise." in words
+    assert (
+        f"It is not all: it leaves {left:.2g} times the noise. With a second change, noise explains the rest: " in words
+    )
+    second = next(cause for cause in result.criticism.causes if cause.is_second)
+    assert second.line == f"beside the first, {second.words}"
+    assert words.endswith(f"{second.words}.")
+    assert result.criticism.causes[0].line == result.criticism.causes[0].words
     alone, _ = answered(written(tmp_path, off(), SOFT))
     assert "not all" not in alone.criticism.judgement.words
+    assert not any(cause.is_second for cause in alone.criticism.causes)
 
 
 def test_few_values_are_said_to_test_little(tmp_path):
@@ -386,3 +393,21 @@ def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, mo
     assert len(fits) <= 4
     assert not {one.kind for one in others} & {"support", "mass", "joint", "untied", "spring", "dashpot"}
     assert any("causes are looked for in the records alone" in words for words in result.criticism.judgement.reasons)
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_wrong_sense_beside_another_fault_is_not_called_a_noisy_sensor(tmp_path, channel):
+    """Nor outlying lines: alone they explain more than the wrong sense does, beside the other fault it explains all."""
+    path = written(tmp_path, off(), HEAVY)
+    record = read_record(tmp_path / "frf.npz")
+    sense = np.where(np.arange(4) == channel, -1.0, 1.0)
+    write_record(tmp_path / "frf.npz", replace(record, values=record.values * sense[:, None]))
+    result, _ = answered(path)
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first, second, *_ = result.criticism.causes
+    where = f"{record.outputs[channel]}".rstrip("+")
+    assert (first.kind, first.where, first.is_second) == ("polarity", (where,), False)
+    assert (second.kind, second.where, second.is_second) == ("mass", ("4",), True)
+    assert second.chi_square_per_dof < 1.1
+    assert "polarity" in second.study
+    assert "mass" in second.study

@@ -90,7 +90,7 @@ def _verdict(result: StudyResult) -> list[RenderableType]:
         for cause in causes[:_MOST_CAUSES]:
             alike = " (cannot be told from the first)" if cause.is_alike and cause is not causes[0] else ""
             row = f"{100 * cause.share:.1f} %", number(cause.chi_square_per_dof, 3), cause.study
-            table.add_row(cause.words + alike, *row)
+            table.add_row(cause.line + alike, *row)
         shown.append(table)
     return shown
 

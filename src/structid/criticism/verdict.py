@@ -108,6 +108,8 @@ class Cause:
         Values that change, the farthest first.
     is_alike : bool
         Whether the data do not tell it from the first.
+    is_second : bool
+        Whether it comes beside the first: its share is of what that leaves, and its study has both.
     study : str
         Name of the study that is written with it; "" where there is none.
     lines : tuple of str
@@ -122,8 +124,14 @@ class Cause:
     found: tuple[tuple[str, float, str], ...] = ()
     moved: tuple[Moved, ...] = ()
     is_alike: bool = False
+    is_second: bool = False
     study: str = ""
     lines: tuple[str, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """What is said of it in a list of causes."""
+        return f"beside the first, {self.words}" if self.is_second else self.words
 
     @property
     def moves(self) -> float:
@@ -217,6 +225,19 @@ def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
     return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
 
 
+def completing(causes: Sequence[Cause], expected: float = 1.0) -> Cause | None:
+    """The second cause that leaves nothing but noise beside the first; None where there is none.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+    expected : float
+        Chi-square per degree of freedom where all is right, see `expected_misfit`.
+    """
+    second = next((one for one in causes if one.is_second), None)
+    return None if second is None or second.chi_square_per_dof > _TOLERANCE * expected else second
+
+
 def _is_scatter(cause: Cause) -> bool:
     """Whether a change is no larger than what elements of a group differ by as they are made."""
     return cause.kind == "untied" and all(
@@ -295,6 +316,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         )
         if best.chi_square_per_dof > _LEAVES * expected_misfit(found):
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
+            words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
     if away:
@@ -369,6 +391,12 @@ def _apart(one: Disagreement) -> str:
         f"{one.name} is {one.values[0]:.4g} from {one.parts[0]} and {one.values[1]:.4g} from {one.parts[1]},"
         f" {one.distance:.0f} standard deviations apart"
     )
+
+
+def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
+    """The second cause, where noise explains what both leave."""
+    second = completing(causes, expected_misfit(found))
+    return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 
 def _off(found: Identification) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -17,7 +17,7 @@ from structid.criticism.screen import Screened
 from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.search.work import ALONE, Task, Work
-from structid.explanation.refits import MISFIT, Fitted, approached, likewise, refitted, restored
+from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
@@ -33,6 +33,8 @@ _ALWAYS, _OF_ALWAYS = ("friction", "tone", "leakage"), 3
 _OF_FEW, _AT_FIT = 2, 0.75
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
+#: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
+_MORE_PAIRS = 4
 #: Of the sum of squares, what another start must reach.
 _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
@@ -91,8 +93,85 @@ def explained(base: Fitted, work: Work = ALONE) -> Explanation:
     base = other or base
     found = _once(base, work, "")
     if found.causes and found.causes[0].cost < _CLEAR * base.cost and _is_misfit(found.causes[0]):
-        return replace(found, further=_once(found.causes[0], work, "second "))
+        return _paired(found, work)
     return found
+
+
+def _paired(found: Explanation, work: Work) -> Explanation:
+    """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
+
+    Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
+    second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
+    nothing, a second is looked for beside the next of the first causes.
+    """
+    pair = replace(found, further=_once(found.causes[0], work, "second "))
+    others, is_from_second = list(found.causes[1:]), True
+    for _ in range(_MORE_PAIRS):
+        if not _leaves_misfit(pair) or not (is_from_second or others):
+            break
+        better = _from_second(found, pair, work) if is_from_second else _from_next(found, pair, others.pop(0), work)
+        pair, is_from_second = better or pair, better is not None
+    return pair
+
+
+def _leaves_misfit(pair: Explanation) -> bool:
+    return pair.further is not None and bool(pair.further.causes) and _is_misfit(pair.further.causes[0])
+
+
+def _from_second(found: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+    """A pair with another first cause, where it explains clearly more."""
+    assert pair.further is not None
+    alone = _alone(found, pair.further.causes[0], work)
+    again = None if alone is None else _once(alone, work, "beside the second, first ")
+    if again is None or not _is_better(again, pair.further):
+        return None
+    both = again.causes[0]
+    first = _alone(found, both, work)
+    if first is None:
+        return None
+    items = _begun(first.trial, [_bare_change(one) for one in pair.further.causes], both.values)
+    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
+
+
+def _from_next(found: Explanation, pair: Explanation, first: Fitted, work: Work) -> Explanation | None:
+    """A pair with this first cause, where it explains clearly more."""
+    further = _once(first, work, "beside the next, second ")
+    return _led_by(found, first, further) if _is_better(further, pair.further) else None
+
+
+def _is_better(one: Explanation, other: Explanation | None) -> bool:
+    """Whether the likeliest of two pairs is one of the first explanation."""
+    if not one.causes or other is None:
+        return False
+    [mine], [theirs] = one.causes[:1], other.causes[:1]
+    scale = _scale(one.base, [mine, theirs])
+    return _criterion(one.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
+
+
+def _led_by(found: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
+    """The explanation with another first cause than the one that is likeliest alone, and the second beside it.
+
+    None where the first removes little alone, and noise is not all that is left beside it.
+    """
+    if not further.causes or (first.cost > _CLEAR * found.base.cost and _is_misfit(further.causes[0])):
+        return None
+    own = _criterion(found.base, first, _scale(found.base, [first]))
+    return replace(found, causes=(first,), criteria=(own,), near=(first,), further=further)
+
+
+def _bare_change(fitted: Fitted) -> Change:
+    candidate, strength = fitted.trial.changes[-1]
+    return bare(candidate), strength
+
+
+def _alone(found: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
+    """The last change of a fit as the only one."""
+    change = _bare_change(fitted)
+    for one in found.causes:
+        if _place(one.trial.changes[-1][0]) == _place(change[0]):
+            return one
+    alone = _refits(found.base, _begun(found.base.trial, [change], fitted.values), work, "a second cause alone")
+    return alone[0] if alone and alone[0].cost < found.base.cost else None
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
@@ -178,10 +257,16 @@ def _rigid(base: Fitted, one: Fitted) -> list[Item]:
     if added["stiffness"] < (_RIGID * 2 * np.pi * highest) ** 2 * added["mass"]:
         return []
     plainer = Candidate("mass", (str(parse_dof(candidate.where[0]).node),), strengths=np.array([added["mass"]]))
-    with suppress(StructidError):  # the study has no place for it
-        trial = base.trial.changed(plainer, added["mass"])
-        return [(plainer, added["mass"], trial.theta_of({**base.values, **one.values}))]
-    return []
+    return _begun(base.trial, [(plainer, added["mass"])], {**base.values, **one.values})
+
+
+def _begun(trial: Trial, changes: Sequence[Change], known: Mapping[str, float]) -> list[Item]:
+    """The changes that a study has a place for, with known physical values where their fits begin."""
+    items: list[Item] = []
+    for candidate, strength in changes:
+        with suppress(StructidError):
+            items.append((candidate, strength, trial.changed(candidate, strength).theta_of(known)))
+    return items
 
 
 def _of_records(base: Fitted, work: Work) -> Explanation:
@@ -190,11 +275,7 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = outlying_lines(base.trial.problems, residual)
     few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:_OF_LARGE]
-    items = []
-    for one in few:
-        with suppress(StructidError):  # the study has no place for it
-            start = base.trial.changed(one.candidate, one.strength).target.theta_start
-            items.append((bare(one.candidate), one.strength, start))
+    items = _begun(base.trial, [(bare(one.candidate), one.strength) for one in few], {})
     return _weighed(base, _refits(base, items, work, "likeliest causes"), shortlist.tried)
 
 

@@ -24,7 +24,7 @@ def verdict_words(criticism: Criticism | None) -> dict[str, object]:
             "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
             "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
-            "studies": [(cause.words, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
+            "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
         }
     }
 
@@ -36,4 +36,4 @@ def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
     if cause.moved:
         one = cause.moved[0]
         moved = f"{one.name}: {number(one.before)} to {with_unit(number(one.after), one.unit)}"
-    return cause.words + alike, percent(cause.share, 3, signed=False), number(cause.chi_square_per_dof, 3), added, moved
+    return cause.line + alike, percent(cause.share, 3, signed=False), number(cause.chi_square_per_dof, 3), added, moved
