@@ -68,6 +68,8 @@ class _Table(NamedTuple):
         What a number of a column is multiplied by, 1 where it is not named.
     is_turned : bool
         Whether the file has one column a mode.
+    numbers : list of int
+        Line of the file, or column, of each mode.
     """
 
     path: Path
@@ -75,6 +77,7 @@ class _Table(NamedTuple):
     lines: list[list[str]]
     factors: dict[str, float]
     is_turned: bool
+    numbers: list[int]
 
     def place(self, k: int, name: str) -> str:
         """Where the value called `name` of mode `k` is."""
@@ -82,7 +85,7 @@ class _Table(NamedTuple):
 
     def mode(self, k: int) -> str:
         """Where mode `k` is."""
-        return f"column {k + 2}" if self.is_turned else f"line {k + 2}"
+        return f"{'column' if self.is_turned else 'line'} {self.numbers[k]}"
 
 
 def _table(path: Path) -> _Table:
@@ -93,12 +96,14 @@ def _table(path: Path) -> _Table:
         rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); save it as CSV UTF-8") from error
-    rows = [rows[0], *(row for row in rows[1:] if any(cell.strip() for cell in row))]
-    for number, row in enumerate(rows[1:], 2):
+    kept = [i for i, row in enumerate(rows) if i == 0 or any(cell.strip() for cell in row)]
+    numbers, rows = [i + 1 for i in kept[1:]], [rows[i] for i in kept]
+    for number, row in zip(numbers, rows[1:], strict=True):
         if len(row) != len(rows[0]):
             raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
     turned = any(_own_word(row[0])[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
     if turned:
+        numbers = list(range(2, len(rows[0]) + 1))
         rows = [list(column) for column in zip(*rows, strict=True)]
     words = [_own_word(cell) for cell in rows[0]]
     header = [word for word, _ in words]
@@ -108,7 +113,7 @@ def _table(path: Path) -> _Table:
     if doubled:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
     lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
-    return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned)
+    return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned, numbers)
 
 
 def _own_word(cell: str) -> tuple[str, float]:
@@ -137,10 +142,12 @@ def read_modes_csv(path: Path) -> ModalRecord:
     """
     table = _table(path)
     header, lines = table.header, table.lines
-    order = np.argsort(_column(table, "frequency_hz"), kind="stable")
+    frequency = _column(table, "frequency_hz")
+    if np.isnan(frequency).any():
+        blank = table.mode(int(np.argmax(np.isnan(frequency))))
+        raise FileError(f"{path}: the mode of {blank} has no `frequency_hz`; give it, or leave the mode out")
+    order = np.argsort(frequency, kind="stable")
     found = {name: _column(table, name)[order] for name in _NUMBERS}
-    if np.isnan(found["frequency_hz"]).any():
-        raise FileError(f"{path}: a mode has no `frequency_hz`; give it, or leave the mode out")
     scaling = _scaling(path, header, lines)
     dofs = _channels(path, header)
     shapes, shape_std = _shapes(table, dofs)
@@ -177,7 +184,7 @@ def _column(table: _Table, name: str) -> FloatArray:
                 ) from None
             if np.isinf(values[k]):
                 raise FileError(f"{table.path}: {table.place(k, name)} must be finite, got {text}{remedy}")
-            if name.endswith(("std", "std_hz")) and values[k] < 0:
+            if name.endswith(("std", "_hz")) and values[k] < 0:
                 raise FileError(f"{table.path}: {table.place(k, name)} must not be negative, got {text}")
     return values
 
