@@ -182,7 +182,7 @@ def test_missing_noise_and_zero_noise_are_refused():
         FrfProblem(structure, made, replace(record, variance=None))
     variance = np.array(record.variance)
     variance[3, 1, 0] = 0.0
-    with pytest.raises(InputError, match=r"noise of 5X\+ is 0 at"):
+    with pytest.raises(InputError, match=r"noise of 5X\+/.* is 0 at"):
         FrfProblem(structure, made, replace(record, variance=variance))
 
 

@@ -313,7 +313,9 @@ def test_what_is_missing_is_said():
             20.0, record.values[:, :4], record.channels[:4], record.quantities[:4], np.ones(4)
         ),
         "must be greater than 0": replace(record, variance=np.array([1, 0, 1, 1, 0.0])),
-        "not negative": replace(record, variance=np.array([1, -1, 1, 1, 0.0])),
+        f"not negative, got -1 for {record.quantities[1]} at {record.channels[1].place}": replace(
+            record, variance=np.array([1, -1, 1, 1, 0.0])
+        ),
         "the rest must last": (record, TimeOptions(rest_time=-1.0)),
         "not come after": (record, TimeOptions(rest_time=1.0)),
         "must hold channels of displacement": (

@@ -53,5 +53,5 @@ def test_finite_spectra_name_what_is_missing(options, words):
 
 
 def test_finite_spectra_need_noise_on_the_motion():
-    with pytest.raises(InputError, match="motion_variance"):
+    with pytest.raises(InputError, match=r"`motion_variance` must be above 0, got 0 of 1X\+"):
         finite_spectra(sine_record((0.1, 0.0, 0.1)))

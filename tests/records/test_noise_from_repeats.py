@@ -23,6 +23,32 @@ def repeated(count, relative, absolute, seed):
     return from_repeats([FrfRecord(FREQUENCY, h + one, ["1X"], ["1X"], "receptance") for one in noise])
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"kind": "mobility"}, r"their kind: repeat 1 \(a\) has receptance, where repeat 3 \(c\) has mobility"),
+        ({"outputs": ("3X", "2Y")}, r"outputs: repeat 1 \(a\) has 2X\+, where repeat 3 \(c\) has 2Y\+"),
+        ({"outputs": ("2X", "3X")}, r"outputs: repeat 1 \(a\) has another order"),
+        ({"inputs": ["7Z"]}, r"inputs: repeat 1 \(a\) has 1X\+, where repeat 3 \(c\) has 7Z\+"),
+        ({"frequency": [1, 2.5, 3]}, r"frequencies, Hz: repeat 1 \(a\) has 2, where repeat 3 \(c\) has 2.5"),
+        (
+            {"frequency": [1, 2], "values": np.ones((2, 2, 1))},
+            r"Hz: repeat 1 \(a\) has 3, where repeat 3 \(c\) has none",
+        ),
+    ],
+)
+def test_repeats_that_differ_say_in_what(changes, words):
+    first = FrfRecord([1, 2, 3], np.ones((3, 2, 1)), ["3X", "2X"], ["1X"], "receptance", source="a")
+    with pytest.raises(InputError, match=f"must share .*{words}"):
+        from_repeats([first, replace(first, source="b"), replace(first, source="c", **changes)])
+
+
+def test_a_repeat_that_is_longer_than_the_first_is_the_one_with_more():
+    record = FrfRecord([1, 2, 3], np.ones((3, 1, 1)), ["3X"], ["1X"], "receptance")
+    with pytest.raises(InputError, match="repeat 2 has 3, where repeat 1 has none"):
+        from_repeats([record.band(1, 2), record])
+
+
 @pytest.mark.parametrize(("relative", "absolute"), [(0.02, 0.0), (0.0, 3e-6)])
 @pytest.mark.parametrize("count", [2, 3, 5, 8, 15])
 def test_the_whitened_error_of_few_repeats_is_as_large_as_it_should_be(count, relative, absolute):

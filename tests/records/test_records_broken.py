@@ -17,6 +17,12 @@ SUFFIXES = tuple(suffix for suffix in EVERY if suffix != ".npy")
 BARE = ReadOptions(sampling_rate=10, channels="1X,2X,3X", units="g")
 
 
+def one_wrong(value):
+    array = np.full((7, 3, 2), 0.5)
+    array[3, 1, 1] = value
+    return array
+
+
 def refused(path, options=None):
     """Whether reading `path` fails as it should; False where it is read."""
     try:
@@ -68,14 +74,21 @@ def test_junk(tmp_path, suffix, junk):
     "field, value, word",
     [
         ("values", np.full((7, 3, 2), np.nan + 0j), "values.*finite"),
-        ("frequency", np.array([1, 2, 3, 3, 4, 5, 6.0]), "must increase"),
+        ("frequency", np.array([1, 2, 3, 3, 4, 5, 6.0]), "must increase, got 3 followed by 3 at index 3"),
+        (
+            "frequency",
+            np.array([1, 2, 3.00000001, 3, 4, 5, 6]),
+            "must increase, got 3.00000001 followed by 3 at index 3",
+        ),
         ("frequency", -np.arange(7.0), "must not|must increase"),
         ("outputs", ("1X-", "1X-", "2X+"), "twice"),
         ("outputs", ("1X-", "1Q-", "2X+"), "1Q-"),
         ("values", np.ones((7, 3, 1), complex), "shape"),
         ("kind", "inertance", "receptance, mobility"),
         ("structid_record", "frf 99", "update structid"),
-        ("coherence", np.full((7, 3, 2), 1.5), "0 to 1"),
+        ("coherence", np.full((7, 3, 2), 1.5), r"0 to 1, got 1.5 of 1X-/3Z- at 1 Hz \(42 such values\)"),
+        ("coherence", one_wrong(1.5), r"0 to 1, got 1.5 of 2RZ\+/4RX\+ at 2.5 Hz \(1 such value\)"),
+        ("variance", one_wrong(-0.5), r"at least 0, got -0.5 of 2RZ\+/4RX\+ at 2.5 Hz"),
         ("frequency", None, "no field 'frequency'"),
     ],
 )

@@ -5,6 +5,7 @@ import pytest
 
 from structid.errors import FileError
 from structid.records import ReadOptions, read_record, write_record
+from structid.records.io import CsvLayout
 
 TIME = "time_s,12Z+ [mm/s^2],3Z- [kN]\n0.0,1,2\n0.1,3,4\n0.2,5,6\n"
 FRF = (
@@ -93,14 +94,23 @@ def test_time_table_complaint(tmp_path, old, new, word):
         ("1X/3Z- [g/lbf] im", "1X/3Z- [g/lbf] re", "twice"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [mm/lbf] im", "one kind"),
         ("1X/3Z- coherence", "2X/3Z- coherence", r"no column 2X\+/3Z- re"),
-        ("\n2,", "\n1,", "must increase"),
-        ("0.25", "1.25", "from 0 to 1"),
+        ("\n2,", "\n0.5,", r"lines 2 and 3, column 1 \(frequency_hz\): .*must increase, got 1 Hz followed by 0.5 Hz"),
+        ("0.25", "1.25", r"line 3, column 4 \(1X/3Z- coherence\) must be from 0 to 1, got 1.25 at 2 Hz"),
+        ("0.5", "-0.5", "line 2, column 4 .*must be from 0 to 1, got -0.5 at 1 Hz"),
+        ("0.25,0.2", "0.25,-0.2", "line 3, column 5 .*must be at least 0, got -0.2 at 2 Hz"),
     ],
 )
 def test_frf_table_complaint(tmp_path, old, new, word):
     with pytest.raises(ValueError, match=word) as caught:
         read(tmp_path, FRF.replace(old, new))
     assert str(caught.value).startswith(str(tmp_path / "a.csv"))
+
+
+def test_a_header_below_other_lines_is_complained_of_at_its_line(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("shaker\nday 2\n" + FRF.replace(" im,", " imag,"), encoding="utf-8")
+    with pytest.raises(FileError, match=r"line 3, column 3 .*1X/3Z"):
+        read_record(path, ReadOptions(csv=CsvLayout(skip_rows=2)))
 
 
 def test_time_is_even_to_the_written_tolerance(tmp_path):

@@ -1,5 +1,7 @@
 """Frequency response functions from time histories, against systems that are known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -169,8 +171,10 @@ def test_refuses(rng, changes, word):
 
 def test_unlike_repeats_are_refused(rng):
     first, other = record(rng.normal(size=(64, 2))), record(rng.normal(size=(64, 2)), channels=("1X", "3X"))
-    with pytest.raises(InputError, match="share channels"):
+    with pytest.raises(InputError, match=r"share channels: .* has 2X\+ acceleration, where .* has 3X\+ acc"):
         frf_from_time([first, other], ["1X"], ["2X"])
+    with pytest.raises(InputError, match=r"share their sampling rate, Hz: repeat 1 .* has .*, where repeat 2 .* has 7"):
+        frf_from_time([first, replace(first, sampling_rate=7.0)], ["1X"], ["2X"])
     with pytest.raises(InputError, match="different lengths"):
         frf_from_time([first, record(rng.normal(size=(65, 2)))], ["1X"], ["2X"])
     with pytest.raises(InputError, match="at least one"):

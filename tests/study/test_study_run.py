@@ -266,6 +266,25 @@ def test_repeats_give_the_noise_from_their_scatter(tmp_path):
     assert relative == pytest.approx(NOISE / 2, rel=0.15)  # standard error of the mean of 4; the median is 8 % low
 
 
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (chain_record(kind="mobility"), "their kind: repeat 1 (r0.npz) has accelerance, where repeat 2 (r1.npz) has mobility"),
+        (TimeRecord(9.0, np.ones((9, 1)), ["1X"], ["force"]), "r1.npz holds time histories and r0.npz frequency response"),
+    ],
+)  # fmt: skip
+def test_repeats_that_differ_are_told_at_their_key(tmp_path, other, words):
+    write_record(tmp_path / "r0.npz", chain_record())
+    write_record(tmp_path / "r1.npz", other)
+    text = replaced(
+        "[record.noise]\nrelative = 0.01\n", "", replaced('path = "frf.npz"', 'repeats = ["r0.npz", "r1.npz"]')
+    )
+    with pytest.raises(InputError) as caught:
+        started(load_study(write_chain(tmp_path, text)))
+    assert f"line {line_of('repeats =', text)}: [record] repeats: " in str(caught.value)
+    assert words in str(caught.value)
+
+
 def test_noise_comes_from_coherence_and_averages(tmp_path):
     coherence = np.full((230, 2, 1), 0.99)
     text = replaced("relative = 0.01", "from_coherence = true\naverages = 20")

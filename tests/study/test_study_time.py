@@ -137,7 +137,12 @@ def test_output_error_is_reached_from_the_study_file(tmp_path):
     [
         ("relative_noise = 0.01", "", r"\[record.time\]: needs the noise of the channels"),
         ("relative_noise = 0.01", "relative_noise = [0.01, 0.02]", r"must be one number or 3"),
-        ("relative_noise = 0.01", "noise = -1.0", "must not be negative"),
+        ("relative_noise = 0.01", "noise = -1.0", r"got -1 for channel 1 \("),
+        (
+            "relative_noise = 0.01",
+            "noise = [0.1, 0.1, -2.0]",
+            r"noise: .*must not be negative, got -2 for channel 3 \(",
+        ),
         ("relative_noise = 0.01", 'relative_noise = 0.01\nfit = "wrong"', "fit"),
         ("relative_noise = 0.01", 'relative_noise = 0.01\ninitial = "rest"', "does not use it"),
         (

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError, NoLinesError
+from structid.records.repeats import require_shared
 from structid.shown import Overview, Shown, counted, data_array, figures, listed
 from structid.units import FrfKind, Quantity
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
 DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2, "transmissibility": 0}
+#: Largest coherence that is let pass: what rounding adds to 1.
+COHERENCE_MOST = 1 + 1e-9
 #: SI unit of an FRF with translations and forces only.
 FRF_UNITS: dict[str, str] = {
     "receptance": "m/N",
@@ -54,7 +57,7 @@ def _require_increasing(name: str, axis: FloatArray) -> None:
     if (steps <= 0).any():
         i = int(np.argmax(steps <= 0))
         raise InputError(
-            f"`{name}` must increase, got {axis[i]:g} followed by {axis[i + 1]:g} at index {i + 1};"
+            f"`{name}` must increase, got {axis[i]:.9g} followed by {axis[i + 1]:.9g} at index {i + 1};"
             " sort the lines and remove repeated ones"
         )
 
@@ -153,8 +156,7 @@ class FrfRecord(Shown):
             object.__setattr__(self, name, array)
             require_shape(name, array, shape)
             require_finite(name, array)
-            if (array < 0).any() or (name == "coherence" and (array > 1 + 1e-9).any()):
-                raise InputError(f"`{name}` must be {'from 0 to 1' if name == 'coherence' else 'at least 0'}")
+            self._require_within(name, array)
         if self.decay is not None:
             object.__setattr__(self, "decay", locked(self.decay, np.float64))
             require_shape("decay", self.decay, self.frequency.shape, "one value a line")
@@ -163,6 +165,17 @@ class FrfRecord(Shown):
                 raise InputError(f"`decay` must be at least 0, got {self.decay.min():g} 1/s")
         if self.segment is not None and not 0 < self.segment < np.inf:
             raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
+
+    def _require_within(self, name: str, array: FloatArray) -> None:
+        """Refuse a coherence outside of 0 to 1, or a variance below 0, and say where."""
+        most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
+        wrong = np.argwhere((array < 0) | (array > most))
+        if len(wrong):
+            line, output, load = wrong[0].tolist()
+            raise InputError(
+                f"`{name}` must be {words}, got {array[line, output, load]:.9g} of {self.outputs[output]}/{self.inputs[load]} at"
+                f" {self.frequency[line]:g} Hz ({counted(len(wrong), 'such value')}); repair or remove these lines"
+            )
 
     def overview(self) -> Overview:
         """Kind, lines, channels, noise, and one row a sensor."""
@@ -335,15 +348,11 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     if len(records) < 2:
         raise InputError(f"noise from repeats needs at least 2 records, got {len(records)}")
     first = records[0]
-    for other in records[1:]:
-        same = (
-            other.kind == first.kind
-            and other.outputs == first.outputs
-            and other.inputs == first.inputs
-            and np.array_equal(other.frequency, first.frequency)
-        )
-        if not same:
-            raise InputError(f"repeated records must share frequencies, channels and kind; {other.source!r} differs")
+    sources = [record.source for record in records]
+    require_shared("their kind", [(record.kind,) for record in records], sources)
+    require_shared("outputs", [record.outputs for record in records], sources)
+    require_shared("inputs", [record.inputs for record in records], sources)
+    require_shared("frequencies, Hz", [record.frequency.tolist() for record in records], sources)
     values = np.array([record.values for record in records])
     mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / len(records)
     pooled = _pooled(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))

@@ -106,9 +106,9 @@ class FrfProblem(ResponseProblem):
             )
         deviation = self._whitened.deviation
         if self.form != "equation" and not (deviation > 0).all():
-            line, output, _ = np.argwhere(deviation <= 0)[0]
+            line, output, load = np.argwhere(deviation <= 0)[0]
             raise InputError(
-                f"noise of {self.record.outputs[output]} is 0 at {self.record.frequency[line]:g} Hz;"
+                f"noise of {self.record.outputs[output]}/{self.record.inputs[load]} is 0 at {self.record.frequency[line]:g} Hz;"
                 " declare an absolute noise or a model error, so that every line has a finite weight"
             )
         if self.form in ("log", "pole_free") and (self.record.values == 0).any():

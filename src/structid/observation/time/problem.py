@@ -93,8 +93,13 @@ def declared_variance(record: TimeRecord) -> FloatArray:
     """
     if record.variance is None:
         raise InputError(_NO_NOISE)
-    if not np.isfinite(record.variance).all() or (record.variance < 0).any():
-        raise InputError("`variance` must be finite and not negative for every channel")
+    wrong = ~(np.isfinite(record.variance) & (record.variance >= 0))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise InputError(
+            f"`variance` must be finite and not negative, got {record.variance[i]:g} for {record.quantities[i]} at"
+            f" {record.channels[i]}; declare the noise of every channel"
+        )
     return record.variance
 
 

@@ -74,12 +74,19 @@ class FiniteSpectra:
         require_shape("driven", self.driven, (len(self.inputs),))
         require_shape("force", self.force, (len(self.frequency), len(self.inputs)))
         require_shape("motion", self.motion, (len(self.frequency), len(self.outputs)))
-        for name, like in (("force_variance", self.force), ("motion_variance", self.motion)):
+        pairs = (("force_variance", self.force, self.inputs), ("motion_variance", self.motion, self.outputs))
+        for name, like, channels in pairs:
             variance = locked(np.broadcast_to(getattr(self, name), like.shape), float)
             require_finite(name, variance)
             object.__setattr__(self, name, variance)
-        if (self.force_variance < 0).any() or (self.motion_variance <= 0).any():
-            raise InputError("`motion_variance` must be positive and `force_variance` at least 0; declare the noise")
+            least = variance.min(axis=0)
+            wrong = least < 0 if name == "force_variance" else least <= 0
+            if wrong.any():
+                i = int(np.argmax(wrong))
+                raise InputError(
+                    f"`{name}` must be {'at least' if name == 'force_variance' else 'above'} 0, got {least[i]:g} of"
+                    f" {channels[i]}; declare the noise of every sensor"
+                )
 
     @property
     def laplace(self) -> ComplexArray:

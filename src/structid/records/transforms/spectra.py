@@ -11,6 +11,7 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord
+from structid.records.repeats import require_shared
 
 Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]
@@ -260,22 +261,29 @@ def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) 
     return total
 
 
+def require_repeated(records: Sequence[TimeRecord]) -> None:
+    """Refuse repeats that differ in channels or rate."""
+    sources = [record.source for record in records]
+    channels = [
+        [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
+        for record in records
+    ]
+    require_shared("channels", channels, sources)
+    require_shared("their sampling rate, Hz", [(record.sampling_rate,) for record in records], sources)
+
+
 def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
     """Refuse repeats that differ in channels, rate, or (without a segment length) in length."""
     if not records:
         raise InputError("`records` must hold at least one time record, got none")
-    first = records[0]
-    for other in records[1:]:
-        same_channels = other.channels == first.channels and other.quantities == first.quantities
-        if not same_channels or other.sampling_rate != first.sampling_rate:
-            raise InputError(f"repeated records must share channels and sampling rate; {other.source!r} differs")
+    require_repeated(records)
     if segment_length is not None:
         return
     if len(records) == 1:
         raise InputError(
             "`segment_length` must be given for one record; choose it several times the decay of the response"
         )
-    if any(record.values.shape != first.values.shape for record in records):
+    if any(record.values.shape != records[0].values.shape for record in records):
         raise InputError("`segment_length` must be given for records of different lengths")
 
 

@@ -21,7 +21,7 @@ from structid.records.io.gaps import sourced
 from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
 from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import selected
-from structid.records.record import FrfKind, FrfRecord, TimeRecord
+from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, parse_frf_unit
 
 _PAIR = re.compile(
@@ -37,7 +37,7 @@ _SURE = 1e-4
 
 def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
     reason = str(error) if error else text
-    return FileError(f"{table.path}: line 1, column {j + 1} ({table.names[j]!r}): {reason}")
+    return FileError(f"{table.path}: line {table.header_line}, column {j + 1} ({table.names[j]!r}): {reason}")
 
 
 def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
@@ -322,6 +322,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
             raise _column(table, j, text="this pair and part is there twice; remove one")
         part[place] = table.values[:, j] * (column.unit.factor if column.unit else 1.0)
     _require_complete(table, parts, outputs, inputs)
+    _require_sound(table, columns)
     made = FrfRecord(
         frequency=table.values[:, 0],
         values=parts["re"] + 1j * parts["im"],
@@ -341,7 +342,8 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
     """Refuse a unit that is given beside another in the header."""
     if unit and {column.unit for column in columns} - {None, parse_frf_unit(unit)}:
         raise FileError(
-            f"{table.path}: line 1 says the unit of each column, but `unit` {unit!r} was given; leave the option out"
+            f"{table.path}: line {table.header_line} says the unit of each column, but `unit` {unit!r} was given; leave the"
+            " option out"
         )
 
 
@@ -349,7 +351,7 @@ def _kind(table: Table, columns: list[_Column]) -> FrfKind:
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(
-            f"{table.path}: line 1: one table holds one kind, got {', '.join(sorted(kinds))}; split the table"
+            f"{table.path}: line {table.header_line}: one table holds one kind, got {', '.join(sorted(kinds))}; split the table"
         )
     return kinds.pop()
 
@@ -362,9 +364,30 @@ def _require_complete(
             for b, load in enumerate(inputs):
                 if part not in parts or np.isnan(parts[part][:, a, b]).any():
                     raise FileError(
-                        f"{table.path}: line 1: no column {output}/{load} {part}; every output needs one "
+                        f"{table.path}: line {table.header_line}: no column {output}/{load} {part}; every output needs one "
                         "for every input"
                     )
+
+
+def _require_sound(table: Table, columns: list[_Column]) -> None:
+    """Refuse frequencies that do not increase, coherences outside of 0 to 1 and negative deviations, with their lines."""
+    falls = np.diff(table.values[:, 0]) <= 0
+    if falls.any():
+        i = int(np.argmax(falls))
+        pair, line = table.values[i : i + 2, 0], table.first_line + i
+        raise FileError(
+            f"{table.path}: lines {line} and {line + 1}, column 1 ({table.names[0]}): frequencies must increase, got"
+            f" {pair[0]:.9g} Hz followed by {pair[1]:.9g} Hz; sort the lines and remove repeated ones"
+        )
+    for j, column in enumerate(columns, start=1):
+        most = {"coherence": COHERENCE_MOST, "std": np.inf}.get(column.part)
+        wrong = np.zeros(0) if most is None else (table.values[:, j] < 0) | (table.values[:, j] > most)
+        if wrong.any():
+            i, words = int(np.argmax(wrong)), "from 0 to 1" if column.part == "coherence" else "at least 0"
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {j + 1} ({table.names[j]}) must be {words}, got"
+                f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; repair or remove the line"
+            )
 
 
 def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:

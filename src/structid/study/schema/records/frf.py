@@ -11,7 +11,7 @@ from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
-from structid.records.transforms.spectra import frf_from_time
+from structid.records.transforms.spectra import frf_from_time, require_repeated
 from structid.study.schema.kinds import COUNT, NUMBER, TEXT, TEXTS, Kind, as_list, choice, limited
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
@@ -74,6 +74,7 @@ def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRec
     StudyError
         If channels are missing or the settings do not fit the record.
     """
+    require_repeated(records)
     with settings.section.located():
         inputs = settings.inputs or _channels(records[0], LOADS)
         if not inputs:

@@ -331,7 +331,10 @@ def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfR
     responses = [record for record in records if isinstance(record, FrfRecord)]
     histories = [record for record in records if isinstance(record, TimeRecord)]
     if responses and histories:
-        raise source.section.error("some files hold time histories and some frequency response functions", "repeats")
+        raise source.section.error(
+            f"{histories[0].source} holds time histories and {responses[0].source} frequency response functions; give one kind",
+            "repeats",
+        )
     if histories:
         if source.frf is not None:
             return spectral_frf(histories, source.frf)

@@ -70,11 +70,13 @@ class TimeSource:
 
 def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
     count = len(record.channels)
-    if any(value < 0 for value in given):
-        raise InputError(f"`{name}` must not be negative")
     if len(given) not in (0, 1, count):
         raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(given)}")
-    return np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+    each = np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+    if (each < 0).any():
+        i = int(np.argmax(each < 0))
+        raise InputError(f"`{name}` must not be negative, got {each[i]:g} for channel {i + 1} ({record.channels[i]})")
+    return each
 
 
 def read_time(section: Section) -> TimeSource:

@@ -1,0 +1,44 @@
+"""Repeats of one measurement must be alike; where they are not, what differs is said."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+from structid.errors import InputError
+from structid.shown import listed
+
+
+def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
+    """Refuse repeats whose `values` are not those of the first.
+
+    Parameters
+    ----------
+    name : str
+        What they are, for the message.
+    values : sequence of sequences
+        Of each repeat.
+    sources : sequence of str
+        Where each comes from.
+
+    Raises
+    ------
+    InputError
+        If one differs; with what each of the two has and the other has not.
+    """
+    for i, own in enumerate(values):
+        if list(own) == list(values[0]):
+            continue
+        both = set(values[0]) & set(own)
+        more, other = ([one for one in given if one not in both] for given in (values[0], own))
+        pair = [f"repeat {j + 1}" + (f" ({sources[j]})" if sources[j] else "") for j in (0, i)]
+        if other and not more:
+            pair, more, other = pair[::-1], other, more
+        words = f"{_listed(more)}, where {pair[1]} has {_listed(other) or 'none'}" if more else "another order"
+        raise InputError(
+            f"repeated records must share {name}: {pair[0]} has {words}; leave out what differs, or give each as a record of"
+            " its own"
+        )
+
+
+def _listed(items: Sequence[Hashable]) -> str:
+    return listed([f"{one:.12g}" if isinstance(one, float) else one for one in items])
