@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class StructidError(Exception):
     """Base of every error that structid raises on purpose."""
 
 
 class InputError(StructidError, ValueError):
-    """Something given by the user cannot be used as it is; the message says where and what to do."""
+    """Something given by the user cannot be used as it is; the message says where and what to do.
+
+    `option` is the option that is wrong, where it is known: a study then names the line of that key.
+    """
+
+    def __init__(self, message: str = "", option: str = "") -> None:
+        super().__init__(message)
+        self.option = option
 
 
 class FileError(InputError):
@@ -18,10 +28,6 @@ class FileError(InputError):
 class NoLinesError(InputError):
     """The band, or what is left out of it, leaves no line of a record; `option` is which, where it is known."""
 
-    def __init__(self, message: str, option: str = "") -> None:
-        super().__init__(message)
-        self.option = option
-
 
 class UnnamedChannelsError(InputError):
     """A bare array of time histories does not say where its channels were measured; `count` is how many it has."""
@@ -29,6 +35,16 @@ class UnnamedChannelsError(InputError):
     def __init__(self, message: str, count: int) -> None:
         super().__init__(message)
         self.count = count
+
+
+@contextmanager
+def about(option: str) -> Iterator[None]:
+    """Says of any `InputError` of the block that it is about `option`, where it does not say so itself."""
+    try:
+        yield
+    except InputError as error:
+        error.option = error.option or option
+        raise
 
 
 class NoAnswerError(StructidError):

@@ -119,6 +119,14 @@ def test_masses_on_one_rigid_body_are_told_only_as_a_sum(tmp_path):
     assert np.isfinite(result.std[3:]).all()
 
 
+def histories(folder, keys: str, more: str = "") -> str:
+    """A study on bare time histories."""
+    np.savez(folder / "bare.npz", t=np.ones((500, 2)))
+    told = f'path = "bare.npz"\nsampling_rate = 50.0\nchannels = ["1X", "3X"]\n{keys}'
+    frf = f'[record.frf]\nestimator = "H1"\nsegment_length = 64\n{more}'
+    return replaced("[record.noise]\nrelative = 0.01\n", frf, replaced('path = "frf.npz"', told))
+
+
 def wrong_frequency(axis: np.ndarray) -> np.ndarray:
     axis = axis.copy()
     axis[100] = axis[98]
@@ -138,6 +146,20 @@ RECORDS = [
     (lambda f: bare(f).replace('["1X", "3X"]\ninputs', '["1X", "8X"]\ninputs'), "outputs", ["8X+ is at node 8"]),
     (lambda f: bare(f).replace('inputs = ["3X"]', 'inputs = ["3Y"]'), "inputs", ["3Y+ is not part", "moves in 3X"]),
     (lambda f: bare(f).replace('array = "h"', 'array = "g"'), "path", ["bare.npz", "'g'"]),
+    (lambda f: bare(f).replace('"accelerance"', '"inertance"'), "kind", ["bare.npz: `kind` must be one of receptance"]),
+    (lambda f: bare(f).replace('kind = "acc', 'unit = "mm/N"\nkind = "acc'), "kind", ["is of receptance, but `kind` says"]),
+    (lambda f: bare(f).replace('kind = "accelerance"', 'unit = "ell/N"'), "unit", ["bare.npz: cannot read 'ell/N'"]),
+    (lambda f: bare(f).replace('["1X", "3X"]', '["1X", "Q"]'), "outputs", ["bare.npz: cannot read 'Q'"]),
+    (lambda f: replaced('"frf.npz"', '"frf.npz"\nkind = "mobility"'), "kind", ["frf.npz: says kind accelerance"]),
+    (lambda f: replaced('"frf.npz"', '"frf.npz"\nunits = "g"'), "units", ["frf.npz: holds frequency response functions"]),
+    (lambda f: histories(f, 'quantities = ["speed", "force"]'), "quantities", ["bare.npz: `quantities` must be among"]),
+    (lambda f: histories(f, 'units = ["g", "ell"]'), "units", ["bare.npz: cannot read 'ell'"]),
+    (lambda f: histories(f, 'units = ["g"]\nquantities = "force"'), "quantities", ["1X+ has a unit of acceleration"]),
+    (
+        lambda f: histories(f, 'units = ["g", "N"]', 'quantity = "velocity"'),
+        "quantity",
+        ["no channel of the record is of velocity; they are of acceleration, force"],
+    ),
     (lambda f: replaced("[0.5, 12.0]", "[50.0, 60.0]"), "band", ["no frequency line", "widen the band"]),
     (
         lambda f: replaced("band =", "exclude = [[0.1, 6.0], [5.0, 20.0]]\nband ="),

@@ -89,7 +89,7 @@ def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -
     except InputError as error:
         if str(error).startswith(str(path)):
             raise
-        raise FileError(f"{path}: {error}") from error
+        raise FileError(f"{path}: {error}", error.option) from error
     except MemoryError as error:
         raise FileError(
             f"{path}: does not fit in memory ({error or 'no more is to be had'}); free some, read a part of it, or take a"

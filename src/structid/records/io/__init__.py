@@ -88,11 +88,11 @@ def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: Rea
     """Refuse what is said of columns where a file has none."""
     given = options.given()
     if "csv" in given and module is not _csv:
-        raise InputError(f"{path}: is no table, which `csv` is about; leave it out")
+        raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")
     for name in ("columns", "time_column"):
         if name in given and module not in _NAMED:
             raise InputError(
-                f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`"
+                f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
             )
 
 

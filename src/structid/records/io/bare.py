@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from structid.arrays import require_finite
 from structid.dof import Dof, parse_dofs
-from structid.errors import FileError, InputError, UnnamedChannelsError
+from structid.errors import FileError, InputError, UnnamedChannelsError, about
 from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions, option_words
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
@@ -100,7 +100,7 @@ def _per_channel(path: Path, name: str, given: tuple[str, ...], count: int) -> t
     if len(given) == 1:
         return given * count
     if len(given) != count:
-        raise InputError(f"{path}: `{name}` must have 1 or {count} entries, one a channel, got {len(given)}")
+        raise InputError(f"{path}: `{name}` must have 1 or {count} entries, one a channel, got {len(given)}", name)
     return given
 
 
@@ -112,17 +112,20 @@ def channel_units(
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
         for quantity in quantities:
             if quantity not in QUANTITY_UNITS:
-                raise InputError(f"{path}: `quantities` must be among {', '.join(QUANTITY_UNITS)}, got {quantity!r}")
+                known = ", ".join(QUANTITY_UNITS)
+                raise InputError(f"{path}: `quantities` must be among {known}, got {quantity!r}", "quantities")
         return cast(tuple[Quantity, ...], quantities), np.ones(len(channels))
-    units = [parse_unit(text) for text in _per_channel(path, "units", options.units, len(channels))]
-    for dof, unit in zip(channels, units, strict=True):
-        require_same_rotation(path, str(dof), dof.is_rotation, unit.rotation)
+    with about("units"):
+        units = [parse_unit(text) for text in _per_channel(path, "units", options.units, len(channels))]
+        for dof, unit in zip(channels, units, strict=True):
+            require_same_rotation(path, str(dof), dof.is_rotation, unit.rotation)
     if options.quantities:
         declared = _per_channel(path, "quantities", options.quantities, len(channels))
         for dof, unit, quantity in zip(channels, units, declared, strict=True):
             if unit.quantity != quantity:
                 raise InputError(
-                    f"{path}: channel {dof} has a unit of {unit.quantity}, but `quantities` says {quantity}"
+                    f"{path}: channel {dof} has a unit of {unit.quantity}, but `quantities` says {quantity}",
+                    "quantities",
                 )
     return tuple(unit.quantity for unit in units), np.array([unit.factor for unit in units])
 
@@ -159,13 +162,16 @@ def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> T
         raise UnnamedChannelsError(str(error), 1 if values.ndim == 1 else values.shape[-1]) from None
     if not options.quantities and not options.units:
         require_option(path, options, "units", "what its channels hold (or quantities=...)")
-    channels = parse_dofs(options.channels)
+    with about("channels"):
+        channels = parse_dofs(options.channels)
     if values.ndim == 1:
         values = values[:, None]
     if values.ndim != 2 or values.shape[1] != len(channels):
         turned = values.ndim == 2 and values.shape[0] == len(channels)
         hint = "the array is turned: store samples along rows" if turned else "name every column in `channels`"
-        raise InputError(f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}")
+        raise InputError(
+            f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}", "channels"
+        )
     quantities, factors = channel_units(path, channels, options)
     rate = float(options.sampling_rate or 0.0)
     kept = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
@@ -184,13 +190,14 @@ def _refuse_frf(path: Path, reason: str) -> NoReturn:
 def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
     """FRF kind and SI factor by the options `kind` and `unit`."""
     if options.kind and options.kind not in DERIVATIVES:
-        raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}")
+        raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}", "kind")
     if not options.unit:
         require_option(path, options, "kind", "whether it holds receptance, mobility, accelerance or transmissibility")
         return cast(FrfKind, options.kind), 1.0
-    unit = parse_frf_unit(options.unit)
+    with about("unit"):
+        unit = parse_frf_unit(options.unit)
     if options.kind and options.kind != unit.kind:
-        raise InputError(f"{path}: `unit` {options.unit!r} is of {unit.kind}, but `kind` says {options.kind}")
+        raise InputError(f"{path}: `unit` {options.unit!r} is of {unit.kind}, but `kind` says {options.kind}", "kind")
     return unit.kind, unit.factor
 
 
@@ -222,13 +229,17 @@ def frf_from_array(
     require_option(path, options, "outputs", "where the responses were measured")
     require_option(path, options, "inputs", "where the loads acted")
     kind, factor = frf_kind(path, options)
-    outputs, inputs = parse_dofs(options.outputs), parse_dofs(options.inputs)
+    with about("outputs"):
+        outputs = parse_dofs(options.outputs)
+    with about("inputs"):
+        inputs = parse_dofs(options.inputs)
     if options.unit:
         unit = parse_frf_unit(options.unit)
-        for dof in outputs:
-            require_same_rotation(path, f"output {dof}", dof.is_rotation, unit.output_rotation)
-        for dof in inputs:
-            require_same_rotation(path, f"input {dof}", dof.is_rotation, unit.input_rotation)
+        with about("unit"):
+            for dof in outputs:
+                require_same_rotation(path, f"output {dof}", dof.is_rotation, unit.output_rotation)
+            for dof in inputs:
+                require_same_rotation(path, f"input {dof}", dof.is_rotation, unit.input_rotation)
     require_finite("values", values, "remove these lines or channels, or repair the file")
     shape = (frequency.size, len(outputs), len(inputs))
     return FrfRecord(

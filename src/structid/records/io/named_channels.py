@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof, as_dof, parse_dof, parse_dofs
-from structid.errors import FileError, InputError
+from structid.errors import FileError, InputError, about
 from structid.records.io.bare import channel_units, require_same_rotation
 from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions
@@ -174,13 +174,15 @@ def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof,
 
 
 def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
-    channels = parse_dofs(options.channels)
+    with about("channels"):
+        channels = parse_dofs(options.channels)
     if len(channels) != len(part.names):
         shown = ", ".join(name_and_unit(name)[0] for name in part.names[:_SHOWN])
         more = ", ..." if len(part.names) > _SHOWN else ""
         raise FileError(
             f"{part.path}: `channels` must have {len(part.names)} entries, one for each of the columns {shown}{more}, got"
-            f" {len(channels)}; choose columns with `columns`"
+            f" {len(channels)}; choose columns with `columns`",
+            "channels",
         )
     return channels
 
@@ -209,7 +211,8 @@ def _units(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions)
     for j, unit in enumerate(own):
         if unit is not None and (unit.quantity != quantities[j] or abs(unit.factor / factors[j] - 1) > 1e-9):
             raise InputError(
-                f"{part.path}: {part.place(j)}: is in {told[j]}, but `units` says another; leave `units` out, or correct it"
+                f"{part.path}: {part.place(j)}: is in {told[j]}, but `units` says another; leave `units` out, or correct it",
+                "units",
             )
     return quantities, factors
 

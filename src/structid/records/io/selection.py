@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.errors import InputError, about
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -32,19 +32,21 @@ def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -
 
 
 def _contradiction(path: Path, name: str, given: object, found: object) -> InputError:
-    return InputError(f"{path}: says {name} {found}, but `{name}` {given} was given; leave the option out")
+    return InputError(f"{path}: says {name} {found}, but `{name}` {given} was given; leave the option out", name)
 
 
 def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof, ...]) -> list[int]:
     """Where each of `texts` is in `present`; everything if `texts` is empty."""
     if not texts:
         return list(range(len(present)))
-    dofs = parse_dofs(texts)
+    with about(name):
+        dofs = parse_dofs(texts)
     missing = [str(dof) for dof in dofs if dof not in present]
     if missing:
         raise InputError(
             f"{path}: `{name}` asks for {', '.join(missing)}, which the file does not have; "
-            f"it has {', '.join(map(str, present))}"
+            f"it has {', '.join(map(str, present))}",
+            name,
         )
     return [present.index(dof) for dof in dofs]
 
@@ -118,4 +120,4 @@ def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> lis
 def _refuse(path: Path, content: str, options: ReadOptions, names: tuple[str, ...]) -> None:
     wrong = [name for name in options.given() if name in names]
     if wrong:
-        raise InputError(f"{path}: holds {content} and says what they are; leave out `{wrong[0]}`")
+        raise InputError(f"{path}: holds {content} and says what they are; leave out `{wrong[0]}`", wrong[0])

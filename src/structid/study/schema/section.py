@@ -93,13 +93,13 @@ class Section:
 
     @contextmanager
     def located(self, key: str | None = None) -> Iterator[None]:
-        """Gives any `InputError` of the block the place of this section."""
+        """Gives any `InputError` of the block the place of this section, and of the key that it is about."""
         try:
             yield
         except StudyError:
             raise
         except InputError as error:
-            raise self.error(str(error), key) from error
+            raise self.error(str(error), error.option if error.option in self.table else key) from error
 
     def values(self, table: Table) -> dict[str, Any]:
         """Every given key of `table` that is no table itself, checked, with its value as its kind makes it.

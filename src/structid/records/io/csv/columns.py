@@ -270,7 +270,8 @@ def _called(table: Table, option: str, names: list[str], given: tuple[str, ...])
         shown = ", ".join(distinct[:8]) + (", ..." if len(distinct) > 8 else "")
         raise InputError(
             f"{table.path}: `{option}` must have {len(distinct)} entries, one for each of {shown}, in the order of the table,"
-            f" got {len(given)}"
+            f" got {len(given)}",
+            option,
         )
     return dict(zip(distinct, given, strict=True))
 
@@ -343,7 +344,8 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
     if unit and {column.unit for column in columns} - {None, parse_frf_unit(unit)}:
         raise FileError(
             f"{table.path}: line {table.header_line} says the unit of each column, but `unit` {unit!r} was given; leave the"
-            " option out"
+            " option out",
+            "unit",
         )
 
 

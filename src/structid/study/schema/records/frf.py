@@ -84,6 +84,9 @@ def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRec
         wanted = settings.others.get("quantity")
         motions = (wanted,) if wanted else _MOTIONS
         outputs = settings.outputs or _channels(records[0], motions)
+        if wanted and not outputs:
+            own = ", ".join(dict.fromkeys(records[0].quantities))
+            raise InputError(f"no channel of the record is of {wanted}; they are of {own}", "quantity")
         return frf_from_time(records, inputs, outputs, **settings.others)
 
 
