@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -204,6 +205,20 @@ def test_what_is_wrong_in_a_set_up_is_told_with_its_line(tmp_path, old, new, pla
     assert words in str(caught.value)
     if place:
         assert f"line {line_of(place, text)}:" in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "words"), [('name = "loaded"\n', "loaded: "), ("", "record 2: ")])
+@pytest.mark.parametrize("key", ["band", "evaluation_band"])
+def test_the_record_without_a_line_in_the_band_is_named(tmp_path, name, words, key):
+    text = replaced('name = "loaded"\n', name, TWO).replace("\nband = ", "\nband = [0.5, 90.0]\nevaluation_band = ")
+    text = text if key == "evaluation_band" else text.replace("band = [0.5, 90.0]\nevaluation_", "")
+    path = write_two(tmp_path, text)
+    second = loaded_record()
+    write_record(tmp_path / "loaded.npz", replace(second, frequency=second.frequency + 50))
+    with pytest.raises(
+        InputError, match=rf"line {line_of(key + ' =', text)}: \[method\] {key}: {words}no frequency line"
+    ):
+        check_study(load_study(path))
 
 
 def test_channels_errors_with_one_name_but_other_bounds_are_told(tmp_path):

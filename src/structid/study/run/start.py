@@ -72,7 +72,8 @@ def started(study: Study) -> Start:
     """
     models = Models()
     setups = tuple(loaded(source, models) for source in study.setups)
-    pairs = [_prepared(study, source, setup) for setup, source in zip(setups, study.setups, strict=True)]
+    records = zip(prefixes(setups), setups, study.setups, strict=True)
+    pairs = [_prepared(study, source, setup, name) for name, setup, source in records]
     prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
     with study.root.located():
         same = alike([ready.problem for ready in prepared], titles(setups))
@@ -134,13 +135,13 @@ def _channel_key(section: Section, key: str) -> str:
     return key
 
 
-def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepared[RecordProblem], Look]:
-    """The problem of one record, its model looked at first, and the record beside it."""
+def _prepared(study: Study, source: SetupSource, setup: AnySetup, name: str) -> tuple[Prepared[RecordProblem], Look]:
+    """The problem of one record, its model looked at first, and the record beside it; `name` stands before words about it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
-    with place.located(), _placed_lines(method, "band"):
+    with place.located(), _placed_lines(method, "band", name):
         used, _ = setup.axes(replace(options, evaluation_band=None))
-    with place.located(), _placed_lines(method, "evaluation_band"):
+    with place.located(), _placed_lines(method, "evaluation_band", name):
         _, judged = setup.axes(options)
     values = setup.parameters.values(setup.parameters.start)
     with placed_mechanism(structure):
@@ -151,13 +152,13 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup) -> tuple[Prepa
 
 
 @contextmanager
-def _placed_lines(method: Section, key: str) -> Iterator[None]:
-    """Gives a `NoLinesError` the place of the key that leaves no line."""
+def _placed_lines(method: Section, key: str, name: str) -> Iterator[None]:
+    """Gives a `NoLinesError` the place of the key that leaves no line, with `name` before it."""
     try:
         yield
     except NoLinesError as error:
         place = error.option or key
-        raise method.error(str(error), place if place in method.table else None) from error
+        raise method.error(name + str(error), place if place in method.table else None) from error
 
 
 @contextmanager
