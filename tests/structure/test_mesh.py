@@ -214,13 +214,24 @@ def test_meshes_of_meshio_come_back(tmp_path, suffix):
 @pytest.mark.parametrize(
     "name, change, words",
     [
-        ("a.msh", lambda t: t[:-20], "is cut short: $Elements is not closed"),
+        ("a.msh", lambda t: t[:-20], "is cut short: $Elements is not closed; copy the file again"),
+        ("a.msh", lambda t: t[: t.index("60\n50")], "is cut short: $Nodes is not closed; copy the file again"),
+        ("a.msh", lambda t: t[: t.index("$Elements")], "is cut short: there is no $Elements; copy the file again"),
         (
             "a.msh",
             lambda t: t.replace("4.1 0 8", "4.1 1 8"),
             "cannot be read as gmsh (the number one is missing behind $MeshFormat)",
         ),
-        ("a.msh", lambda t: t.replace("2 10 20 30 40", "2 10 20 30 45"), "name nodes that are not there"),
+        (
+            "a.msh",
+            lambda t: t.replace("2 10 20 30 40", "2 10 20 30 45"),
+            "lacks node 45 of 1 cell of type quad (the first has nodes 10, 20, 30, 45); save the mesh again with all its nodes",
+        ),
+        (
+            "a.msh",
+            lambda t: t.replace("20 60 30\n4 60 50 30", "20 61 30\n4 61 51 30"),
+            "lacks node 51, 61 of 2 cells of type triangle (the first has nodes 20, 61, 30); save the mesh again",
+        ),
         (
             "c.bdf",
             lambda t: t.replace("BEGIN BULK", ""),

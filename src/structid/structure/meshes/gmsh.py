@@ -12,12 +12,14 @@ import numpy as np
 
 from structid.arrays import IntArray
 from structid.errors import FileError
+from structid.shown import counted, listed
 from structid.structure.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
 SUFFIXES: tuple[str, ...] = (".msh",)
 
 _REMEDY = "save it as version 4.1 or 2.2 (Mesh.MshFileVersion = 4.1)"
+_AGAIN = "copy the file again, or save the mesh again"
 #: Name, number of nodes and dimension of each element type, and the order of its nodes as in VTK where it differs.
 _TYPES: dict[int, tuple[str, int, int, tuple[int, ...]]] = {
     1: ("line", 2, 1, ()),
@@ -66,7 +68,7 @@ def read(path: Path, factor: float) -> Mesh:
     Raises
     ------
     FileError
-        If it is of another version, or is cut short or damaged.
+        If it is of another version, is cut short or damaged, or lacks nodes of its cells.
     """
     data = path.read_bytes()
     head = _HEAD.search(data)
@@ -90,18 +92,15 @@ def read(path: Path, factor: float) -> Mesh:
             if at is None and name in (b"PhysicalNames", b"Entities"):
                 continue
             if at is None:
-                raise FileError(f"{path}: is cut short: there is no ${name.decode()}; {_REMEDY}")
-            numbers: Numbers
-            if binary and name != b"PhysicalNames":
-                numbers = Binary(data, at.end(), swapped)
-            else:
-                stop = data.find(b"$End" + name, at.end())
-                if stop < 0:
-                    raise FileError(f"{path}: is cut short: ${name.decode()} is not closed; {_REMEDY}")
-                numbers = Ascii(data, at.end(), stop)
+                raise FileError(f"{path}: is cut short: there is no ${name.decode()}; {_AGAIN}")
+            stop = data.find(b"$End" + name, at.end())
+            if stop < 0:
+                raise FileError(f"{path}: is cut short: ${name.decode()} is not closed; {_AGAIN}")
+            in_text = not binary or name == b"PhysicalNames"
+            numbers: Numbers = Ascii(data, at.end(), stop) if in_text else Binary(data, at.end(), swapped)
             take(content, numbers)
             if not data[numbers.place :].lstrip().startswith(b"$End" + name):
-                raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_REMEDY}")
+                raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_AGAIN}")
     except FileError:
         raise
     except (ValueError, IndexError, KeyError) as error:
@@ -177,20 +176,31 @@ def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
 def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
     labels = np.concatenate(content.labels) if content.labels else np.zeros(0, np.int64)
     if not len(labels):
-        raise FileError(f"{path}: holds no whole table of nodes; {_REMEDY}")
+        raise FileError(f"{path}: holds no whole table of nodes; {_AGAIN}")
     positions = factor * np.concatenate(content.positions)
     blocks, members = [], []
     for kind, parts in content.cells.items():
         name, _, dimension, order = _known(kind)
         rows = np.concatenate(parts)
-        if not np.isin(rows, labels).all():
-            raise FileError(f"{path}: cells of type {name} name nodes that are not there; {_REMEDY}")
+        _require_nodes(path, name, rows, labels)
         blocks.append(CellBlock(name, rows[:, list(order)] if order else rows))
         members.append(_members(content, dimension, content.tags[kind]))
     names = dict.fromkeys(name for own in members for name in own)
     empty = np.zeros(0, np.int64)
     groups = {name: tuple(own.get(name, empty) for own in members) for name in names}
     return Mesh(labels, positions, tuple(blocks), groups, {}, path.name)
+
+
+def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> None:
+    """Refuse cells whose nodes the file does not have."""
+    there = np.isin(rows, labels)
+    if there.all():
+        return
+    missing, wrong = np.unique(rows[~there]), np.flatnonzero(~there.all(axis=1))
+    raise FileError(
+        f"{path}: lacks node {listed(missing.tolist())} of {counted(len(wrong), 'cell')} of type {name} (the first has nodes"
+        f" {listed(rows[wrong[0]].tolist(), 27)}); save the mesh again with all its nodes"
+    )
 
 
 def _members(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
