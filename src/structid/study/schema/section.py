@@ -116,8 +116,8 @@ class Section:
             if name not in keys and table.labels is not None:
                 raise self.error("labels must be whole numbers, as in `12 = [0.0, 0.5, 0.0]`", name)
             if name not in keys:
-                near = difflib.get_close_matches(name, keys, 1, 0.0)
-                nearest = f"the nearest is `{near[0]}`; " if near else ""
+                near = " and ".join(f"`{one}`" for one in _nearest(name, self.table[name], keys))
+                nearest = f"the nearest {'are' if ' and ' in near else 'is'} {near}; " if near else ""
                 raise self.error(f"unknown key; {nearest}valid keys are {', '.join(keys)}", name)
         for name, key in keys.items():
             if key.required and name not in self.table:
@@ -161,6 +161,14 @@ class Section:
     def joined(self, key: str) -> str:
         """What stands in brackets above the table `key` inside this one."""
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
+
+
+def _nearest(name: str, value: Any, keys: Mapping[str, Key]) -> list[str]:
+    """Those of `keys` that are most like `name`: of tables where tables are given, of plain values else."""
+    in_tables = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict) for one in value))
+    alike = [one for one, key in keys.items() if (key.holds_tables if in_tables else key.holds_values)] or keys
+    ratios = {one: difflib.SequenceMatcher(None, one, name).ratio() for one in alike}
+    return [one for one, ratio in ratios.items() if ratio == max(ratios.values())]
 
 
 def _shown(value: Any) -> str:

@@ -36,6 +36,16 @@ class Key:
     listed: bool = False
 
     @property
+    def holds_tables(self) -> bool:
+        """Whether it may hold a table, or several."""
+        return isinstance(self.holds, Table) or "object" in _types(self.holds.schema)
+
+    @property
+    def holds_values(self) -> bool:
+        """Whether it may hold something other than tables."""
+        return not self.listed and _types(self.holds.schema) != {"object"}
+
+    @property
     def schema(self) -> Schema:
         """As JSON Schema."""
         own = {"type": "array", "items": self.holds.schema} if self.listed else self.holds.schema
@@ -129,6 +139,11 @@ def held_by(annotation: Any) -> Kind | Table:
     if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:
         return table_of(parts[0])
     return kind_of(annotation)
+
+
+def _types(schema: Schema) -> set[str]:
+    """Every type that JSON Schema lets a value have."""
+    return {schema["type"]} if "type" in schema else set().union(*map(_types, schema["anyOf"]))
 
 
 def _said(annotation: Any) -> str:
