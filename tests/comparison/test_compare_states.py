@@ -1,6 +1,8 @@
 """`structid compare`: two studies, two results folders, or one of each; what it writes and how it ends."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from structid.cli import app as cli
 from structid.comparison.comparing import CompareOptions, compare
 from structid.comparison.state import stored_state
 from structid.comparison.states import carried, unchanged_parameters
+from structid.report.comparison.text import comparison_table
 from study_cases import chain_record, replaced, write_chain
 
 RUN = CliRunner()
@@ -69,6 +72,16 @@ def test_two_studies_with_unchanged_masses_locate_the_weaker_spring(states, tmp_
     page = (folder / "compare.html").read_text().split("<script")[0]
     assert "stiffness[upper:2]" in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_small_changes_and_limits_are_not_shown_as_zero(states, tmp_path):
+    found = compare(*states, CompareOptions(unchanged=("mass",)))
+    factors = {"change": 1e-4, "covariance": 1e-8, "detection_limit": 1e-4}
+    parts = {name: factor * getattr(found.comparison, name) for name, factor in factors.items()}
+    table = comparison_table(replace(found, comparison=replace(found.comparison, **parts)))
+    for row in table.rows:
+        shown = [row[table.header.index(name)] for name in ("Change", "Std", "Detection limit")]
+        assert all(re.search("[1-9]", cell) for cell in shown), row
 
 
 def test_folders_give_what_the_studies_give(states, tmp_path):

@@ -61,4 +61,6 @@ def test_numbers_keep_their_significant_digits() -> None:
 
 def test_percentages_and_units() -> None:
     assert [percent(x) for x in (-0.1234, 0.00046, 0.0, 1.95)] == ["−12.3 %", "+0.05 %", "0.00 %", "+195 %"]
+    assert [percent(x) for x in (4.9e-5, -1.2e-5, 1e-8, 1e-15)] == ["+0.0049 %", "−0.0012 %", "+1.0×10⁻⁶ %", "+0.00 %"]
+    assert percent(1.2e-8, 2, signed=False, most_decimals=6) == "0.000001 %"
     assert [unit_text(u) for u in ("(m/s^2)/N", "N m^2 s", "1")] == ["(m/s²)/N", "N m² s", ""]

@@ -11,6 +11,8 @@ _POWER = re.compile(r"\^(-?\d+)")
 MINUS, TIMES, DASH = "\u2212", "\u00d7", "\u2013"
 #: What stands where there is no number.
 NOTHING = DASH
+#: Largest part of 100 that is the rounding of a computer's numbers.
+_ROUNDING = 1e-10
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -83,18 +85,23 @@ def likeness(value: float, decimals: int = 3) -> str:
 
 
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
-    """`ratio` in per cent, with its sign.
+    """`ratio` in per cent, with its sign; no more than `most_decimals`, but as many as it takes to tell it from 0.
 
     Examples
     --------
-    >>> percent(-0.1234), percent(0.05, signed=False), percent(0.00046)
-    ('−12.3 %', '5.00 %', '+0.05 %')
+    >>> percent(-0.1234), percent(0.05, signed=False), percent(0.00046), percent(1.2e-5)
+    ('−12.3 %', '5.00 %', '+0.05 %', '+0.0012 %')
     """
     if not math.isfinite(ratio):
         return NOTHING
     value = 100 * ratio
-    small = value == 0 or most_decimals < digits - 1 - _exponent(value, digits)
-    text = _fixed(value, most_decimals) if small else number(value, digits)
+    if abs(value) <= _ROUNDING:
+        text = _fixed(0.0, most_decimals)
+    elif round(value, most_decimals) == 0:
+        text = number(value, 2)
+    else:
+        small = most_decimals < digits - 1 - _exponent(value, digits)
+        text = _fixed(value, most_decimals) if small else number(value, digits)
     return f"{'+' if signed and ratio > 0 else ''}{text} %"
 
 

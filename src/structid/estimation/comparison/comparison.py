@@ -123,7 +123,7 @@ class Comparison:
     def words(self) -> str:
         """The result in one sentence."""
         declared = [
-            f"{name} ({100 * ratio:+.1f} %)"
+            f"{name} ({100 * ratio:{'+.1f' if abs(ratio) > 1e-3 else '+.2g'}} %)"
             for name, ratio, changed in zip(self.names, self.relative_change, self.changed, strict=True)
             if changed
         ]
