@@ -20,7 +20,7 @@ from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, 
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.run.plan import planned
 from structid.study.schema.plan import load_plan
-from study_cases import CHAIN, RIGID, replaced, write_chain
+from study_cases import CHAIN, RIGID, chain_record, replaced, write_chain
 
 DEFLECTIONS = parse_dofs([f"{n}Y" for n in range(1, 7)])
 TARGET = 5e-3
@@ -459,6 +459,38 @@ def test_record_that_is_not_there_yet_is_left_out(tmp_path):
     study = load_plan(written(tmp_path, CHAIN + PLAN))
     assert "the record frf.npz is not there yet: planned without it" in study.notes
     assert study.options.installed_sensors == ()
+
+
+#: Channel 7X reads mass 2, and 3X mass 1 from the other side.
+AIMED = '[record.sensors]\n"7X" = { node = 2 }\n"3X" = { node = 1, direction = [-1.0, 0.0, 0.0] }\n'
+
+
+@pytest.mark.parametrize("key", ["sensors", "installed_sensors"])
+def test_sensors_of_the_record_are_planned_where_they_are(tmp_path, key):
+    plain = replaced('sensors = ["1X", "2X", "3X"]', f'{key} = ["2X", "1X"]', CHAIN + PLAN)
+    named = replaced("[method]", AIMED + "[method]", replaced(f'{key} = ["2X", "1X"]', f'{key} = ["7X", "3X"]', plain))
+    there, found = (load_plan(written(tmp_path / name, text)) for name, text in (("plain", plain), ("named", named)))
+    assert [dof.place for dof in getattr(found.options, key)] == ["7X", "8X"]
+    assert "candidates along directions of [record.sensors]: 7X, 3X (called 8X here)" in found.notes
+    assert planned(found).tests[0].std == pytest.approx(planned(there).tests[0].std, rel=1e-9)
+    assert run(tmp_path / "named" / "chain.toml", "--out", tmp_path / "out", "--png").exit_code == 0
+
+
+def test_channels_of_a_record_are_planned_as_its_sensors_say(tmp_path):
+    text = replaced("[method]", AIMED + "[method]")
+    study = load_plan(write_chain(tmp_path, text, chain_record(outputs=("7X", "3X-"))))
+    assert [str(dof) for dof in study.options.installed_sensors] == ["7X+", "8X-"]
+
+
+def test_sensors_of_the_record_that_the_plan_does_not_name_are_told(tmp_path):
+    notes = load_plan(written(tmp_path, replaced("[method]", AIMED + "[method]") + PLAN)).notes
+    assert (
+        "no candidates: 7X, 3X of [record.sensors]; name them in `sensors` of [plan] to choose from them" not in notes
+    )
+    assert any(
+        note.startswith("candidates along directions of [record.sensors]: 3X (called 8X here)") for note in notes
+    )
+    assert "no candidates: 7X of [record.sensors]; name them in `sensors` of [plan] to choose from them" in notes
 
 
 def test_model_error_adds_to_the_noise(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from structid.declared import NotNegative
-from structid.dof import parse_dofs
+from structid.dof import Dof, parse_dofs, renamed
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
@@ -18,11 +18,14 @@ from structid.identification.setups.frf import used_lines
 from structid.planning.options import resolved
 from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord
+from structid.shown import listed
 from structid.structure import Structure
+from structid.structure.aimed_sensor import AimedSensor
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
+from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.root import InputFiles, read_root, title_of
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
@@ -101,30 +104,51 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
         If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
     """
     root, files = read_root(path, work=work)
-    structure = read_structure(root.inner("structure"), files)
+    recorded = _first_record(root)
+    structure = read_structure(root.inner("structure"), files, record=recorded)
     unknown = read_parameters(root, structure)
+    aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
     section = root.inner("plan")
     method = read_method(root.section("method"))
-    record, declared, notes = _record(root, files, structure)
+    record, declared, notes = _record(recorded, files, structure, channel_names(aimed))
     with (root.section("plan") or root).located():
-        options, more = _options(section, structure, unknown, record, declared, method)
+        options, more = _options(section, structure, unknown, record, declared, method, channel_names(aimed))
         options = resolved(structure, unknown, replace(options, **changes))
-    return PlanStudy(title_of(root), structure, unknown, options, (*notes, *more), root, files.digests)
+    notes = (*notes, *more, *_aimed_words(aimed, options))
+    return PlanStudy(title_of(root), structure, unknown, options, notes, root, files.digests)
+
+
+def _first_record(root: Section) -> Section | None:
+    """The study's record, the first of several, or None where there is none yet."""
+    if isinstance(root.table.get("record"), list):
+        return next(iter(root.sections("record")), None)
+    return root.section("record")
+
+
+def _aimed_words(aimed: Sequence[AimedSensor], options: PlanOptions) -> tuple[str, ...]:
+    """Which candidates are sensors of ``[record.sensors]``, and which of these are none."""
+    candidates = {dof.unsigned for dof in (*options.sensors, *options.loads)}
+    known = [
+        f"{one.channel} (called {one.dof.place} here)" if one.dof.place != one.channel else one.channel for one in aimed
+    ]
+    used = [words for words, one in zip(known, aimed, strict=True) if one.dof.unsigned in candidates]
+    others = [one.channel for one in aimed if one.dof.unsigned not in candidates]
+    found = (f"candidates along directions of [record.sensors]: {listed(used)}",) if used else ()
+    left = f"no candidates: {listed(others)} of [record.sensors]; name them in `sensors` of [plan] to choose from them"
+    return (*found, left) if others else found
 
 
 def _record(
-    root: Section, files: InputFiles, structure: Structure
+    section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """The study's record (the first of several), or None where there is none yet, and the noise it declares."""
-    listed = isinstance(root.table.get("record"), list)
-    section = next(iter(root.sections("record")), None) if listed else root.section("record")
+    """What ``[record]`` holds, or None where there is nothing yet, and the noise it declares."""
     if section is None:
         return None, NoiseSource(), ()
     names = [name for key in ("path", "repeats") for name in as_list(section.table.get(key, []))]
-    missing = [name for name in names if not (root.source.path.parent / str(name)).exists()]
+    missing = [name for name in names if not (section.source.path.parent / str(name)).exists()]
     if missing:
         return None, NoiseSource(), (f"the record {missing[0]} is not there yet: planned without it",)
-    described = read_source(section, files, supports=structure.base_supports)
+    described = read_source(section, files, aimed, structure.base_supports)
     if described.modes is not None:
         return None, NoiseSource(), ("the record holds modes: planned without it",)
     record = load_record(described)
@@ -141,13 +165,14 @@ def _options(
     record: FrfRecord | None,
     declared: NoiseSource,
     method: IdentifyOptions,
+    aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
     given = section.values(PLAN)
     frequency, line_notes = _lines(section, given, structure, unknown, record, method)
     noise, noise_notes = _noise(section, record, declared, method.model_error)
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
-            given[key] = parse_dofs(as_list(given.get(key, [])))
+            given[key] = _in_structure(parse_dofs(as_list(given.get(key, []))), aimed, key in _LOADS)
             structure.require_places(given[key], key in _LOADS)
     if structure.driven([dof for key in _LOADS for dof in given[key]]):
         given.setdefault("kind", "transmissibility")
@@ -157,6 +182,12 @@ def _options(
         given["installed_loads"] = given["installed_loads"] or record.inputs
     given["of_interest"] = tuple(as_list(given.get("of_interest", [])))
     return PlanOptions(frequency, **given, **noise), (*line_notes, *noise_notes)
+
+
+def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bool) -> tuple[Dof, ...]:
+    """What the structure calls them, channels of ``[record.sensors]`` among them."""
+    own = used_names({name: dof for name, dof in aimed.items() if is_load(name) == are_loads}, dofs)
+    return renamed((), dofs, own)[1] if are_loads else renamed(dofs, (), own)[0]
 
 
 def _lines(
@@ -169,11 +200,11 @@ def _lines(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Candidate lines: as given, of the record, or spread over the band of the model's modes. Takes its keys out."""
     band, spacing = given.pop("band", None), given.pop("spacing", "linear")
-    listed, count = given.pop("frequency", None), given.pop("n_lines", None)
-    if listed is not None:
+    axis, count = given.pop("frequency", None), given.pop("n_lines", None)
+    if axis is not None:
         if band is not None or count is not None:
             raise section.error("gives lines both by `frequency` and by `band` or `n_lines`; keep one of them")
-        return tuple(float(f) for f in as_list(listed)), ()
+        return tuple(float(f) for f in as_list(axis)), ()
     if record is not None and band is None and count is None:
         return tuple(used_lines(record, method).frequency.tolist()), ()
     notes: tuple[str, ...] = ()

@@ -113,6 +113,11 @@ def _node(
     return node, 0.0
 
 
+def is_load(name: str) -> bool:
+    """Whether a name of ``[record.sensors]`` is that of a load."""
+    return name.startswith(_LOAD)
+
+
 def channel_names(sensors: Sequence[AimedSensor]) -> dict[str, str]:
     """What channels are called in the structure, by their name in the record.
 
@@ -120,7 +125,7 @@ def channel_names(sensors: Sequence[AimedSensor]) -> dict[str, str]:
     """
     found = {}
     for one in sensors:
-        load, own = _LOAD * one.channel.startswith(_LOAD), parse_dof(one.channel.removeprefix(_LOAD))
+        load, own = _LOAD * is_load(one.channel), parse_dof(one.channel.removeprefix(_LOAD))
         found[load + own.place] = one.dof.place
     return found
 
