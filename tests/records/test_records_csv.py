@@ -106,6 +106,20 @@ def test_frf_table_complaint(tmp_path, old, new, word):
     assert str(caught.value).startswith(str(tmp_path / "a.csv"))
 
 
+@pytest.mark.parametrize("unit", ["1", "-", " - "])
+def test_a_ratio_without_unit_is_transmissibility(tmp_path, unit):
+    pair = FRF.replace("1X/3Z- [g/lbf]", f"1RX/3RZ- [{unit}]").replace("1X/3Z-", "1RX/3RZ-")
+    for text in (pair, pair.replace("R", "")):
+        record = read(tmp_path, text)
+        assert record.kind == "transmissibility"
+        np.testing.assert_array_equal(record.values.ravel(), [1 + 2j, 3 + 4j])
+        np.testing.assert_allclose(record.variance.ravel(), [0.01, 0.04])
+    with pytest.raises(
+        FileError, match=r"line 1, column 2 .* is a ratio of one motion .* one of 1X\+ and 3RZ- is a rotation"
+    ):
+        read(tmp_path, pair.replace("1RX", "1X"))
+
+
 def test_a_header_below_other_lines_is_complained_of_at_its_line(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("shaker\nday 2\n" + FRF.replace(" im,", " imag,"), encoding="utf-8")

@@ -27,6 +27,8 @@ from structid.units import FrfUnit, parse_frf_unit
 _PAIR = re.compile(
     r"^(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)\s*(\[(?P<unit>[^\[\]]*)\])?\s*(?P<part>re|im|coherence|std)$"
 )
+#: Units of a number that has none.
+_RATIOS = ("1", "-")
 #: Unevenness of the time column allowed, as a part of the step.
 _EVEN = 1e-6
 #: Distance of a rounded time from the even one, as a part of its last digit.
@@ -281,7 +283,7 @@ def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, st
     try:
         output = parse_dof(outputs.get(match["output"], match["output"]))
         load = parse_dof(inputs.get(match["input"], match["input"]))
-        unit = None if part == "coherence" else parse_frf_unit(match["unit"] or "")
+        unit = None if part == "coherence" else _unit_of(match["unit"] or "", output, load)
         if unit is not None:
             require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
             require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
@@ -292,6 +294,18 @@ def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, st
         )
         raise _column(table, j, text=f"{error}{hint}") from error
     return _Column(output, load, unit, part)
+
+
+def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
+    """The unit in a header; without one, as 1 or -, what is headed is a ratio of one motion at two places."""
+    if text.strip() not in _RATIOS:
+        return parse_frf_unit(text)
+    if output.is_rotation != load.is_rotation:
+        raise InputError(
+            f"{text!r} is a ratio of one motion at two places, but one of {output} and {load} is a rotation; give the unit, as in"
+            " (rad/s^2)/(m/s^2)"
+        )
+    return FrfUnit("transmissibility", 1.0, output.is_rotation, load.is_rotation)
 
 
 def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
