@@ -211,6 +211,11 @@ class FrfRecord(Shown):
         return (0.0 if self.decay is None else self.decay) + 1j * self.omega
 
     @property
+    def is_per_motion(self) -> bool:
+        """Whether the values are per motion of a support that drives the structure, not per force."""
+        return self.kind == "transmissibility"
+
+    @property
     def unit(self) -> str:
         """SI unit of the values, for translations and forces."""
         return FRF_UNITS[self.kind]

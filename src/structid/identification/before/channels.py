@@ -70,14 +70,9 @@ def channel_warnings(found: Aligned) -> ChannelWarnings:
         return ChannelWarnings(of_pairs=of_pairs)
     of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
     of_sensors = tuple(_sensors(found, level, agreement))
-    if _is_of_support(record):
+    if record.is_per_motion:
         return ChannelWarnings((), (*of_loads, *of_sensors), of_pairs)
     return ChannelWarnings(of_loads, of_sensors, of_pairs)
-
-
-def _is_of_support(record: FrfRecord) -> bool:
-    """Whether its inputs are motions of supports, which have no unit of force."""
-    return record.kind == "transmissibility"
 
 
 def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
@@ -97,7 +92,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         )
         return
     is_driven = any(sensor.unsigned == load.unsigned for sensor in record.outputs for load in record.inputs)
-    of_support = _is_of_support(record)
+    of_support = record.is_per_motion
     drive = "support" if of_support else "load"
     if goes <= -_GOES and not is_driven:
         yield (
@@ -143,7 +138,7 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
     if len(record.inputs) < 2:
         return
     loads, goes = median(level, 0), median(agreement, 0)
-    of_support = _is_of_support(record)
+    of_support = record.is_per_motion
     drive, acts = ("support", "moves") if of_support else ("load", "acts")
     for i, load in enumerate(record.inputs):
         others = np.delete(np.arange(len(loads)), i)

@@ -19,7 +19,7 @@ _MOST_ITERATIONS = 20
 
 def measures_everything(structure: Structure, record: FrfRecord) -> bool:
     """Whether the sensors of `record` determine the motion of every free degree of freedom of `structure`."""
-    if record.kind == "transmissibility" or structure.measured:
+    if record.is_per_motion or structure.measured:
         return False
     sensors = structure.selection(record.outputs)
     if sensors.shape[1] < structure.n_dofs or structure.n_dofs == 0:

@@ -194,7 +194,7 @@ class FrfProblem(ResponseProblem):
 
     @property
     def measures_force(self) -> bool:
-        return self.record.kind != "transmissibility"
+        return not self.record.is_per_motion
 
     @cached_property
     def rows(self) -> DataRows:

@@ -233,12 +233,12 @@ def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
         If the kind of the record does not fit its inputs.
     """
     bases = structure.driven(record.inputs)
-    if bases and record.kind != "transmissibility":
+    if bases and not record.is_per_motion:
         raise InputError(
             f"input {record.inputs[0]} is a support of base {bases[0].name!r}, so its values are motion per motion of the"
             f" support, but the record holds {record.kind}; read it with kind = 'transmissibility'"
         )
-    if record.kind == "transmissibility" and not bases:
+    if record.is_per_motion and not bases:
         raise InputError(
             f"transmissibility is per motion of a support, but input {record.inputs[0]} is none; make it a support of a"
             " [[structure.base]], or read the record as receptance, mobility or accelerance"

@@ -103,7 +103,7 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
 
 def _best_of_kinds(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
     """Values in the record's kind and E|error|^2, from the kind of least error at each value."""
-    if record.kind == "transmissibility":  # as accelerance, it is bounded at 0 and tends to a real limit
+    if record.is_per_motion:  # as accelerance, it is bounded at 0 and tends to a real limit
         record = replace(record, kind="accelerance")
     seen = laplace - own
     values = np.zeros((len(laplace), *record.values.shape[1:]), dtype=np.complex128)

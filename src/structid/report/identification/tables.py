@@ -217,7 +217,7 @@ def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
         ("Lines used", lines + _gaps(whole.frequency, used.frequency)),
         *judged,
         ("Sensors", _listed(map(str, used.outputs))),
-        ("Support that drives" if whole.kind == "transmissibility" else "Loads", _listed(map(str, used.inputs))),
+        ("Support that drives" if whole.is_per_motion else "Loads", _listed(map(str, used.inputs))),
         ("Coherence", coherence),
         ("Noise", errors),
         ("Model error assumed", assumed),

@@ -70,7 +70,7 @@ class FrfsOut:
             record = read_record(path)
         if not isinstance(record, FrfRecord):
             raise FileError(f"{path}: holds time histories; let the solver write FRFs, real and imaginary parts")
-        if record.kind == "transmissibility":
+        if record.is_per_motion:
             raise FileError(f"{path}: holds transmissibilities; let the solver write motion per force")
         if not record.values.any():
             raise FileError(f"{path}: every FRF is 0; look into the log of the solver, and whether the load acts")

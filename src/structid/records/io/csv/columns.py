@@ -409,7 +409,7 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
 def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
     motion = {"receptance": "", "mobility": "/s"}.get(record.kind, "/s^2")
     above = ("rad" if output.is_rotation else "m") + motion
-    if record.kind == "transmissibility":
+    if record.is_per_motion:
         return f"({above})/({'rad' if load.is_rotation else 'm'}{motion})"
     return f"({above})/{'(N m)' if load.is_rotation else 'N'}"
 

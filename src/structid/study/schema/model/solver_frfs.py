@@ -77,7 +77,7 @@ def _record(section: Section, files: InputFiles) -> FrfRecord:
         if key in section.table:
             raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)
     record = load_record(read_source(section, files))
-    if record.kind == "transmissibility":
+    if record.is_per_motion:
         raise section.error(
             'holds transmissibilities, and the solver gives motion per force; take `gives = "matrices"`'
         )
