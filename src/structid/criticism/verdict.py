@@ -189,7 +189,9 @@ def expected_misfit(found: Identification) -> float:
 
 
 def fits_noise(found: Identification) -> bool:
-    """Whether the residual is what the noise leaves: its size, and no order in it."""
+    """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
+    if found.missed:
+        return False
     tests = found.estimate.residual_tests
     if tests is None:
         return found.estimate.covariance_basis == "noise"
@@ -203,7 +205,7 @@ def is_sound(found: Identification) -> bool:
     return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
 
 
-def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
+def explains(cause: Cause, misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
     """Whether a change is the cause of a misfit, not only one that lowers it.
 
     It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more than
@@ -217,12 +219,14 @@ def explains(cause: Cause, misfit: float, expected: float = 1.0) -> bool:
         Chi-square per degree of freedom without it.
     expected : float
         The same where all is right, see `expected_misfit`.
+    is_hidden : bool
+        Whether the answer misses a record that the whole misfit hardly shows: then nothing need move.
     """
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     matters = any(map(_matters, cause.moved))
     if not matters and _is_scatter(cause):
         return False
-    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
+    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and (matters or is_hidden))
 
 
 def completing(causes: Sequence[Cause], expected: float = 1.0) -> Cause | None:
@@ -305,9 +309,10 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
+        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * expected_misfit(found)
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
-            f" {100 * best.share:.0f} % of it: {best.words}"
+            f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
             + (
                 f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations."
                 if best.moves > _MOVES
@@ -344,6 +349,9 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
         )
+    if found.missed:
+        words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
     if any(one.share > _CONTRADICTS for one in apart):
         apart = tuple(sorted(apart, key=lambda one: -one.share))
@@ -374,6 +382,8 @@ def not_found(found: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(found: Identification) -> str:
+    if found.missed:
+        return found.missed[0].words
     size = float(np.sqrt(found.estimate.chi_square_per_dof))
     noises = {problem.noise_words for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"

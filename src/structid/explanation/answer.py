@@ -72,7 +72,7 @@ def criticized(
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
         return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
-    if found.estimate.chi_square_per_dof <= 1 and not explain:
+    if found.estimate.chi_square_per_dof <= 1 and not found.missed and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
@@ -98,9 +98,9 @@ def criticized(
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
-    expected = expected_misfit(found)
-    is_pair = found.estimate.chi_square_per_dof > _OF_A_PAIR * expected and completing(made, expected) is not None
-    is_cause = is_pair or (bool(made) and explains(made[0], found.estimate.chi_square_per_dof, expected))
+    misfit, expected = found.estimate.chi_square_per_dof, expected_misfit(found)
+    is_pair = misfit > _OF_A_PAIR * expected and completing(made, expected) is not None
+    is_cause = is_pair or (bool(made) and explains(made[0], misfit, expected, bool(found.missed)))
     accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering)
     if explanation.base.trial.is_large:

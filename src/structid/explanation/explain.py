@@ -16,10 +16,11 @@ from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.screen import Screened
 from structid.dof import parse_dof
 from structid.errors import StructidError
+from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
-from structid.explanation.trial import Trial
+from structid.explanation.trial import FINAL, Trial
 
 #: A change with its strength, and free variables where its fit begins.
 Item: TypeAlias = tuple[Candidate, float, FloatArray]
@@ -40,6 +41,8 @@ _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
 _GIVES_WAY = 0.5
+#: Chi-square per degree of freedom that a record of another state leaves at most with values of its own.
+_OF_ITS_OWN = 2.0
 _LEAST_SHARE, _RISK = 0.10, 0.01
 #: Frequency of something that swings of its own over the highest of the data, from which on it is a mass.
 _RIGID = 3.0
@@ -104,7 +107,7 @@ def _paired(found: Explanation, work: Work) -> Explanation:
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    pair = replace(found, further=_once(found.causes[0], work, "second "))
+    pair = replace(found, further=_beside(found.causes[0], work, "second "))
     others, is_from_second = list(found.causes[1:]), True
     for _ in range(_MORE_PAIRS):
         if not _leaves_misfit(pair) or not (is_from_second or others):
@@ -122,7 +125,7 @@ def _from_second(found: Explanation, pair: Explanation, work: Work) -> Explanati
     """A pair with another first cause, where it explains clearly more."""
     assert pair.further is not None
     alone = _alone(found, pair.further.causes[0], work)
-    again = None if alone is None else _once(alone, work, "beside the second, first ")
+    again = None if alone is None else _beside(alone, work, "beside the second, first ")
     if again is None or not _is_better(again, pair.further):
         return None
     both = again.causes[0]
@@ -135,7 +138,7 @@ def _from_second(found: Explanation, pair: Explanation, work: Work) -> Explanati
 
 def _from_next(found: Explanation, pair: Explanation, first: Fitted, work: Work) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _once(first, work, "beside the next, second ")
+    further = _beside(first, work, "beside the next, second ")
     return _led_by(found, first, further) if _is_better(further, pair.further) else None
 
 
@@ -217,6 +220,14 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     return _weighed(base, fits, tried)
 
 
+def _beside(first: Fitted, work: Work, which: str) -> Explanation:
+    """What else a changed study would need; nothing where its records cannot be looked at so: friction under two loads."""
+    try:
+        return _once(first, work, which)
+    except (StructidError, np.linalg.LinAlgError):
+        return Explanation(first, (), (), 0)
+
+
 def _place(candidate: Candidate) -> tuple[str, tuple[str, ...]]:
     return candidate.kind, candidate.where
 
@@ -281,12 +292,30 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
+    fits = [one for one in fits if _fits_alone(base, one)]
     scale = _scale(base, fits)
     priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + _odds(pair[0]))
     causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
     likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
+
+
+def _fits_alone(base: Fitted, one: Fitted) -> bool:
+    """Whether a record that is said to be of another state is one of the model at all, with values of its own.
+
+    Without one of two records little is left to misfit, whatever is wrong with the model.
+    """
+    candidate, _ = one.trial.changes[-1]
+    if candidate.kind != "record" or candidate.record is None:
+        return True
+    own = base.trial.problems[candidate.record]
+    known = [base.trial.target.names.index(name) for name in own.names]
+    try:
+        found = minimize(own, FINAL, base.theta[known])
+    except (StructidError, np.linalg.LinAlgError):
+        return False
+    return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
 
 def _odds(one: Fitted) -> float:
@@ -309,7 +338,8 @@ def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
     more = max(n_parameters(one.trial) - len(base.trial.target.names), 1)
     drop = base.cost - one.cost
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
-    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * base.cost and _stands_out(base, one, tried)
+    beyond = max(base.cost - (base.trial.target.n_data - len(base.trial.target.names)), 0.0)
+    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * beyond and _stands_out(base, one, tried)
 
 
 def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:

@@ -36,7 +36,7 @@ _OF_MODEL = ("structure", "channel_error", "name")
 #: Error of each value of an anchored fit, and of the start of each parameter, as parts of them.
 _MODEL_ERROR, START_ERROR = 0.1, 0.2
 QUICK = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-3)
-_FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
+FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
 
@@ -173,7 +173,7 @@ class Trial:
         last: Exception | None = None
         for theta in starts:
             try:
-                found.append(minimize(self.target, _FINAL, theta))
+                found.append(minimize(self.target, FINAL, theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

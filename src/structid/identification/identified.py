@@ -10,6 +10,7 @@ from structid.dynamics import Modes
 from structid.estimation import Estimate, Problem
 from structid.estimation.intervals.intervals import Intervals
 from structid.identification.before.reduction import Truncation
+from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
@@ -142,6 +143,8 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
         What remains where the data leave a common scale of masses and stiffnesses free.
     truncations : tuple of Truncation
         What reduction of components changes at the answer, as each record sees it.
+    missed : tuple of Missed
+        Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
     """
 
     estimate: Estimate
@@ -154,6 +157,7 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
     ratios: Ratios | None = None
     ran_away: tuple[int, ...] = ()
     truncations: tuple[Truncation, ...] = ()
+    missed: tuple[Missed, ...] = ()
 
     def overview(self) -> Overview:
         """What its estimate shows."""

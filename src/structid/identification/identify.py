@@ -11,6 +11,7 @@ from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import intervals
 from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
@@ -126,6 +127,7 @@ def identify_together(
         for prefix, own in zip(prefixes(setups), told, strict=True)
         for words in own
     ]  # fmt: skip
+    warnings += [fit.outvoted for fit in modal_fits if fit is not None and len(setups) == 1 and fit.outvoted]
     is_scaled = all(problem.measures_force for problem in problems)
     scale_free = None if target is None or is_scaled else ratios(target, found)
     share = shares(target, found)
@@ -154,6 +156,7 @@ def identify_together(
         ratios=scale_free,
         ran_away=away,
         truncations=truncations,
+        missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found),
     )
 
 

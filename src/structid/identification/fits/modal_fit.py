@@ -119,16 +119,17 @@ class ModalFit:
                 f"the identified model has modes at {listed} Hz that no measured mode is paired with: they may have been"
                 " missed in the test, or the model has modes that the structure has not"
             )
-        return (*warnings, *self._outvoted())
+        return tuple(warnings)
 
-    def _outvoted(self) -> tuple[str, ...]:
-        """Whether many shape values carry few frequencies off."""
+    @property
+    def outvoted(self) -> str:
+        """Whether many shape values carry few frequencies off, in words; "" where they do not."""
         data = self.problem.data
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
         shape = self.problem.shape_residual(self.theta)
         if not abs(off[worst]) > FAR_OFF or len(shape) < _OUTVOTED * len(off):
-            return ()
+            return ""
         size, of = float(np.sqrt(np.mean(shape**2))), data.frequency[worst]
         heavy = float(np.sum(shape**2) / (np.sum(shape**2) + np.sum(off**2)))
         change = 100 * (self.fitted.frequency[worst] / of - 1)
@@ -142,7 +143,7 @@ class ModalFit:
         return (
             f"the frequency of the mode measured at {of:.5g} Hz is missed by {change:.2g} %, {abs(off[worst]):.0f} standard"
             f" deviations: {len(shape)} shape values, {size:.2g} standard deviations off on average (rms), outvote"
-            f" {len(off)} frequencies and make {100 * heavy:.0f} % of the misfit; {remedy}",
+            f" {len(off)} frequencies and make {100 * heavy:.0f} % of the misfit; {remedy}"
         )
 
 

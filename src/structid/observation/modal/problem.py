@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import FloatArray, IntArray
 from structid.dynamics.modes import modes
@@ -259,6 +260,11 @@ class ModalProblem(MeasuredProblem):
         of = self if self.form == "output" else replace(self, form="output")
         return of.residual(theta)[: of.n_data][of.series < 2 * len(self.record.channels)]
 
+    @cached_property
+    def row_kinds(self) -> NDArray[np.str_]:
+        """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
+        return np.array([_kind_of(name) for name in self.rows.names])[np.unique(self.series, return_inverse=True)[1]]
+
     def pull(self, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
         """Of each kind of value: how many, how many parameters they determine, and their part of the misfit.
 
@@ -271,7 +277,7 @@ class ModalProblem(MeasuredProblem):
         if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
             return {}
         covariance = np.linalg.inv(information)
-        kinds = np.array([_kind_of(name) for name in self.rows.names])[np.unique(self.series, return_inverse=True)[1]]
+        kinds = self.row_kinds
         whole = float(at.residual[: self.n_data] @ at.residual[: self.n_data])
         found = {}
         filled = (at.residual[: self.n_data] != 0) | (at.jacobian[: self.n_data] != 0).any(axis=1)

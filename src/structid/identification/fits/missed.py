@@ -1,0 +1,94 @@
+"""Records, and kinds of values of modes, that an answer misses while the many values of others hide it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from structid.arrays import FloatArray
+from structid.estimation import Estimate
+from structid.identification.together import places
+from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.shown import counted
+
+#: Probability, of all parts together, below which noise is not why a part is missed.
+_RISK = 1e-3
+#: Chi-square per value, in parts of what is expected, from where on values are missed: of modes, whose errors are less
+#: surely known than those of lines, and of other records.
+_OF_MODES, _OF_LINES = 4.0, 1.25
+#: Chi-square per degree of freedom of all data, below which they hide what one part misses.
+_HIDES = 2.0
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Values of a record that the answer misses.
+
+    Attributes
+    ----------
+    what : str
+        Such as ``the frequencies of "ambient"``.
+    n_values, n_others : int
+        Of them, and of all other data.
+    chi_square_per_value : float
+    """
+
+    what: str
+    n_values: int
+    n_others: int
+    chi_square_per_value: float
+
+    @property
+    def words(self) -> str:
+        """What is missed and by how much, and why the whole misfit does not show it."""
+        size = float(np.sqrt(self.chi_square_per_value))
+        return (
+            f"{self.what} are missed by {size:.2g} times their stated errors (root mean square of"
+            f" {counted(self.n_values, 'value')}), which the fit to {counted(self.n_others, 'other value')} hides"
+        )
+
+
+def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found: Estimate) -> tuple[Missed, ...]:
+    """What of several records, or of the kinds of values of modes, is missed beyond its errors, the worst first.
+
+    Every sum of squares is held against chi-square of as many degrees of freedom as it has values: that a fit takes some of
+    them makes the test say less, never more. Where the whole misfit shows that something is wrong, nothing hides it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of each record; "" of an only one.
+    problems : sequence of RecordProblem
+    found : Estimate
+        Of all parameters.
+    """
+    if not found.chi_square_per_dof < _HIDES:
+        return ()
+    parts = []
+    for name, problem in zip(names, problems, strict=True):
+        residual = problem.residual(found.theta[places(found.names, problem.names)])[: problem.n_data]
+        parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
+    if len(parts) < 2:
+        return ()
+    missed = []
+    for what, rows, least in parts:
+        square, n = float(rows @ rows), len(rows)
+        if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
+            missed.append(Missed(what, n, found.n_data - n, square / n))
+    return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
+
+
+def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
+    """What is tested apart: its name, its rows of the residual, and chi-square per value from where on it is missed."""
+    if isinstance(problem, ModalProblem):
+        kinds = problem.row_kinds
+        for kind in dict.fromkeys(kinds.tolist()):
+            rows = residual[(kinds == kind) & (residual != 0)]
+            yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES
+        return
+    averages = problem.record.averages if isinstance(problem, FrfProblem) else None
+    few = 1.0 if not averages else averages / (averages - 2) if averages > 2 else np.inf
+    yield f"the values of record {name}", residual, _OF_LINES * few
