@@ -15,6 +15,9 @@ from structid.structure.elements import Membrane
 CANTILEVER = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073])
 
 
+TRIANGLE = ((0.0, 0.0), (1.0, 0.0), (0.3, 1.0))
+
+
 def cantilever(n, subdivide=1, loss_factor=0.02):
     """Length 1 m, 1 kg/m, 1 N m^2, so that omega = (beta L)^2."""
     nodes = {i: (i / n, 0.0) for i in range(n + 1)}
@@ -95,25 +98,38 @@ def test_a_mode_that_the_elements_lack_is_named():
     assert "that it lacks with these" in found.words
 
 
-@pytest.mark.parametrize(
-    "element, words",
-    [
-        (
-            lambda: MatrixGroup("shell", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]]),
-            "come from elsewhere",
-        ),
-        (lambda: Bar("brace", [[0, 1], [1, 2], [0, 2]], mass=1.0, axial_stiffness=1e4), "sideways without stiffness"),
-    ],
-)
-def test_what_cannot_be_refined_is_said(element, words):
-    nodes = {0: (0.0, 0.0), 1: (1.0, 0.0), 2: (0.3, 1.0)}
-    structure = Structure(nodes, [element()], ["0X", "0Y", "1Y"])
-    assert words in mesh_errors(structure, structure.values, (0.01, 100.0))
+def test_what_cannot_be_refined_is_said():
+    shell = MatrixGroup("shell", ["1X", "2X"], mass=np.eye(2), stiffness=[[2, -1], [-1, 2]])
+    structure = Structure(dict(enumerate(TRIANGLE)), [shell], ["0X", "0Y", "1Y"])
+    assert "come from elsewhere" in mesh_errors(structure, structure.values, (0.01, 100.0))
 
 
 def test_masses_and_springs_have_no_mesh():
     structure = Structure({1: 0.0}, [PointMass("m", [1], 1.0), Spring("k", "1X", stiffness=9.0)], active=["X"])
     assert mesh_errors(structure, structure.values, (0.1, 10.0)) == ""
+
+
+def test_a_truss_has_no_mesh():
+    """Pieces of its bars would move sideways."""
+    truss = Bar("truss", [[0, 1], [1, 2], [0, 2]], mass=1.0, axial_stiffness=1e4)
+    structure = Structure(dict(enumerate(TRIANGLE)), [truss], ["0X", "0Y", "1Y"])
+    assert mesh_errors(structure, structure.values, (0.01, 100.0)) == ""
+
+
+@pytest.mark.parametrize("subdivide", [1, 2])
+def test_beams_beside_bars_are_judged_and_the_bars_stay_whole(subdivide):
+    """As where the bars are springs along X and the mass that they have at the tip."""
+    nodes = {i: (0.0, i / 2) for i in range(3)} | {8: (1.0, 1.0)}
+    mast = Beam("mast", [[0, 1], [1, 2]], mass=1.0, bending_stiffness=1.0, axial_stiffness=1e6, loss_factor=0.02)
+    fixed = ["0X", "0Y", "0RZ", "8X", "8Y"]
+    strut = [Bar("strut", [[8, 2]], mass=0.3, axial_stiffness=5.0)]
+    alike = [PointMass("tip", [2], 0.1), Spring("spring", "2X", stiffness=5.0)]
+    one, other = (Structure(nodes, [mast, *own], fixed, subdivide=subdivide) for own in (strut, alike))
+    found, made = (mesh_errors(each, each.values, (0.1, 15.0)) for each in (one, other))
+    np.testing.assert_allclose(found.error, made.error, rtol=1e-5, atol=1e-9)
+    assert len(found.error) >= 3
+    assert found.words == made.words
+    assert found.needed > 1
 
 
 def test_a_column_whose_ends_do_not_turn_is_judged():
@@ -234,3 +250,14 @@ def test_a_model_too_large_is_not_solved(monkeypatch):
     monkeypatch.setattr("structid.identification.before.mesh._MOST_DOFS", 10)
     structure = cantilever(3)
     assert "more than 10 degrees of freedom" in mesh_errors(structure, structure.values, (0.1, 15.0))
+
+
+def test_bars_amid_cells_are_split_along_their_edges_only():
+    nodes, quads, rim = grid(2)
+    triangles = [t for q in quads for t in ([q[0], q[1], q[2]], [q[0], q[2], q[3]])]
+    skin = Membrane("skin", triangles, mass=1.0, tension=1.0)
+    sets = [skin, Bar("edge", [[1, 2], [2, 3]], 1.0, 1e3), Bar("brace", [[1, 10]], 1.0, 1e3)]
+    structure = Structure(nodes | {10: (3.0, 4.0)}, sets, [f"{n}Z" for n in rim])
+    finer = refined(structure, structure.values, 4, 10**5).structure
+    assert [len(one.nodes) for one in finer.elements] == [128, 8, 1]
+    assert finer.elements[2].nodes.tolist() == [[1, 10]]

@@ -26,7 +26,7 @@ SPACE = {1: np.array([0.1, 0.0, 0.2]), 2: np.array([1.0, 0.7, -0.3]), 3: np.arra
 PAIRS = [[1, 2], [3, 2]]
 MAKERS = {
     "bar on a line": (1, lambda nodes, twice: Bar("e", nodes, twice([2.0, 3.0]), twice([5.0, 4.0]), 0.1, 0.2, 0.3)),
-    "bar in space": (3, lambda nodes, twice: Bar("e", nodes, twice([2.0, 3.0]), twice([5.0, 4.0]))),
+    "bar that moves along X": (3, lambda nodes, twice: Bar("e", nodes, twice([2.0, 3.0]), twice([5.0, 4.0]))),
     "beam in a plane": (
         2,
         lambda nodes, twice: Beam("e", nodes, twice([2.0, 3.0]), twice([5.0, 4.0]), 90.0, 0.1, 0.2, 0.3),
@@ -43,13 +43,15 @@ MAKERS = {
 def test_pieces_are_those_of_a_finer_mesh(case, pieces):
     dimension, make = MAKERS[case]
     nodes = {label: place[:dimension] for label, place in SPACE.items()}
-    short = Structure(nodes, [make(PAIRS, np.array), PointMass("m", 2, 1.0)], ["1X"], subdivide=pieces)
+    active = ["X"] if "along X" in case else None
+    short = Structure(nodes, [make(PAIRS, np.array), PointMass("m", 2, 1.0)], ["1X"], active=active, subdivide=pieces)
     finer, table = dict(nodes), []
     for first, last in PAIRS:
         chain = [first, *range(len(finer) + 10, len(finer) + 9 + pieces), last]
         finer |= {n: nodes[first] + (nodes[last] - nodes[first]) * k / pieces for k, n in enumerate(chain)} | nodes
         table += [list(pair) for pair in pairwise(chain)]
-    long = Structure(finer, [make(table, lambda values: np.repeat(values, pieces)), PointMass("m", 2, 1.0)], ["1X"])
+    sets = [make(table, lambda values: np.repeat(values, pieces)), PointMass("m", 2, 1.0)]
+    long = Structure(finer, sets, ["1X"], active=active)
     assert short.n_dofs == long.n_dofs
     assert short.mass_of() == pytest.approx(long.mass_of(), rel=1e-12)
     for law in ("inertia", "elastic", "viscous", "structural"):
@@ -100,6 +102,44 @@ def test_elements_stay_those_that_are_written():
     assert structure.n_dofs == 4 + 2 * 6 + 1
     with pytest.raises(InputError, match="which the structure does not have"):
         structure.selection([parse_dof("3Y")])
+
+
+MAST = {0: (0.0, 0.0), 1: (0.0, 1.0), 2: (0.0, 2.0), 8: (0.8, 0.0), 9: (-0.9, 0.0)}
+MAST_FIXED = ["0X", "0Y", "0RZ", "8X", "8Y", "9X", "9Y"]
+
+
+def braced(strut, tube, finer=False):
+    """A mast of two beams, or of four, between a strut and a tube."""
+    nodes = MAST | ({3: (0.0, 0.5), 4: (0.0, 1.5)} if finer else {})
+    rows = [[0, 3], [3, 1], [1, 4], [4, 2]] if finer else [[0, 1], [1, 2]]
+    mast = Beam("mast", rows, 6.5, 4000.0, axial_stiffness=2e8)
+    return Structure(nodes, [mast, strut, tube], MAST_FIXED, subdivide=1 if finer else 2)
+
+
+def test_bars_whose_pieces_nothing_holds_sideways_stay_whole():
+    """As a mast that is written in pieces between whole struts: no mode at 0 Hz."""
+    strut, tube = Bar("strut", [[8, 1]], 0.4, 2.5e5), Beam("tube", [[9, 2]], 0.4, 0.0, axial_stiffness=3e5)
+    cut, hand = braced(strut, tube), braced(strut, tube, finer=True)
+    assert [one.name for one in cut.divisible] == ["mast"]
+    assert cut.n_dofs == hand.n_dofs
+    fixed = (*MAST_FIXED, "9RZ")  # an end that no bending stiffness holds
+    found, made = (
+        modes(one.matrix("inertia"), one.matrix("elastic")).frequency
+        for one in (Structure(s.nodes, s.elements, fixed, subdivide=s.subdivide) for s in (cut, hand))
+    )
+    assert found == pytest.approx(made, rel=1e-8)
+    assert found.min() > 1.0
+
+
+def test_beams_are_cut_whatever_stiffness_they_have_along():
+    flat = Beam("flat", [[0, 1]], 2.0, 5.0)
+    assert Structure({0: (0.0, 0.0), 1: (1.0, 0.0)}, [flat], subdivide=3).n_dofs == 12
+
+
+def test_bars_of_which_none_can_be_cut_are_refused():
+    strut = Bar("strut", [[8, 1], [8, 2]], 0.4, 2.5e5)
+    with pytest.raises(InputError, match="would cut bars only, whose pieces nothing holds sideways; take 1, or make"):
+        Structure(MAST, [strut], ["8X", "8Y"], subdivide=2)
 
 
 @pytest.mark.parametrize("pieces", [0, -1, 2.0, 101])

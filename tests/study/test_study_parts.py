@@ -206,6 +206,14 @@ def test_a_structure_without_lines_cannot_be_cut(tmp_path):
         written(tmp_path, text)
 
 
+@pytest.mark.parametrize(("kind", "given"), [("bar", "axial_stiffness = 9e3"), ("beam", "bending_stiffness = 9.0")])
+def test_pieces_of_one_set_are_refused_with_what_cuts_it(tmp_path, kind, given):
+    strut = f'[[structure.{kind}]]\nname = "strut"\nnodes = [[1, 2]]\nmass = 1.0\n{given}\nsubdivide = 2\n[record]'
+    words = r'line \d+: \[\[structure\..*"strut" subdivide: is no key of one set; write it in \[structure\].* bars .* stay whole'
+    with pytest.raises(sid.InputError, match=words):
+        written(tmp_path, replaced(GIRDER, ("[record]", strut)))
+
+
 def test_shear_and_bending_stiffness_are_found_together(tmp_path):
     shears = replaced(
         GIRDER,

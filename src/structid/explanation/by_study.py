@@ -43,7 +43,7 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     setup = trial.setups[0]
     structure, unknown = setup.structure, setup.parameters
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
-    if any(element.nodes.ndim == 2 and element.nodes.shape[1] == 2 for element in structure.elements):
+    if structure.divisible:
         yield _candidate("mesh", ("all lines",), _PIECES)
     yield from _shearing(structure)
     laws = [one for element in structure.elements for one in _damping(element, middle)]

@@ -13,7 +13,15 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import InputError
-from structid.structure.elements.element import ElementSet, Layer, Positions, Term, dof_code
+from structid.structure.elements.element import (
+    TRANSLATIONS,
+    ElementSet,
+    Layer,
+    Positions,
+    Term,
+    dof_code,
+    element_vectors,
+)
 from structid.structure.sliding import stretched
 
 _ELEMENT = re.compile(r"^(?P<name>.+):(?P<number>\d+)$")
@@ -49,7 +57,7 @@ def numbered_terms(
     pieces: int = 1,
     sliding: Sequence[int] = (),
 ) -> NumberedTerms:
-    """The terms of `elements` with lines cut into equal `pieces` and joints made; see `ElementSet.terms`.
+    """The terms of `elements` with divisible lines cut into equal `pieces` and joints made; see `ElementSet.terms`.
 
     An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
     lets go has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the
@@ -65,8 +73,8 @@ def numbered_terms(
     free: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     first = max(positions) + 1
     for element in elements:
-        terms_of = partial(_terms, element, present, pieces, first + len(owners))
-        is_cut = element.is_line and pieces > 1
+        is_cut = pieces > 1 and is_divisible(element, positions, active)
+        terms_of = partial(_terms, element, present, pieces if is_cut else 1, first + len(owners))
         if element.is_line and np.isin(element.nodes, sliding).any():
             terms[element.name] = stretched(element.name, terms_of, positions)
         else:
@@ -92,9 +100,33 @@ def numbered_terms(
     return NumberedTerms(terms, owners, np.concatenate(free))
 
 
+def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str]) -> bool:
+    """Whether the elements of a set are lines whose pieces are held sideways, so that they can be cut.
+
+    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion, and
+    beams have bending stiffness against it.
+    """
+    if not element.is_line:
+        return False
+    _, along = element_vectors(element.name, element.nodes, positions)
+    size = along.shape[1]
+    held: FloatArray = np.zeros((len(along), 3, 3))
+    held[:, :size, :size] = along[:, :, None] * along[:, None, :]
+    axes: set[int] = set()
+    for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
+        for layer in term.layers if term.kind == "stiffness" else ():
+            own = np.flatnonzero(layer.codes[0, : layer.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
+            at = layer.codes[0, own] % 6
+            axes |= set(at.tolist())
+            held[:, at[:, None], at] += (term.values > 0)[:, None, None] * layer.local[:, own[:, None], own]
+    moving = [axis for axis in sorted(axes) if DIRECTIONS[axis] in active]
+    stiff = np.linalg.eigvalsh(held[:, moving][:, :, moving])
+    return bool((stiff > _ROUNDING * stiff.max(initial=0.0)).all())
+
+
 def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
     """Terms of a set, its lines cut into equal pieces."""
-    if element.is_line and pieces > 1:
+    if pieces > 1:
         return _cut(element, positions, present, pieces, first)
     return element.terms(positions, present)
 

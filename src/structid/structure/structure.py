@@ -20,7 +20,7 @@ from structid.structure.component import Component, Reduction, reductions
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
-from structid.structure.inside import NumberedTerms, numbered_terms
+from structid.structure.inside import NumberedTerms, is_divisible, numbered_terms
 from structid.structure.measured import MeasuredComponent
 from structid.structure.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.structure.numbering import Numbering, free_blocks, numbering, selection
@@ -51,7 +51,7 @@ class Structure(Shown, StructurePlots):
         for nodes with one or two coordinates, and what its elements move in besides, such as Z of a `Membrane`.
     subdivide : int
         Equal pieces of which each bar, beam and space beam is made. They are still one element: its number, its
-        properties and its parameters are those of all pieces.
+        properties and its parameters are those of all pieces. Bars whose pieces nothing would hold sideways stay whole.
     bases : sequence of Base
         Supports that drive the structure where a record's inputs are there; held at zero otherwise.
     sliding : sequence of int
@@ -215,6 +215,11 @@ class Structure(Shown, StructurePlots):
         used = [element.codes(self.nodes) for element in self.elements if not element.follows]
         present = joined_codes([*used, tied_codes(self._equations)])
         return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide, self.sliding)
+
+    @cached_property
+    def divisible(self) -> tuple[ElementSet, ...]:
+        """What `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
+        return tuple(one for one in self.elements if is_divisible(one, self.nodes, self.active or ()))
 
     @cached_property
     def values(self) -> FloatArray:
@@ -449,6 +454,10 @@ def _require_pieces(structure: Structure) -> None:
         raise InputError(
             "`subdivide` cuts bars, beams and space beams only, and the structure has none; take 1, and refine the mesh or"
             " the matrices in the program that made them"
+        )
+    if pieces > 1 and not structure.divisible:
+        raise InputError(
+            "`subdivide` would cut bars only, whose pieces nothing holds sideways; take 1, or make beams of them"
         )
 
 

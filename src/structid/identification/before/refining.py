@@ -93,8 +93,7 @@ def split_power(structure: Structure) -> int:
 def n_split(structure: Structure) -> int:
     """Elements that are made smaller: cells, or pieces of lines where there are no cells."""
     cells = [made for made in structure.elements if made.cells]
-    lines = [made for made in structure.elements if made.is_line]
-    return sum(len(made.nodes) for made in cells or lines) * structure.subdivide
+    return sum(len(made.nodes) for made in cells or structure.divisible) * structure.subdivide
 
 
 def obstacle(structure: Structure) -> str | None:
@@ -107,7 +106,7 @@ def obstacle(structure: Structure) -> str | None:
     if whole:
         return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere, or are reduced"
     cells = [made for made in structure.elements if made.cells]
-    if not cells and not any(made.is_line for made in structure.elements):
+    if not cells and not structure.divisible:
         return ""
     if not cells:
         return None
@@ -152,7 +151,7 @@ def refined(structure: Structure, values: FloatArray, times: int, most: int) -> 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
     """Labels of the nodes between pieces, and of ends let go, once each piece is cut into `times`."""
     first = max(structure.nodes) + 1
-    pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.elements if made.is_line)
+    pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
     found = {
         first + line * (pieces - 1) + piece - 1: first + line * (pieces * times - 1) + piece * times - 1
         for line in range(n_lines)
@@ -195,9 +194,10 @@ class _Middles:
 
 
 def _split(given: Refined) -> Refined:
-    """Every cell and line in two along each edge."""
+    """Every cell in two along each edge, and lines, but for those amid cells whose halves nothing would hold sideways."""
     structure = given.structure
-    middles = _Middles(structure)
+    middles, edges = _Middles(structure), _edges(structure)
+    divisible = {made.name for made in structure.divisible}
     elements: list[ElementSet] = []
     parents: dict[str, IntArray] = {}
     for made in structure.elements:
@@ -206,7 +206,8 @@ def _split(given: Refined) -> Refined:
             continue
         rows, parent = [], []
         for e, row in enumerate(made.nodes):
-            for child in _CHILDREN[_kind_of(made, row)]:
+            is_whole = made.is_line and made.name not in divisible and frozenset(row.tolist()) not in edges
+            for child in [((0,), (1,))] if is_whole else _CHILDREN[_kind_of(made, row)]:
                 nodes = [middles.label(frozenset(int(row[i]) for i in corners)) for corners in child]
                 rows.append(nodes + [-1] * (made.nodes.shape[1] - len(nodes)))
                 parent.append(e)
@@ -226,6 +227,19 @@ def _split(given: Refined) -> Refined:
         own_values = old[p.element, p.term.property]
         parts.append(own_values[parents[p.element]] if p.element in parents else own_values)
     return Refined(finer, np.concatenate(parts), {})
+
+
+def _edges(structure: Structure) -> set[frozenset[int]]:
+    """Pairs of nodes with a node of cells amid them once these are split."""
+    return {
+        frozenset(int(row[i]) for i in corners)
+        for made in structure.elements
+        if made.cells
+        for row in made.nodes
+        for child in _CHILDREN[_kind_of(made, row)]
+        for corners in child
+        if len(corners) == 2
+    }
 
 
 def _held(structure: Structure, middles: _Middles) -> list[Dof]:

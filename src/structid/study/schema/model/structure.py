@@ -86,7 +86,9 @@ def structure_table() -> Table:
         "fixed": _FIXED,
         "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
         "subdivide": Key(
-            _PIECES, "Equal pieces of which each bar, beam and space beam is made, one element still", default=1
+            _PIECES,
+            "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways",
+            default=1,
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
         "damping_ratio": Key(
@@ -310,6 +312,12 @@ def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements
 
 def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
     table = element_table(kind, mesh is not None)
+    if "subdivide" in entry.table and kind.is_line:
+        raise entry.error(
+            "is no key of one set; write it in [structure], where it cuts every beam into as many pieces; bars whose pieces"
+            " nothing would hold sideways stay whole (make a beam of a bar that is to be cut)",
+            "subdivide",
+        )
     given = entry.values(table)
     on_mesh = mesh is not None and "nodes" in table.keys and "nodes" not in given
     group = given.pop("group", None)
