@@ -25,6 +25,7 @@ from structid.estimation import BaseProblem, Linearization
 from structid.estimation.intervals.bootstrap import bootstrap, bootstrap_repeats
 from structid.estimation.intervals.profile import profile
 from structid.estimation.intervals.sampling import sample
+from structid.records import with_coherence_noise
 from structid.unknowns.transforms import Transforms
 
 MASS, STIFFNESS = (1.2, 1.4, 1.6, 1.8), (1000.0, 1100.0, 1200.0, 1300.0)
@@ -84,6 +85,25 @@ def frf(name, form="output", noise=0.02, prior=0.0):
         record = twin(structure, truth, noise, rng)
         begun = believed.start * np.exp(0.02 * rng.standard_normal(truth.n_params))
         found = sid.estimate(sid.FrfProblem(structure, believed.started_at(begun), record, form))
+        return {name: inside(found.interval(), truth.start, found)}
+
+    return repeat
+
+
+def averaged(name, n):
+    """Noise from the coherence of n averages of random loads, as a laboratory has it."""
+
+    def repeat(seed):
+        rng = np.random.default_rng(seed)
+        structure, truth = chain()
+        like = twin(structure, truth, 0.0, rng)
+        load, noise = ((rng.standard_normal((2, n, *like.values.shape))) for _ in range(2))
+        load, noise = (load[0] + 1j * load[1])[..., :1, :], noise[0] + 1j * noise[1]
+        motion = like.values * load + 0.02 * np.sqrt(n) * np.abs(like.values) * noise
+        xx, yy = (np.abs(load) ** 2).sum(axis=0), (np.abs(motion) ** 2).sum(axis=0)
+        xy = (motion * load.conj()).sum(axis=0)
+        record = replace(like, values=xy / xx, coherence=np.abs(xy) ** 2 / (xx * yy), averages=n)
+        found = sid.estimate(sid.FrfProblem(structure, truth, with_coherence_noise(record)))
         return {name: inside(found.interval(), truth.start, found)}
 
     return repeat
@@ -261,6 +281,11 @@ def ranks(seed):
 CASES = {
     "frf": Case(frf("frf"), {"frf": ("FRF of a chain, maximum likelihood (output form), Laplace", AIM)}),
     "frf-log": Case(frf("frf-log", "log"), {"frf-log": ("the same, log form", AIM)}),
+    "averages-5": Case(
+        averaged("averages-5", 5),
+        {"averages-5": ("the same chain, noise from the coherence of 5 averages", "93 or more")},
+    ),
+    "averages-15": Case(averaged("averages-15", 15), {"averages-15": ("the same of 15 averages", AIM)}),
     "prior": Case(
         frf("prior", noise=0.2, prior=0.02), {"prior": ("the same, priors of 2 %, the truth drawn from them", AIM)}
     ),

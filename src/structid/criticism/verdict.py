@@ -11,6 +11,7 @@ import numpy as np
 from structid.criticism.data import misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
+from structid.estimation.averaging import expected_square
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -180,12 +181,10 @@ def noise_ratio(found: Identification) -> float | None:
 
 
 def expected_misfit(found: Identification) -> float:
-    """Chi-square per degree of freedom where all is right: 1, and n / (n - 2) where coherence of few averages n is all noise."""
-    averages = [fit.measured.averages for fit in found.fits if fit.measured.noise_source == "coherence"]
-    if averages and len(averages) == len(found.problems) and all(averages):
-        n = float(min(one for one in averages if one))
-        return n / (n - 2) if n > 2 else np.inf
-    return 1.0
+    """Chi-square per degree of freedom where all is right: 1, and n / (n - 2) where coherence of few averages n is the noise."""
+    own = [(problem.averages, problem.n_data) for problem in found.problems]
+    total = sum(n if averages is None else float(expected_square(averages).sum()) for averages, n in own)
+    return total / sum(n for _, n in own) if own else 1.0
 
 
 def fits_noise(found: Identification) -> bool:

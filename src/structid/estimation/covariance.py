@@ -6,6 +6,7 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray, IntArray
+from structid.estimation.averaging import expected_square, few_averages, square_variance
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem
 
@@ -38,7 +39,8 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
 def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
     """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
 
-    With rows of independent unit errors it is A^-1. NaN where the data do not tell.
+    With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
+    data do not tell.
     """
     bread, rows = inverse_information(at.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
@@ -55,19 +57,42 @@ def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> 
 def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
     """Scale and degrees of freedom of the chi-square that noise alone would leave.
 
-    For rows with errors that vary together, the residual's covariance is P Sigma P with P the projection past the
-    Jacobian: sums of squares have the mean and variance of scale times chi-square (Satterthwaite 1946, Biometrics
-    Bull. 2, 110-114).
+    Where few averages tell the variances of rows, see `row_law`. For rows with errors that vary together, the residual's
+    covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
+    times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """
     freedom = float(max(len(at.residual) - at.n_params - at.n_eliminated, 0))
     changes = problem.data_changes(theta)
     if changes is None or freedom == 0:
-        return 1.0, freedom
+        scale, share = row_law(problem.averages)
+        return scale, share * freedom
     basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]
     left = changes - (changes @ basis) @ basis.T
     gram = left @ left.T if len(left) <= left.shape[1] else left.T @ left
     mean, square = float(np.trace(gram)), float(np.sum(gram**2))
     return square / mean, mean**2 / square
+
+
+def row_law(averages: FloatArray | None) -> tuple[float, float]:
+    """Scale of the chi-square that the squares of data rows have by mean and variance, and its degrees of freedom a row.
+
+    Their product is the chi-square per degree of freedom that is expected where all is right.
+
+    Parameters
+    ----------
+    averages : (n_data,) float array or None
+        See `Problem.averages`.
+    """
+    few = few_averages(averages)
+    if few is None:
+        return 1.0, 1.0
+    mean, variance = float(expected_square(few).mean()), float(square_variance(few).mean())
+    return variance / (2 * mean), 2 * mean**2 / variance
+
+
+def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
+    """(J'J)^-1 of the free variables: what the sum of squares itself says, whatever the law of the errors."""
+    return inverse_information(problem.linearize(theta).jacobian)
 
 
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:

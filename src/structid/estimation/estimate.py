@@ -200,6 +200,8 @@ class Goodness:
         """Probability of a larger chi-square if model and noise level were right."""
         if not self.degrees_of_freedom > 0:
             return float("nan")
+        if self.residual_tests is not None:
+            return self.residual_tests.chi_square_probability
         return float(special.gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
 
 

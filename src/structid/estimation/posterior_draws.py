@@ -9,12 +9,13 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation.covariance import LEAST_FREEDOM, error_blocks
+from structid.estimation.averaging import few_averages, score_factor
+from structid.estimation.covariance import LEAST_FREEDOM, error_blocks, row_law
 from structid.estimation.diagnostics.identifiability import Identifiability
 from structid.estimation.linearization import OperatorLinearization
 from structid.estimation.problem import Problem
 from structid.estimation.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
-from structid.estimation.uncertainty import DrawnCovariance, Uncertainty, is_misfit
+from structid.estimation.uncertainty import DrawnCovariance, Uncertainty, misses_noise
 
 _SOLVED, _MOST_INNER = 1e-5, 2000
 _MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"
@@ -53,12 +54,14 @@ def drawn_uncertainty(
     generator = np.random.default_rng(seed)
     precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
     sampled, determined, missed = counted_draws(at, draws, generator, precondition)
-    data = at.residual[: at.n_data]
-    misfit = is_misfit(float(data @ data), max(at.n_data - np.nan_to_num(determined), 1.0), misfit_probability)
-    noise = drawn_covariance(problem, theta, at, sampled)
+    (scale, share), few = row_law(problem.averages), few_averages(problem.averages)
+    freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
+    misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
+    wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
+    noise = drawn_covariance(problem, theta, at, wider * sampled)
     std, error = np.array(noise.std), np.array(noise.std_error)
     for place in () if misfit else places:
-        std[place] = solved_std(at, place, precondition) * abs(problem.slope(theta)[place])
+        std[place] = wider * solved_std(at, place, precondition) * abs(problem.slope(theta)[place])
         error[place] = 0.0
     noise = DrawnCovariance(noise.draws, locked(std), locked(error))
     model, used = drawn_covariance(problem, theta, at, sampled[:0]), len(sampled)

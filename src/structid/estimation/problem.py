@@ -11,6 +11,7 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
+from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.linearization import Linearization, OperatorLinearization
 
 
@@ -76,6 +77,11 @@ class Problem(Protocol):
         """Lowest and highest of each free variable that a search may come to, (n_params, 2); infinite where all may be."""
         ...
 
+    @property
+    def averages(self) -> FloatArray | None:
+        """How many averages tell the variance of each data row, (n_data,), infinite where it is known; None for all rows."""
+        ...
+
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         """Changes of the data rows whose products sum to their covariance, (n_changes, n_data); None for the unit matrix."""
         ...
@@ -83,7 +89,7 @@ class Problem(Protocol):
     def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         """Covariance of J'r over repeats of the data, (n_params, n_params), with the data rows J of the Jacobian.
 
-        None for J'J, as rows of independent errors have.
+        None for J'J, as rows of independent errors of known variance have.
         """
         ...
 
@@ -138,13 +144,18 @@ class BaseProblem:
     def reach(self: Problem) -> FloatArray:
         return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
 
+    @property
+    def averages(self) -> FloatArray | None:
+        return None
+
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         return None
 
     def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
         changes = self.data_changes(theta)
         if changes is None:
-            return None
+            few = few_averages(self.averages)
+            return None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
         scores = changes @ jacobian
         return scores.T @ scores
 

@@ -10,10 +10,11 @@ from scipy import sparse, special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
-from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance
+from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance, row_law
 from structid.estimation.diagnostics.bounds import AtBound, at_bounds, is_free
 from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation.diagnostics.residual_tests import has_order
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem
 
@@ -231,9 +232,19 @@ def dense_uncertainty(
 
 def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
     """Whether chi-square is larger than noise alone would make it with this probability."""
-    data = at.residual[: problem.n_data]
-    scale, freedom = chi_square_law(problem, theta, at)
-    return freedom > 0 and is_misfit(float(data @ data) / scale, freedom, probability)
+    return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
+
+
+def misses_noise(problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float) -> bool:
+    """Whether a larger chi-square than that of `residual` has less than this probability by its law.
+
+    What few averages leave more than known noise would is no misfit, but where it has an order that noise has not.
+    """
+    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
+    chi_square, of_known = float(data @ data), freedom / share
+    if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
+        return freedom > 0
+    return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
 
 
 def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:

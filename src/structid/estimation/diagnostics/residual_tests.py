@@ -9,7 +9,9 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
+from structid.estimation.averaging import few_averages, normal_values
 from structid.estimation.comparison.multiple_tests import adjusted_p_values
+from structid.estimation.covariance import row_law
 from structid.estimation.problem import Problem
 from structid.shown import listed
 
@@ -60,13 +62,15 @@ class ResidualTests:
         One a channel (real and imaginary parts apart), in the order of `Problem.series`.
     chi_square_per_dof : float
     chi_square_probability : float
-        Of a larger chi-square, if model and noise level were right.
+        Of a larger chi-square, if model and noise level were right. Where few averages tell the noise, by the law of
+        these or of a noise that is known, whichever doubts it less.
     whiteness_probability : float
         The smallest of the channels', Holm-adjusted for their number.
     runs_probability : float
         Likewise for the runs.
     normality_probability : float
-        Jarque-Bera, all channels together; NaN below 50 rows.
+        Jarque-Bera, all channels together; NaN below 50 rows. Where few averages tell the noise, of the values or of the
+        normal ones that their law makes of them, whichever doubts it less.
     """
 
     series: tuple[SeriesTest, ...]
@@ -165,11 +169,24 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     return ResidualTests(
         series=tuple(tests),
         chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
-        chi_square_probability=float(special.gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else float("nan"),
+        chi_square_probability=_chi_square_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
         whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
         runs_probability=_smallest(tests, lambda test: test.runs_probability),
-        normality_probability=_jarque_bera(data) if freedom > 0 else float("nan"),
+        normality_probability=_normality(data, few_averages(problem.averages)) if freedom > 0 else float("nan"),
     )
+
+
+def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> bool:
+    """Whether a channel's residual is correlated along its axis, or its signs are."""
+    tests = residual_tests(problem, residual, degrees_of_freedom)
+    return bool(tests.not_white or tests.one_sided)
+
+
+def _chi_square_probability(problem: Problem, chi_square: float, freedom: float) -> float:
+    """Of a larger one: of the two laws that it may have, the one that doubts it less."""
+    scale, share = row_law(problem.averages)
+    known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
+    return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
 
 
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
@@ -221,6 +238,12 @@ def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], f
     adjusted = adjusted_p_values(np.array([probability(test) for test in tests]))
     known = adjusted[np.isfinite(adjusted)]
     return float(known.min()) if known.size else float("nan")
+
+
+def _normality(values: FloatArray, averages: FloatArray | None) -> float:
+    """Of normal values, or of those that `normal_values` makes of them."""
+    own = _jarque_bera(values)
+    return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
 
 
 def _jarque_bera(values: FloatArray) -> float:

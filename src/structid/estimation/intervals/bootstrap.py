@@ -11,6 +11,7 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError, StructidError
+from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
 from structid.estimation.estimate import Estimate, Status
 from structid.estimation.problem import Problem
@@ -139,7 +140,8 @@ def bootstrap(
     estimate : Estimate
         At its minimum.
     kind : {"noise", "blocks"}, optional
-        ``noise``: e is standard normal, right where model and noise level are. ``blocks``: e is the residual itself,
+        ``noise``: e is standard normal, right where model and noise level are, and larger where few averages tell the
+        noise. ``blocks``: e is the residual itself,
         each stretch of lines and each channel with a random sign, which keeps its correlation and its size at every
         line; for model error. By default the one that matches ``estimate.covariance_basis``.
     n_replicates : int
@@ -183,6 +185,9 @@ def _refitted(
     """Physical values of one replicate, or why there are none."""
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
+    few = few_averages(problem.averages)
+    if few is not None:
+        errors[: problem.n_data] *= np.sqrt(score_factor(few))
     if kind == "blocks":
         data = at_minimum[: problem.n_data]
         signs = np.zeros(len(data))

@@ -11,6 +11,8 @@ from scipy import special
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError
+from structid.estimation.averaging import few_averages
+from structid.estimation.covariance import fit_covariance
 from structid.estimation.estimate import Estimate
 from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Held
@@ -148,8 +150,8 @@ def profile(
     Notes
     -----
     Where the estimate carries model error, the deviance of a parameter is the chi-square times the ratio of its
-    variances with and without model error (Kent 1982), which `scale` takes out. Valid to second order where Laplace
-    is to first, and unchanged by any transformation of the parameter.
+    variances with and without model error (Kent 1982), which `scale` takes out; so it does with what few averages add.
+    Valid to second order where Laplace is to first, and unchanged by any transformation of the parameter.
 
     References
     ----------
@@ -158,7 +160,8 @@ def profile(
     index = _position(estimate, parameter)
     laplace = estimate.interval(level)[index]
     quantile = float(special.ndtri(0.5 + level / 2))
-    sides = [_Side(problem, estimate, index, sign, quantile, max_points) for sign in (-1, 1)]
+    scale = _scale(problem, estimate, index)
+    sides = [_Side(problem, estimate, index, scale, sign, quantile, max_points) for sign in (-1, 1)]
     (below, low), (above, high) = (side.walked() for side in sides)
     points = [*below[::-1], (float(estimate.theta[index]), 0.0, np.array(estimate.theta)), *above]
     ends = np.array([low, high])
@@ -174,7 +177,7 @@ def profile(
         values=locked(path[:, index]),
         deviance=locked([deviance for _, deviance, _ in points]),
         path=locked(path),
-        scale=_scale(estimate, index),
+        scale=scale,
         lower=lower,
         upper=upper,
         open_below=not np.isfinite(low),
@@ -220,16 +223,19 @@ def _position(estimate: Estimate, parameter: str | int) -> int:
     return parameter
 
 
-def _scale(estimate: Estimate, index: int) -> float:
-    """Ratio of the parameter's variances with and without model error, where the estimate carries it.
+def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
+    """Ratio of the parameter's variance to that of the fit alone, where model error or few averages make it larger.
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
     """
-    if estimate.covariance_basis == "noise":
+    few = few_averages(problem.averages)
+    if estimate.covariance_basis == "noise" and few is None:
         return 1.0
     if not estimate.identified[index]:
         return max(estimate.chi_square_per_dof, 1.0)
-    return float(estimate.covariance_model_error[index, index] / estimate.covariance_noise[index, index])
+    if few is None:
+        return float(estimate.covariance_model_error[index, index] / estimate.covariance_noise[index, index])
+    return float(estimate.std_free[index] ** 2 / fit_covariance(problem, estimate.theta)[index, index])
 
 
 def _with(theta: FloatArray, index: int, value: float) -> FloatArray:
@@ -248,6 +254,7 @@ class _Side:
     problem: Problem
     estimate: Estimate
     index: int
+    scale: float
     sign: int
     quantile: float
     max_points: int
@@ -331,9 +338,8 @@ class _Side:
         if not np.isfinite(cost):
             return None
         least = self._least()
-        scale = _scale(self.estimate, self.index)
-        slope = 2 * float(reached.residual @ reached.jacobian[:, self.index]) / scale
-        return whole, (cost - least) / scale, slope
+        slope = 2 * float(reached.residual @ reached.jacobian[:, self.index]) / self.scale
+        return whole, (cost - least) / self.scale, slope
 
     def _least(self) -> float:
         residual = self.problem.residual(self.estimate.theta)

@@ -10,6 +10,8 @@ import numpy as np
 
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError
+from structid.estimation.averaging import few_averages
+from structid.estimation.covariance import fit_covariance
 from structid.estimation.estimate import Estimate
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.estimation.intervals.nuts import ChainState, begun, continued
@@ -40,7 +42,7 @@ class Samples:
     flat_in : str
         Where the prior of parameters without a declared one is flat; see `sample`.
     stretched : bool
-        Whether the draws were stretched about the estimate to the covariance that carries model error.
+        Whether the draws were stretched about the estimate to its covariance, which carries model error or few averages.
     r_hat, bulk_size, tail_size : (n_params,) float arrays
         Rank-normalized split R-hat, and effective sample sizes for the centre and for the tails.
     n_divergent : int
@@ -172,12 +174,13 @@ def sample(
     """
     if sampler not in ("nuts", "emcee"):
         raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
-    factor = _whitening(estimate)
+    few = few_averages(problem.averages)
+    factor = _whitening(estimate, None if few is None else fit_covariance(problem, estimate.theta))
     target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
     target.density()
     rng = rng or np.random.default_rng(0)
     drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
-    stretched = estimate.covariance_basis == "model_error"
+    stretched = estimate.covariance_basis == "model_error" or few is not None
     white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
     theta = estimate.theta + white @ factor.T
     with np.errstate(over="ignore"):
@@ -202,10 +205,10 @@ class _Drawn:
     n_evaluations: int
 
 
-def _whitening(estimate: Estimate) -> FloatArray:
-    """Lower factor of the noise covariance of the free variables."""
+def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
+    """Lower factor of the noise covariance of the free variables, or of that of the fit alone where it differs."""
     slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
-    covariance = estimate.covariance_noise / np.outer(slope, slope)
+    covariance = estimate.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
     if not np.isfinite(covariance).all():
         lost = [n for n, v in zip(estimate.names, np.diag(covariance), strict=True) if not np.isfinite(v)]
         raise InputError(
@@ -248,9 +251,9 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray, step: float = 1e-
 
 
 def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
-    """Symmetric root of the covariance that carries model error, in coordinates in which that of the noise is one."""
+    """Symmetric root of the covariance that the estimate has, in coordinates in which that of `_whitening` is one."""
     slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
-    half = np.linalg.solve(factor, estimate.covariance_model_error / np.outer(slope, slope))
+    half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 

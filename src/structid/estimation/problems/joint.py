@@ -104,6 +104,15 @@ class JointProblem(BaseProblem):
         """Channel of each data row; those of another problem are other channels."""
         return _laid_out([np.asarray(problem.series) for problem in self.problems], 2)
 
+    @property
+    def averages(self) -> FloatArray | None:
+        """Of each data row; infinite in problems with known variances."""
+        own = [problem.averages for problem in self.problems]
+        if all(one is None for one in own):
+            return None
+        known = (np.full(problem.n_data, np.inf) for problem in self.problems)
+        return np.concatenate([all_known if one is None else one for one, all_known in zip(own, known, strict=True)])
+
     def physical(self, theta: FloatArray) -> FloatArray:
         return self._first([problem.physical(theta[index]) for problem, index in self._members()])
 

@@ -80,6 +80,10 @@ class Wrapped:
     def reach(self) -> FloatArray:
         return self.problem.reach
 
+    @property
+    def averages(self) -> FloatArray | None:
+        return self.problem.averages
+
     def data_changes(self, theta: FloatArray) -> FloatArray | None:
         return self.problem.data_changes(theta)
 

@@ -9,13 +9,14 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
+from structid.estimation.covariance import row_law
 from structid.estimation.linearization import OperatorLinearization
 from structid.estimation.posterior_draws import drawn_uncertainty
 from structid.estimation.problem import Problem
 from structid.estimation.search.conjugate_gradients import conjugate_gradients, preconditioner
 from structid.estimation.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
 from structid.estimation.search.minimum import Minimum, residual_at, squared
-from structid.estimation.uncertainty import Uncertainty, is_misfit
+from structid.estimation.uncertainty import Uncertainty, misses_noise
 
 #: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
 DENSE_BYTES = 2_000_000_000
@@ -108,9 +109,9 @@ class MatrixFree:
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
         """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
-        at, data = minimum.linearization, minimum.linearization.residual[: problem.n_data]
-        freedom = len(at.residual) - at.n_params
-        return freedom > 0 and is_misfit(float(data @ data), freedom, probability)
+        at = minimum.linearization
+        freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.averages)
+        return misses_noise(problem, at.residual, scale, share * freedom, probability)
 
     def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
         """By draws from the posterior; see `drawn_uncertainty`."""

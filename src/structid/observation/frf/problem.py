@@ -197,6 +197,23 @@ class FrfProblem(ResponseProblem):
         return not self.record.is_per_motion
 
     @cached_property
+    def averages(self) -> FloatArray | None:
+        """Those that coherence tells the noise by; as if there were more where `model_error` is part of a value's variance."""
+        record = self.record
+        if (
+            record.noise_source != "coherence"
+            or not record.averages
+            or record.variance is None
+            or self.form == "equation"
+        ):
+            return None
+        if self.model_error == 0:
+            return np.full(self.n_data, float(record.averages))
+        share = 0.5 * record.variance / self._whitened.deviation**2
+        more = np.divide(record.averages - 1, share**2, out=np.full(share.shape, np.inf), where=share > 0)
+        return np.tile(1 + more.ravel(), 2)
+
+    @cached_property
     def rows(self) -> DataRows:
         """Of each sensor, with its load where there are several."""
         loads = [f"/{load}" if len(self.record.inputs) > 1 else "" for load in self.record.inputs]

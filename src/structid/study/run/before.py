@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.dynamics import Modes
+from structid.estimation.averaging import expected_square
 from structid.identification.before.aligned import ResonancePair
 from structid.identification.before.mesh import MeshErrors, mesh_errors
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -126,8 +127,9 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
         return ()
     if n <= 2:
         return (f"coherence from {n} averages does not tell the noise; state it in [record.noise]",)
+    expected = float(expected_square(n))
     return (
-        f"coherence from {n} averages: a chi-square of {n / (n - 2):.3g} per degree of freedom is expected where all is right",
+        f"coherence from {n} averages: a chi-square of {expected:.3g} per degree of freedom is expected where all is right",
     )
 
 
