@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from frame_cases import FREQUENCY, STUDY, shaken, written, written_histories, written_shaken, written_with_machine
 
-from structid import Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
+from structid import Beam, FrfRecord, PointMass, RigidLink, RotaryInertia, Spring, Structure, Unknown, parameters
 from structid.criticism.candidate import Candidate
 from structid.criticism.fields import fields_at
 from structid.criticism.pool import pool
@@ -98,7 +98,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 spectra = changed.problems[0].predicted(changed.problems[0].theta_start)
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
-    every = {"support", "spring", "dashpot", "mass", "appendage", "joint", "untied stiffness", "untied mass",
+    every = {"support", "spring", "dashpot", "mass", "inertia", "appendage", "joint", "untied stiffness", "untied mass",
                         "friction"} | OF_CHANNELS  # fmt: skip
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
@@ -141,7 +141,7 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
     fields = [fields_at(view, view.theta_start) for view in trial.views]
     structural = [one for one in pool(fields) if one.record is None and one.kind != "friction"]
     chosen = {(one.kind, one.where): one for one in structural[::7]}
-    chosen |= {(one.kind, one.where): one for one in structural if one.kind == "support"}
+    chosen |= {(one.kind, one.where): one for one in structural if one.kind in ("support", "mass", "inertia")}
     seen = set()
     for one in chosen.values():
         q = float(one.strengths[len(one.strengths) // 2])
@@ -158,7 +158,7 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
             assert np.abs(found - change).max() < 1e-3 * np.abs(change).max() + 1e-9 * np.abs(own.frf).max(), one.where
         seen.add((one.kind, one.where))
     assert {("support", ("1X",)), ("support", ("6X",)), ("support", ("6RZ",))} <= seen
-    assert {"mass", "joint"} <= {kind for kind, _ in seen}
+    assert {"mass", "inertia", "joint"} <= {kind for kind, _ in seen}
 
 
 @pytest.mark.parametrize(
@@ -262,9 +262,10 @@ def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
         assert np.sum(residual**2) == pytest.approx(np.sum(rows**2), rel=0.02), (one.kind, one.where)
 
 
-def test_a_screened_candidate_leaves_what_least_squares_leave(trial):
+@pytest.mark.parametrize("kind", ["mass", "inertia"])
+def test_a_screened_candidate_leaves_what_least_squares_leave(trial, kind):
     point = point_at(trial.views, trial.views[0].theta_start + 0.05)
-    one = next(c for c in pool(point.records) if c.kind == "mass")
+    one = next(c for c in pool(point.records) if c.kind == kind)
     [found] = point.screened([one])
     [fields] = point.records
     rows = fields.problem.data_rows(fields.frf + one.effect(fields, np.array([found.strength])))[:, 0]
@@ -290,6 +291,49 @@ def test_a_support_gives_way_beside_a_node_that_has_slid():
     changed = FrfProblem(loose, there, record).predicted(there.theta_start) - fields.frf
     found = support.effect(fields, np.array([1 / 900.0]))[0]
     assert np.abs(found - changed).max() < 1e-9 * np.abs(changed).max()
+
+
+def test_rotary_inertia_adds_to_one_diagonal_entry_and_none_is_too_much_that_is_not_there():
+    """Two cubic beams on a line and a disc, by the matrices of the textbook; nodes on a rigid link turn as its main node."""
+    nodes = {1: 0.0, 2: 0.5, 3: 1.0, 4: 1.1}
+    beam, disc = Beam("beam", [[1, 2], [2, 3]], 2.0, 40.0, loss_factor=0.02), RotaryInertia("disc", [2], 0.06, "RZ")
+    structure = Structure(nodes, [beam, disc], ["1Y", "1RZ"], ties=[RigidLink("plate", 3, [4], ("Y", "RZ"))])
+    record = FrfRecord(
+        np.linspace(1.0, 30.0, 40),
+        np.ones((40, 2, 1)),
+        ["2Y", "3Y"],
+        ["3Y"],
+        "receptance",
+        variance=np.ones((40, 2, 1)),
+    )
+    unknown = parameters(structure, [Unknown("mass", "beam")])
+    fields = fields_at(FrfProblem(structure, unknown, record), unknown.theta_start)
+    found = {one.where: one for one in pool([fields]) if one.kind == "inertia"}
+    assert set(found) == {("2RZ",), ("3RZ",)}
+    h = 0.5
+    stiff = 40.0 / h**3 * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+                                    [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]])  # fmt: skip
+    heavy = 2.0 * h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+                                      [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]])  # fmt: skip
+    k, m = np.zeros((6, 6)), np.zeros((6, 6))
+    for first in (0, 2):
+        k[first : first + 4, first : first + 4] += stiff
+        m[first : first + 4, first : first + 4] += heavy
+    m[3, 3] += 0.06
+    for at, where in ((3, "2RZ"), (5, "3RZ")):
+        one = found[where,]
+        assert one.bounds == pytest.approx((-m[at, at], np.inf))
+        assert one.strengths.min() > -m[at, at]
+        strengths = np.array([0.03, -0.5 * m[at, at]])
+        for q, effect in zip(strengths, one.effect(fields, strengths), strict=True):
+            changed = m.copy()
+            changed[at, at] += q
+            of = [
+                np.linalg.inv(fields.laplace[:, None, None] ** 2 * mass[2:, 2:] + k[2:, 2:] * (1 + 0.02j))
+                for mass in (changed, m)
+            ]
+            own = (of[0] - of[1])[:, [0, 2], 2][..., None]
+            assert np.abs(effect - own).max() < 1e-9 * np.abs(own).max()
 
 
 @pytest.mark.parametrize(("ratio", "count"), [(100.0, 1), (1.5, 0)])

@@ -38,6 +38,7 @@ _FOOTING = 'spring]]\nname = "footing"\nfirst = "6RZ"\nstiffness = 900.0'
 _FORGOTTEN = 'point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4'
 SOFT = _with(_FOOTING, STUDY.replace('"6RZ"]', "]"))
 HEAVY = _with(_FORGOTTEN)
+DISC = _with('rotary_inertia]]\nname = "disc"\nnodes = [4]\ndirection = "RZ"\nrotary_inertia = 0.05')
 DAMPED = _with('dashpot]]\nname = "damper"\nfirst = "3X"\nviscous_damping = 1500.0')
 LOOSE = _with('joint]]\nname = "bolt"\nelement = "girder:1"\nat = "3RZ"\nstiffness = 2500.0')
 WEAK = STUDY.replace("bending_stiffness = 800.0", "bending_stiffness = [800.0, 350.0]")
@@ -49,6 +50,7 @@ LIFTED = LIFTED.replace('["1X", "6X"]', '["1X", "7X"]').replace("6 = [1.2, 0.0]"
 FAULTS = {
     "support": (SOFT, "support", "6RZ"),
     "mass": (HEAVY, "mass", "4"),
+    "inertia": (DISC, "inertia", "4RZ"),
     "dashpot": (DAMPED, "dashpot", "3X"),
     "joint": (LOOSE, "joint", "girder:1/3RZ"),
     "untied": (WEAK, "untied", "girder:2"),
@@ -244,6 +246,16 @@ def test_of_many_lines_some_are_named():
     words = cause_words(Candidate("outlying_lines", spans), None)
     assert words == "lines at 0 to 0.5 Hz, 1 to 1.5 Hz, 2 to 2.5 Hz and 17 more stretches do not go with the others"
     assert "more" not in cause_words(Candidate("outlying_lines", spans[:4]), None)
+
+
+def test_what_turns_that_the_model_has_too_much_of_is_named_first(tmp_path):
+    both = DISC.replace("nodes = [4]\ndirection", "nodes = [2, 4]\ndirection")
+    truth = both.replace("rotary_inertia = 0.05", "rotary_inertia = [0.05, 0.01]")
+    result, _ = answered(written(tmp_path, off(both), truth))
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("inertia", ("4RZ",))
+    assert first.words == "a rotary inertia at 4RZ is too much in the model"
+    assert first.found[0][1] == pytest.approx(-0.04, rel=0.1)
 
 
 def test_a_second_cause_tells_its_own_value(tmp_path):

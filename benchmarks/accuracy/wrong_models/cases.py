@@ -21,6 +21,7 @@ DEVELOPMENT = {
         frf far  support 5Y 6e4
         frf      joint left:3/4RZ 800
         frf      mass 6 0.02
+        frf      inertia 4RZ 0.001
         frf far  dashpot 4Y 1
         frf      untied right:2 bending_stiffness*0.93
         frf      mesh left,right 3
@@ -42,6 +43,7 @@ DEVELOPMENT = {
         frf      support 11RZ 8000
         frf      joint girder:1/4RZ 4e4
         frf far  mass 9 0.05
+        frf far  inertia 6RZ 0.005
         frf      appendage 7Y 0.15@40
         frf      shear left,girder,right 2e5
         frf far  load_gain 4X 0.93
@@ -54,6 +56,7 @@ DEVELOPMENT = {
         time     untied girder:2 bending_stiffness*0.8
         modal    joint girder:4/8RZ 3000
         modal    mass 3 0.5
+        modal    inertia 6RZ 0.05
         modalstates record bare girder:bending_stiffness*0.85
         frf      support 1RZ 8000 + load_gain 4X 0.95
         frf      mass 9 0.3 + polarity 2X
@@ -105,6 +108,7 @@ DEVELOPMENT = {
         frf      channel 9Z 0.3
         frf      sensor_gain 15Z 1.15
         frf2     mass 8 0.3
+        frf      inertia 8RX 0.002
         states   record mass_on_14 long:mass*1.05
         time     outlying_lines 50 0.2
         time     appendage 15Z 0.1@12

@@ -103,6 +103,12 @@ def mass(table: Table, where: str, size: str) -> None:
     add(table, "point_mass", nodes=[int(where)], mass=float(size))
 
 
+def inertia(table: Table, where: str, size: str) -> None:
+    """A rotary inertia at a rotation that the model does not have (negative: that it has too much)."""
+    node, direction = split(where)
+    add(table, "rotary_inertia", nodes=[node], direction=direction, rotary_inertia=float(size))
+
+
 def dashpot(table: Table, where: str, size: str) -> None:
     """A dashpot to the ground."""
     add(table, "dashpot", first=[where], viscous_damping=float(size))
@@ -170,7 +176,8 @@ def mesh(table: Table, where: str, size: str) -> None:
 
 
 STRUCTURAL: dict[str, Callable[[Table, str, str], None]] = {
-    made.__name__: made for made in (support, joint, mass, dashpot, friction, appendage, shear, untied, scatter, mesh)
+    made.__name__: made
+    for made in (support, joint, mass, inertia, dashpot, friction, appendage, shear, untied, scatter, mesh)
 }
 
 

@@ -115,7 +115,7 @@ class Candidate:
         self.kind, self.where, self.unit, self.starts, self.form = kind, where, unit, starts, form
 
     def fault(self, strength: float) -> Fault:
-        grows = self.kind in ("mass", "delay", "direction")
+        grows = self.kind in ("mass", "inertia", "delay", "direction")
         size = self.unit * strength if grows else self.unit * float(np.exp(strength))
         return Fault(self.kind, self.where, self.form.format(size))
 
@@ -133,7 +133,9 @@ def candidates(rig: Rig, case: Case) -> Iterator[Candidate]:
     for node in sorted({split(dof)[0] for dof in used}):
         yield Candidate("mass", str(node), total, (0.03, 0.003))
     for dof in used:
-        if "R" not in dof:
+        if "R" in dof:
+            yield Candidate("inertia", dof, stiff[dof] / omega**2, (0.03, 0.003))
+        else:
             yield Candidate("dashpot", dof, total * omega, (-5.0, -8.0))
     for kind in ("beam", "space_beam"):
         for own in table.get(kind, ()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from itertools import combinations
 from typing import NamedTuple, TypeVar
@@ -16,7 +16,7 @@ from structid.criticism.data import misfit_of_lines
 from structid.criticism.fields import ElementMatrix, Fields
 from structid.dof import Dof
 from structid.structure import Spring
-from structid.structure.elements.element import dof_of_code
+from structid.structure.elements.element import dof_code, dof_of_code
 
 T = TypeVar("T")
 
@@ -92,7 +92,7 @@ def _scale(fields: Fields, places: Places, law: ComplexArray) -> float:
 
 
 def _additions(fields: Fields) -> Iterator[Candidate]:
-    """Springs to the ground, dashpots, masses and appendages."""
+    """Springs to the ground, dashpots, masses, rotary inertias and appendages."""
     nodes: dict[int, list[Places]] = {}
     chosen = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
     few, frequencies = set(_spread(sorted(chosen), _APPENDAGE_NODES)), _swinging(fields)
@@ -114,6 +114,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             nodes.setdefault(dof.node, []).append(at)
             if dof.node in few:
                 yield from _appendages(fields, dof, at, frequencies)
+    yield from _turning(fields, chosen)
     for node, ways in nodes.items():
         scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
         every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
@@ -121,6 +122,18 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
     for pair, apart in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
         strengths = steps(_scale(fields, apart, _velocity(fields)))
         yield Candidate("dashpot", pair, added(apart, _velocity), strengths, _POSITIVE)
+
+
+def _turning(fields: Fields, nodes: Collection[int]) -> Iterator[Candidate]:
+    """Rotary inertias at free rotations of some nodes of the study; none is too much by more than the model has there."""
+    own, free = fields.structure.matrix("inertia", fields.values), set(fields.structure.numbering.free)
+    for dof, follow in fields.columns.items():
+        is_own = dof_code(dof.node, dof.direction) in free and dof.node in fields.structure.nodes
+        if dof.is_rotation and is_own and dof.node in nodes:
+            at, most = place_of((dof, 1.0)), float(follow @ (own @ follow))
+            strengths = steps(_scale(fields, at, _inertia(fields)), (1, -1))
+            bounds = (-most, np.inf)
+            yield Candidate("inertia", (dof.place,), added(at, _inertia), strengths[strengths > -most], bounds)
 
 
 def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], Places]]:

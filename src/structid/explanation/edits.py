@@ -61,6 +61,11 @@ def _unknown(study: Tables, prop: str, elements: str | Sequence[str], **more: An
     _append(study, "unknown", {"property": prop, "elements": elements, **more})
 
 
+def _of_either_sign(study: Tables, prop: str, name: str, strength: float) -> None:
+    more = {} if strength > 0 else {"positive": False, "start": _round(strength)}
+    _unknown(study, prop, name, **more)
+
+
 def _round(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
@@ -150,8 +155,14 @@ def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
     name = _named(study, f"mass {candidate.where[0]}")
     entry = {"name": name, "nodes": [int(candidate.where[0])], "mass": _round(abs(strength))}
     _append(study["structure"], "point_mass", entry)
-    more = {} if strength > 0 else {"positive": False, "start": _round(strength)}
-    _unknown(study, "mass", name, **more)
+    _of_either_sign(study, "mass", name, strength)
+
+
+def _inertia(study: Tables, candidate: Candidate, strength: float) -> None:
+    dof, name = parse_dof(candidate.where[0]), _named(study, f"inertia {candidate.where[0]}")
+    entry = {"name": name, "nodes": [dof.node], "direction": dof.direction, "rotary_inertia": _round(abs(strength))}
+    _append(study["structure"], "rotary_inertia", entry)
+    _of_either_sign(study, "rotary_inertia", name, strength)
 
 
 def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
@@ -425,6 +436,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "dashpot": _dashpot,
     "friction": _friction,
     "mass": _mass,
+    "inertia": _inertia,
     "appendage": _appendage,
     "joint": _joint,
     "untied stiffness": _untied,

@@ -42,12 +42,14 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
     """What a change says, in a clause."""
     where = candidate.where
     first = where[0]
+    lack = "missing in the model" if value is None or value > 0 else "too much in the model"
     words = {
         "support": f"the support {first} gives way",
         "spring": f"something holds {first}: a spring to the ground",
         "dashpot": f"a damper acts {'between' if len(where) > 1 else 'at'} {' and '.join(where)}",
         "friction": f"something rubs at {first}",
-        "mass": f"a mass at node {first} is {'missing in the model' if value is None or value > 0 else 'too much in the model'}",
+        "mass": f"a mass at node {first} is {lack}",
+        "inertia": f"a rotary inertia at {first} is {lack}",
         "appendage": f"something swings of its own at {first}",
         "joint": f"the end of {first} at {where[-1]} turns against its node",
         "untied stiffness": f"the stiffness of {first} is not that of its group",
