@@ -60,7 +60,7 @@ def candidates(trial):
 
 def test_every_kind_that_is_written_is_tried(trial):
     kinds = {one.kind for one in candidates(trial)[1]}
-    every = set(_EDITS) - {"load_swap", "load_polarity"}  # one load has none to be exchanged with
+    every = set(_EDITS) - {"load_swap", "load_polarity", "offset"}  # one load has none to be exchanged with
     assert kinds | BY_STUDY >= every - untold(trial)
 
 
@@ -334,6 +334,26 @@ def test_rotary_inertia_adds_to_one_diagonal_entry_and_none_is_too_much_that_is_
             ]
             own = (of[0] - of[1])[:, [0, 2], 2][..., None]
             assert np.abs(effect - own).max() < 1e-9 * np.abs(own).max()
+
+
+@pytest.mark.parametrize("along", ["X", "Y"])
+def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
+    text = STUDY.replace(
+        "[[unknown]]", '[[structure.point_mass]]\nname = "pumps"\nnodes = [2, 4]\nmass = 0.5\n\n[[unknown]]', 1
+    )
+    ready = started(load_study(written(tmp_path, text, text, seed=None)))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    fields, _ = candidates(trial)
+    found = {one.where: one for one in pool([fields]) if one.kind == "offset"}
+    assert set(found) == {(f"pumps:{k}", axis) for k in (1, 2) for axis in "XY"}
+    one = found["pumps:2", along]
+    for length in (0.1, -0.2):
+        changed = trial.changed(one, length)
+        [view] = changed.views
+        assert view.structure.nodes[7] == pytest.approx([0.6 + length * (along == "X"), 1.0 + length * (along == "Y")])
+        own = view.predicted(view.theta_start)[np.searchsorted(view.frequency, fields.problem.frequency)] - fields.frf
+        assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()
+        assert np.abs(one.effect(fields, np.array([length]))[0] - own).max() < 1e-8 * np.abs(own).max()
 
 
 @pytest.mark.parametrize(("ratio", "count"), [(100.0, 1), (1.5, 0)])

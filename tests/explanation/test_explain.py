@@ -258,6 +258,19 @@ def test_what_turns_that_the_model_has_too_much_of_is_named_first(tmp_path):
     assert first.found[0][1] == pytest.approx(-0.04, rel=0.1)
 
 
+def test_a_mass_that_sits_off_its_node_is_named_first_with_the_length_that_it_is_off(tmp_path):
+    pump = _with('point_mass]]\nname = "pump"\nnodes = [4]\nmass = 1.5')
+    arm = '[[structure.rigid_link]]\nname = "arm"\nmain = 4\ndependents = [7]\n\n[[unknown]]'
+    truth = pump.replace("nodes = [4]", "nodes = [7]").replace("[[unknown]]", arm, 1)
+    truth = truth.replace("6 = [1.2, 0.0]", "6 = [1.2, 0.0]\n7 = [0.7, 1.0]")
+    result, fits = answered(written(tmp_path, off(pump), truth))
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("offset", ("pump:1", "X"))
+    assert first.words == "the mass pump:1 sits off its node along X"
+    assert fits[0].trial.changes[-1][1] == pytest.approx(0.1, rel=0.02)
+    assert first.chi_square_per_dof < 1.2
+
+
 def test_a_second_cause_tells_its_own_value(tmp_path):
     """Not that of the first: a spring's stiffness, a mass, is no gain."""
     path = written(tmp_path, off(), SOFT)

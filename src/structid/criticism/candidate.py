@@ -120,6 +120,29 @@ def added(places: Places, law: Callable[[Fields], ComplexArray]) -> Effect:
     return effect
 
 
+def rearranged(places: Places, change: Callable[[Fields, FloatArray], ComplexArray]) -> Effect:
+    """Of a symmetric change D K D' of Z: dh = -(D'y)' K (I + G K)^-1 D'x with G = D' Z^-1 D.
+
+    Parameters
+    ----------
+    places : Places
+        D.
+    change : callable
+        K of some strengths, (n_strengths, n_lines, m, m).
+    """
+
+    def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        k = change(fields, strengths)
+        rows, d = places.rows(fields)
+        u, v = d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows]
+        g = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
+        inner = k @ np.linalg.solve(np.eye(d.shape[1]) + g @ k, np.broadcast_to(u, (len(strengths), *u.shape)))
+        found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
+        return found
+
+    return effect
+
+
 def rubbing(places: Places) -> Effect:
     """Of dry friction r per unit of drive that acts along one direction, by harmonic balance: stiffness i r / |x|.
 

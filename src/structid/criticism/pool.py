@@ -11,11 +11,21 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.criticism.candidate import Candidate, Places, added, place_of, released, replaced, rubbing, steps
+from structid.criticism.candidate import (
+    Candidate,
+    Places,
+    added,
+    place_of,
+    rearranged,
+    released,
+    replaced,
+    rubbing,
+    steps,
+)
 from structid.criticism.data import misfit_of_lines
 from structid.criticism.fields import ElementMatrix, Fields
-from structid.dof import Dof
-from structid.structure import Spring
+from structid.dof import DIRECTIONS, Dof
+from structid.structure import PointMass, Spring
 from structid.structure.elements.element import dof_code, dof_of_code
 
 T = TypeVar("T")
@@ -29,6 +39,8 @@ UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead o
 _RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
 #: By which a sensor may be turned, rad.
 _ANGLES = np.radians([3.0, 8.0, 15.0, 25.0, 40.0, 60.0, 90.0, -3.0, -8.0, -15.0, -25.0, -40.0, -60.0, -90.0])
+#: By which a mass may sit off its node, in parts of the largest extent of the structure.
+_OFFSETS = np.array([0.005, 0.01, 0.02, 0.05, 0.1, 0.2, -0.005, -0.01, -0.02, -0.05, -0.1, -0.2])
 _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
@@ -115,6 +127,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             if dof.node in few:
                 yield from _appendages(fields, dof, at, frequencies)
     yield from _turning(fields, chosen)
+    yield from _eccentric(fields)
     for node, ways in nodes.items():
         scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
         every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
@@ -134,6 +147,32 @@ def _turning(fields: Fields, nodes: Collection[int]) -> Iterator[Candidate]:
             strengths = steps(_scale(fields, at, _inertia(fields)), (1, -1))
             bounds = (-most, np.inf)
             yield Candidate("inertia", (dof.place,), added(at, _inertia), strengths[strengths > -most], bounds)
+
+
+def _eccentric(fields: Fields) -> Iterator[Candidate]:
+    """Point masses that sit off their nodes, along each axis; strengths are lengths, m."""
+    nodes = {one.name: one.nodes.ravel() for one in fields.structure.elements if isinstance(one, PointMass)}
+    size = float(np.ptp(list(fields.structure.nodes.values()), axis=0).max())
+    masses = [one for one in fields.elements(("mass",)) if one.element in nodes and size > 0]
+    for one in _spread(masses, _MOST_NODES):
+        node = int(nodes[one.element][one.number])
+        codes = np.array([dof_code(node, direction) for direction in DIRECTIONS])
+        moves = np.isin(codes[:3], one.codes)
+        along = tuple(direction for direction, there in zip(_TRANSLATIONS, moves, strict=True) if there)
+        for axis, direction in zip(range(len(fields.structure.nodes[node])), _TRANSLATIONS, strict=False):
+            lever = np.cross(np.eye(3), np.eye(3)[axis]).T * moves[:, None]
+            if (lever @ fields.reached(codes[3:])).any():
+                effect = rearranged(Places(codes, np.eye(6)), partial(_displaced, float(one.matrix.max()), lever))
+                where = (f"{one.element}:{one.number + 1}", direction)
+                yield Candidate("offset", where, effect, size * _OFFSETS, (-size, size), others=along)
+
+
+def _displaced(mass: float, lever: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """Change of Z between the translations and rotations of a node whose mass moves by u + q lever theta, not by u."""
+    first, second = np.zeros((6, 6)), np.zeros((6, 6))
+    first[:3, 3:], first[3:, :3], second[3:, 3:] = lever, lever.T, lever.T @ lever
+    q = strengths[:, None, None, None]
+    return mass * _inertia(fields)[:, None, None] * (q * first + q**2 * second)
 
 
 def _pairs(fields: Fields) -> Iterator[tuple[tuple[str, str], Places]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from structid.criticism.candidate import Candidate
-from structid.dof import Dof, parse_dof
+from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.study.schema.kinds import as_list
 from structid.study.schema.model.structure import dofs_of_text
@@ -163,6 +163,21 @@ def _inertia(study: Tables, candidate: Candidate, strength: float) -> None:
     entry = {"name": name, "nodes": [dof.node], "direction": dof.direction, "rotary_inertia": _round(abs(strength))}
     _append(study["structure"], "rotary_inertia", entry)
     _of_either_sign(study, "rotary_inertia", name, strength)
+
+
+def _offset(study: Tables, candidate: Candidate, strength: float) -> None:
+    """A mass at a new node that a rigid link holds to the one where it was."""
+    (element, direction), structure = candidate.where, study["structure"]
+    name, _, number = element.rpartition(":")
+    entry = _entry(study, name)[1]
+    nodes = list(as_list(entry["nodes"]))
+    main = int(nodes[int(number) - 1])
+    nodes[int(number) - 1] = label = _new_node(study, main)
+    structure["nodes"][str(label)][DIRECTIONS.index(direction)] += _round(strength)
+    entry["nodes"] = nodes
+    entry.setdefault("directions", list(candidate.others))
+    link = {"name": _named(study, f"offset {element}"), "main": main, "dependents": [label]}
+    _append(structure, "rigid_link", link)
 
 
 def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
@@ -437,6 +452,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "friction": _friction,
     "mass": _mass,
     "inertia": _inertia,
+    "offset": _offset,
     "appendage": _appendage,
     "joint": _joint,
     "untied stiffness": _untied,

@@ -353,7 +353,9 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
 
 
 def n_parameters(trial: Trial) -> int:
-    """Parameters of a study, and of what was left out of it or is a tone."""
+    """Parameters of a study, and of what was left out of it, is a tone or a length."""
     several = ("outlying_lines", "tone")
-    own = [len(c.where) if c.kind in several else 1 for c, _ in trial.changes if c.kind in (*DATA_KINDS, "tone")]
+    own = [
+        len(c.where) if c.kind in several else 1 for c, _ in trial.changes if c.kind in (*DATA_KINDS, "tone", "offset")
+    ]
     return len(trial.target.names) + sum(own)

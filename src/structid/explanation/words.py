@@ -50,6 +50,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "friction": f"something rubs at {first}",
         "mass": f"a mass at node {first} is {lack}",
         "inertia": f"a rotary inertia at {first} is {lack}",
+        "offset": f"the mass {first} sits off its node along {where[-1]}",
         "appendage": f"something swings of its own at {first}",
         "joint": f"the end of {first} at {where[-1]} turns against its node",
         "untied stiffness": f"the stiffness of {first} is not that of its group",
