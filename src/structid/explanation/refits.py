@@ -28,7 +28,7 @@ _MOST_PASSES = 4
 _ALIKE = 1e-9
 #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
 _OF_NUMBERS = (1.6, 1.25, 1.1, 1.04, 1.015)
-_OTHER_STRENGTHS = {"direction": _OF_NUMBERS, "offset": (*_OF_NUMBERS, 1.005), "friction": (3.0, 2.0)}
+_OTHER_STRENGTHS = {"direction": _OF_NUMBERS, "offset": (*_OF_NUMBERS, 1.005, 1.002), "friction": (3.0, 2.0)}
 
 
 @dataclass(frozen=True, eq=False)
