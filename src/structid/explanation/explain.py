@@ -16,6 +16,7 @@ from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.screen import Screened
 from structid.dof import parse_dof
 from structid.errors import StructidError
+from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
@@ -189,7 +190,7 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 def _is_misfit(fitted: Fitted) -> bool:
     dof = fitted.trial.target.n_data - n_parameters(fitted.trial)
-    return dof > 0 and float(special.gammaincc(dof / 2, fitted.cost / 2)) < MISFIT
+    return dof > 0 and misfit_probability(fitted.trial.target, fitted.cost, dof) < MISFIT
 
 
 def _once(base: Fitted, work: Work, which: str) -> Explanation:

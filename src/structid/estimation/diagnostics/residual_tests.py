@@ -169,7 +169,7 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     return ResidualTests(
         series=tuple(tests),
         chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
-        chi_square_probability=_chi_square_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
+        chi_square_probability=misfit_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
         whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
         runs_probability=_smallest(tests, lambda test: test.runs_probability),
         normality_probability=_normality(data, few_averages(problem.averages)) if freedom > 0 else float("nan"),
@@ -182,8 +182,8 @@ def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float)
     return bool(tests.not_white or tests.one_sided)
 
 
-def _chi_square_probability(problem: Problem, chi_square: float, freedom: float) -> float:
-    """Of a larger one: of the two laws that it may have, the one that doubts it less."""
+def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
+    """Of a larger sum of squares of the data: of the two laws that it may have, the one that doubts it less."""
     scale, share = row_law(problem.averages)
     known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
     return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)

@@ -10,8 +10,9 @@ from scipy import special
 
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
+from structid.estimation.averaging import expected_square
 from structid.identification.together import places
-from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.observation import ModalProblem, RecordProblem
 from structid.shown import counted
 
 #: Probability, of all parts together, below which noise is not why a part is missed.
@@ -89,6 +90,5 @@ def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES
         return
-    averages = problem.record.averages if isinstance(problem, FrfProblem) else None
-    few = 1.0 if not averages else averages / (averages - 2) if averages > 2 else np.inf
+    few = 1.0 if problem.averages is None else float(expected_square(problem.averages).mean())
     yield f"the values of record {name}", residual, _OF_LINES * few
