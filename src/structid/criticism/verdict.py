@@ -348,7 +348,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
         )
-    if found.missed:
+    if any(one.is_far for one in found.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
@@ -381,7 +381,7 @@ def not_found(found: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(found: Identification) -> str:
-    if found.missed:
+    if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
     size = float(np.sqrt(found.estimate.chi_square_per_dof))
     noises = {problem.noise_words for problem in found.problems}

@@ -43,6 +43,11 @@ class Missed:
     chi_square_per_value: float
 
     @property
+    def is_far(self) -> bool:
+        """Whether it is missed by so much that no interval of the fit can hold for it."""
+        return self.chi_square_per_value > _OF_MODES
+
+    @property
     def words(self) -> str:
         """What is missed and by how much, and why the whole misfit does not show it."""
         size = float(np.sqrt(self.chi_square_per_value))
