@@ -1,10 +1,13 @@
 """A sweep from few factorizations against all of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import sparse
 
 from structid.dynamics.factorization import factorizer
+from structid.dynamics.field_basis import FieldBasis
 from structid.dynamics.receptance import DynamicStiffness
 from structid.dynamics.reduced_sweep import FEWEST_LINES, reduced_sweep
 
@@ -55,6 +58,14 @@ def test_a_line_at_an_undamped_resonance_where_the_basis_begins(mode):
     found = reduced_sweep(z, pattern, loads, sparse.csc_array(np.eye(120)[:, [5, 60]]), 1e-6)
     off = np.abs(found.values - exact).max((1, 2)) / np.abs(exact).max((1, 2))
     assert off.max() <= 1e-6
+
+
+def test_a_field_of_nothing_adds_nothing():
+    """What a singular factor may give."""
+    z, pattern, loads, _ = chain(60)
+    basis = FieldBasis(z, pattern, loads)
+    basis.grow(SimpleNamespace(solve=lambda right: right), np.zeros_like(loads))
+    assert basis.size == 0
 
 
 def test_few_lines_are_solved_one_by_one():

@@ -48,7 +48,10 @@ class FieldBasis:
         """Take in the solution at one line and its moments there."""
         moments, each = [fields], fields.shape[1] * (2 if np.iscomplexobj(fields) else 1)
         for _ in range(0 if self.mass is None else min(_MOST_MOMENTS, max(1, _FIELDS // each - 1))):
-            moments.append(solver.solve(self.mass @ (moments[-1] / np.linalg.norm(moments[-1], axis=0))))
+            size = np.linalg.norm(moments[-1], axis=0)
+            if not size.all():  # at a resonance without damping a factor may give anything, nothing as well
+                break
+            moments.append(solver.solve(self.mass @ (moments[-1] / size)))
         found = np.concatenate(moments, axis=1)
         del moments
         parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found
