@@ -21,7 +21,7 @@ from structid.explanation.trial import QUICK
 from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem
 
-_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 30
+_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 34
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
 _AT_FIT = 2
 _LEAST_DROP = 0.02
@@ -154,10 +154,8 @@ def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
     trial = base.trial
     if trial.is_of_modes:
         return set()
-    start = np.asarray(trial.target.theta_start)
-    point = (
-        points[0] if trial.is_large else point_at(trial.anchored_views(), start)
-    )  # where a large model is screened first
+    # a large model is screened there first
+    point = points[0] if trial.is_large else point_at(trial.anchored_views(), np.asarray(trial.target.theta_start))
     rows = point.screened(list(exchanges(point.records)))
     return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
 
