@@ -262,6 +262,12 @@ def test_a_mass_that_sits_off_its_node_is_named_first_with_the_length_that_it_is
     pump = _with('point_mass]]\nname = "pump"\nnodes = [4]\nmass = 1.5')
     arm = '[[structure.rigid_link]]\nname = "arm"\nmain = 4\ndependents = [7]\n\n[[unknown]]'
     truth = pump.replace("nodes = [4]", "nodes = [7]").replace("[[unknown]]", arm, 1)
+    foot = (
+        '[[structure.rigid_link]]\nname = "pump"\nmain = 6\ndependents = [8]\n\n'  # a tie of the same name, before it
+    )
+    pump = pump.replace("[[structure.beam]]", f"{foot}[[structure.beam]]", 1).replace(
+        "6 = [1.2, 0.0]", "6 = [1.2, 0.0]\n8 = [1.3, 0.0]"
+    )
     truth = truth.replace("6 = [1.2, 0.0]", "6 = [1.2, 0.0]\n7 = [0.7, 1.0]")
     result, fits = answered(written(tmp_path, off(pump), truth))
     first = result.criticism.causes[0]

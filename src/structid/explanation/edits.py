@@ -16,6 +16,8 @@ from structid.study.schema.model.structure import dofs_of_text
 #: A study file as nested tables, plain ones or those of an editor of TOML that keeps comments.
 Tables = MutableMapping[str, Any]
 
+#: Tables that hold places together: no elements.
+_TIES = ("rigid_link", "constraint")
 _DIGITS = 6
 #: Angle, rad, within which a sensor that is turned stands at right angles.
 _SQUARE = 0.03
@@ -170,6 +172,8 @@ def _offset(study: Tables, candidate: Candidate, strength: float) -> None:
     (element, direction), structure = candidate.where, study["structure"]
     name, _, number = element.rpartition(":")
     entry = _entry(study, name)[1]
+    if "nodes" not in entry:
+        raise NoEditError(f"{element} is at no node that the study lists")
     nodes = list(as_list(entry["nodes"]))
     main = int(nodes[int(number) - 1])
     nodes[int(number) - 1] = label = _new_node(study, main)
@@ -335,9 +339,9 @@ def _mesh(study: Tables, candidate: Candidate, strength: float) -> None:
 
 
 def _entry(study: Tables, name: str) -> tuple[str, Tables]:
-    """The type and the table of an element set."""
+    """The type and the table of an element set; a tie may have the same name."""
     for kind, entry in _entries(study):
-        if entry.get("name") == name:
+        if entry.get("name") == name and kind not in _TIES:
             return kind, entry
     raise NoEditError(f"{name} is no table of the study")
 
