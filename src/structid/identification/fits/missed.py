@@ -71,7 +71,8 @@ def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found:
     found : Estimate
         Of all parameters.
     """
-    if not found.chi_square_per_dof < _HIDES:
+    is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
+    if is_whole or not found.chi_square_per_dof < _HIDES:
         return ()
     parts = []
     for name, problem in zip(names, problems, strict=True):
