@@ -17,11 +17,10 @@ from structid.criticism.screen import Screened
 from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.diagnostics.residual_tests import misfit_probability
-from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
-from structid.explanation.trial import FINAL, Trial
+from structid.explanation.trial import Trial
 
 #: A change with its strength, and free variables where its fit begins.
 Item: TypeAlias = tuple[Candidate, float, FloatArray]
@@ -42,8 +41,6 @@ _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
 _GIVES_WAY = 0.5
-#: Chi-square per degree of freedom that a record of another state leaves at most with values of its own.
-_OF_ITS_OWN = 2.0
 _LEAST_SHARE, _RISK = 0.10, 0.01
 #: Frequency of something that swings of its own over the highest of the data, from which on it is a mass.
 _RIGID = 3.0
@@ -111,43 +108,39 @@ def _paired(found: Explanation, work: Work) -> Explanation:
     pair = replace(found, further=_beside(found.causes[0], work, "second "))
     others, is_from_second = list(found.causes[1:]), True
     for _ in range(_MORE_PAIRS):
-        if not _leaves_misfit(pair) or not (is_from_second or others):
+        second = pair.further
+        if second is None or not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
             break
-        better = _from_second(found, pair, work) if is_from_second else _from_next(found, pair, others.pop(0), work)
+        better = _from_second(found, second, work) if is_from_second else _from_next(found, second, others.pop(0), work)
         pair, is_from_second = better or pair, better is not None
     return pair
 
 
-def _leaves_misfit(pair: Explanation) -> bool:
-    return pair.further is not None and bool(pair.further.causes) and _is_misfit(pair.further.causes[0])
-
-
-def _from_second(found: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+def _from_second(found: Explanation, second: Explanation, work: Work) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more."""
-    assert pair.further is not None
-    alone = _alone(found, pair.further.causes[0], work)
+    alone = _alone(found, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ")
-    if again is None or not _is_better(again, pair.further):
+    if again is None or not _is_better(again, second):
         return None
     both = again.causes[0]
     first = _alone(found, both, work)
     if first is None:
         return None
-    items = _begun(first.trial, [_bare_change(one) for one in pair.further.causes], both.values)
+    items = _begun(first.trial, [_bare_change(one) for one in second.causes], both.values)
     return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
 
 
-def _from_next(found: Explanation, pair: Explanation, first: Fitted, work: Work) -> Explanation | None:
+def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
     further = _beside(first, work, "beside the next, second ")
-    return _led_by(found, first, further) if _is_better(further, pair.further) else None
+    return _led_by(found, first, further) if _is_better(further, second) else None
 
 
-def _is_better(one: Explanation, other: Explanation | None) -> bool:
+def _is_better(one: Explanation, other: Explanation) -> bool:
     """Whether the likeliest of two pairs is one of the first explanation."""
-    if not one.causes or other is None:
+    if not one.causes:
         return False
-    [mine], [theirs] = one.causes[:1], other.causes[:1]
+    mine, theirs = one.causes[0], other.causes[0]
     scale = _scale(one.base, [mine, theirs])
     return _criterion(one.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
 
@@ -293,30 +286,12 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
-    fits = [one for one in fits if _fits_alone(base, one)]
     scale = _scale(base, fits)
     priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + _odds(pair[0]))
     causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
     likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
-
-
-def _fits_alone(base: Fitted, one: Fitted) -> bool:
-    """Whether a record that is said to be of another state is one of the model at all, with values of its own.
-
-    Without one of two records little is left to misfit, whatever is wrong with the model.
-    """
-    candidate, _ = one.trial.changes[-1]
-    if candidate.kind != "record" or candidate.record is None:
-        return True
-    own = base.trial.problems[candidate.record]
-    known = [base.trial.target.names.index(name) for name in own.names]
-    try:
-        found = minimize(own, FINAL, base.theta[known])
-    except (StructidError, np.linalg.LinAlgError):
-        return False
-    return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
 
 def _odds(one: Fitted) -> float:

@@ -14,16 +14,19 @@ from structid.criticism.candidate import Candidate
 from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
 from structid.errors import StructidError
 from structid.estimation import Problem
+from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.work import Task, Tools
 from structid.estimation.uncertainty import dense_uncertainty
-from structid.explanation.trial import Trial
-from structid.identification.together import together
+from structid.explanation.trial import FINAL, Trial
+from structid.identification.together import places, together
 from structid.observation import FrfProblem, SpectraProblem
 
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3
 _MOST_PASSES = 4
+#: Chi-square per degree of freedom that a record of another state leaves at most with values of its own.
+_OF_ITS_OWN = 2.0
 #: Part of a misfit below which a difference is one of rounding.
 _ALIKE = 1e-9
 #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
@@ -81,6 +84,8 @@ def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Too
     """The fit of a change as the study asks for, from `approached`; nothing where there is no model with it."""
     candidate, strength, theta = item
     try:
+        if candidate.kind == "record" and not _fits_alone(base, candidate):
+            return {}
         return _stored(_finally(base, base.trial.changed(candidate, strength), theta))
     except (StructidError, np.linalg.LinAlgError):
         return {}
@@ -108,6 +113,17 @@ def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Too
         pass
     found: dict[str, Any] = task(base, item[1], tools)
     return found
+
+
+def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
+    """Whether a record that is said to be of another state is one of the model at all, with values of its own.
+
+    Without one of two records little is left to misfit, whatever is wrong with the model.
+    """
+    assert candidate.record is not None
+    own = base.trial.problems[candidate.record]
+    found = minimize(own, FINAL, base.theta[places(base.trial.target.names, own.names)])
+    return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
 
 def _stored(found: Fitted) -> dict[str, Any]:
