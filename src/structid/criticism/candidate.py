@@ -85,6 +85,12 @@ class Places:
         rows = np.flatnonzero(directions.any(axis=1))
         return rows, directions[rows]
 
+    def seen(self, fields: Fields) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """D'x of the loads, (n_lines, m, n_inputs), D'y of the sensors, (n_lines, m, n_outputs), and D' Z^-1 D, (n_lines, m, m)."""
+        rows, d = self.rows(fields)
+        flexibility: ComplexArray = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
+        return d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows], flexibility
+
 
 def place_of(*ends: tuple[Dof, float]) -> Places:
     """One direction of some degrees of freedom, each with its part."""
@@ -103,17 +109,14 @@ def added(places: Places, law: Callable[[Fields], ComplexArray]) -> Effect:
         a at the lines, (n_lines,).
     """
 
+    if places.weights.shape[1] > 1:
+        unit = np.eye(places.weights.shape[1])
+        return rearranged(places, lambda fields, q: (q[:, None] * law(fields))[:, :, None, None] * unit)
+
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
-        a = law(fields)
-        rows, d = places.rows(fields)
-        u, v = d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows]
-        g = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
-        weight = strengths[:, None] * a
-        if d.shape[1] == 1:
-            inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None] * u
-        else:
-            w = weight[:, :, None, None]
-            inner = w * np.linalg.solve(np.eye(d.shape[1]) + w * g, np.broadcast_to(u, (len(strengths), *u.shape)))
+        u, v, g = places.seen(fields)
+        weight = strengths[:, None] * law(fields)
+        inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None] * u
         found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
         return found
 
@@ -132,11 +135,9 @@ def rearranged(places: Places, change: Callable[[Fields, FloatArray], ComplexArr
     """
 
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
+        u, v, g = places.seen(fields)
         k = change(fields, strengths)
-        rows, d = places.rows(fields)
-        u, v = d.T @ fields.under_loads[:, rows], d.T @ fields.under_sensors[:, rows]
-        g = d.T @ fields.flexibility[:, rows[:, None], rows] @ d
-        inner = k @ np.linalg.solve(np.eye(d.shape[1]) + g @ k, np.broadcast_to(u, (len(strengths), *u.shape)))
+        inner = k @ np.linalg.solve(np.eye(g.shape[-1]) + g @ k, np.broadcast_to(u, (len(strengths), *u.shape)))
         found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
         return found
 
@@ -151,10 +152,8 @@ def rubbing(places: Places) -> Effect:
     """
 
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
-        rows, directions = places.rows(fields)
-        d = directions[:, 0]
-        u, v = (d @ fields.under_loads[:, rows])[:, 0], d @ fields.under_sensors[:, rows]
-        g = d @ fields.flexibility[:, rows[:, None], rows] @ d
+        u, v, g = places.seen(fields)
+        u, v, g = u[:, 0, 0], v[:, 0], g[:, 0, 0]
         r = strengths[:, None]
         inside = np.maximum((r * g.imag) ** 2 - (r * np.abs(g)) ** 2 + np.abs(u) ** 2, 0.0)
         sliding = np.maximum(r * g.imag + np.sqrt(inside), 1e-6 * np.abs(u))

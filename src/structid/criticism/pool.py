@@ -159,7 +159,7 @@ def _eccentric(fields: Fields) -> Iterator[Candidate]:
         codes = np.array([dof_code(node, direction) for direction in DIRECTIONS])
         moves = np.isin(codes[:3], one.codes)
         along = tuple(direction for direction, there in zip(_TRANSLATIONS, moves, strict=True) if there)
-        for axis, direction in zip(range(len(fields.structure.nodes[node])), _TRANSLATIONS, strict=False):
+        for axis, direction in enumerate(_TRANSLATIONS[: len(fields.structure.nodes[node])]):
             lever = np.cross(np.eye(3), np.eye(3)[axis]).T * moves[:, None]
             if (lever @ fields.reached(codes[3:])).any():
                 effect = rearranged(Places(codes, np.eye(6)), partial(_displaced, float(one.matrix.max()), lever))

@@ -110,8 +110,8 @@ class JointProblem(BaseProblem):
         own = [problem.averages for problem in self.problems]
         if all(one is None for one in own):
             return None
-        known = (np.full(problem.n_data, np.inf) for problem in self.problems)
-        return np.concatenate([all_known if one is None else one for one, all_known in zip(own, known, strict=True)])
+        pairs = zip(self.problems, own, strict=True)
+        return np.concatenate([np.full(problem.n_data, np.inf) if one is None else one for problem, one in pairs])
 
     def physical(self, theta: FloatArray) -> FloatArray:
         return self._first([problem.physical(theta[index]) for problem, index in self._members()])
