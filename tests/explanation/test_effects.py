@@ -51,7 +51,7 @@ def trial(tmp_path_factory, request):
 
 
 def candidates(trial):
-    fields = fields_at(trial.views[0], trial.views[0].theta_start)
+    fields = fields_at(trial.views[0].problem, trial.views[0].problem.theta_start)
     chosen = {}
     for one in pool([fields]):
         chosen.setdefault((one.kind, len(chosen) % 3), one)  # some places of every kind
@@ -66,12 +66,12 @@ def test_every_kind_that_is_written_is_tried(trial):
 
 def untold(trial):
     """Dry friction takes no motion of supports."""
-    return {"friction"} if trial.views[0].record.kind == "transmissibility" else set()
+    return {"friction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
 
 
 def test_effects_are_those_of_the_changed_studies(trial):
     fields, chosen = candidates(trial)
-    [base] = trial.views
+    base = trial.views[0].problem
     compared = set()
     for one in chosen:
         strengths = one.strengths[[0, len(one.strengths) // 2]] if len(one.strengths) > 1 else one.strengths
@@ -80,7 +80,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 changed = trial.changed(one, q)
             except StructidError:
                 continue  # such as a node that has a part of its own already
-            [problem] = changed.views
+            problem = changed.views[0].problem
             predicted = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)
             if one.kind in ("swap", "direction", "polarity"):
                 continue  # the record is called otherwise, and the model seen at other places: see the next test
@@ -111,7 +111,7 @@ def test_a_foot_gives_way_against_the_table_that_moves_it(tmp_path, where):
     trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
     fields, _ = candidates(trial)
     [foot] = [one for one in pool([fields]) if one.kind == "support" and one.where == (where,)]
-    [view] = trial.changed(foot, 1e-5).views
+    view = trial.changed(foot, 1e-5).views[0].problem
     lines = np.searchsorted(view.frequency, fields.problem.frequency)
     own = view.with_lines(np.arange(len(view.frequency))).predicted(view.theta_start)[lines] - fields.frf
     found = foot.effect(fields, np.array([1e-5]))[0]
@@ -138,7 +138,7 @@ def of_both(folder, kinds):
 def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, kinds):
     """Each record has degrees of freedom of its own; a place is the same in all."""
     trial = of_both(tmp_path, kinds)
-    fields = [fields_at(view, view.theta_start) for view in trial.views]
+    fields = [fields_at(view.problem, view.problem.theta_start) for view in trial.views]
     structural = [one for one in pool(fields) if one.record is None and one.kind != "friction"]
     chosen = {(one.kind, one.where): one for one in structural[::7]}
     chosen |= {(one.kind, one.where): one for one in structural if one.kind in ("support", "mass", "inertia")}
@@ -149,7 +149,7 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
             changed = trial.changed(one, q)
         except StructidError:
             continue
-        for own, view in zip(fields, changed.views, strict=True):
+        for own, view in zip(fields, (one.problem for one in changed.views), strict=True):
             predicted = view.with_lines(np.searchsorted(view.frequency, own.problem.frequency)).predicted(
                 view.theta_start
             )
@@ -184,7 +184,7 @@ def test_a_foot_gives_way_whatever_the_record_says_of_channels_and_supports(tmp_
     trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
     fields, _ = candidates(trial)
     [foot] = [one for one in pool([fields]) if one.kind == "support" and one.where == ("1X",)]
-    [view] = trial.changed(foot, 1e-5).views
+    view = trial.changed(foot, 1e-5).views[0].problem
     lines = np.searchsorted(view.frequency, fields.problem.frequency)
     own = view.predicted(view.theta_start)[lines] - fields.frf
     assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()
@@ -198,7 +198,7 @@ def test_a_damper_is_tried_across_a_spring_that_stands_on_the_table(tmp_path):
     fields, _ = candidates(trial)
     [across] = [one for one in pool([fields]) if one.kind == "dashpot" and len(one.where) == 2]
     assert across.where == ("2X", "6X")
-    [view] = trial.changed(across, 5.0).views
+    view = trial.changed(across, 5.0).views[0].problem
     own = view.predicted(view.theta_start)[np.searchsorted(view.frequency, fields.problem.frequency)] - fields.frf
     assert np.abs(across.effect(fields, np.array([5.0]))[0] - own).max() < 1e-6 * np.abs(own).max()
 
@@ -219,7 +219,7 @@ def test_supports_of_beams_in_several_pieces_give_way(tmp_path):
     path = written(tmp_path, STUDY.replace("[structure]", "[structure]\nsubdivide = 2", 1), seed=None)
     ready = started(load_study(path))
     trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
-    [base] = trial.views
+    base = trial.views[0].problem
     fields = fields_at(base, base.theta_start)
     one = next(c for c in pool([fields]) if c.kind == "support" and c.where == ("6RZ",))
     q = float(one.strengths[3])
@@ -235,7 +235,7 @@ def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path
     tied = written(tmp_path, STUDY.replace(bending, bending.replace("bending_stiffness", "stiffness")), seed=None)
     ready = started(load_study(tied))
     trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
-    [base] = trial.views
+    base = trial.views[0].problem
     fields = fields_at(base, base.theta_start)
     found = [one for one in pool([fields]) if one.kind == "untied stiffness" and one.where[0].startswith("girder")]
     assert [(one.where, one.others) for one in found] == [((f"girder:{k}",), ("stiffness",)) for k in (1, 2)]
@@ -252,9 +252,9 @@ def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
         if one.kind not in ("swap", "direction", "polarity"):
             continue
         q = float(one.strengths[min(3, len(one.strengths) - 1)])
-        [problem] = trial.changed(one, q).views
+        problem = trial.changed(one, q).views[0].problem
         residual = np.sort(np.abs(problem.residual(problem.theta_start)[: problem.n_data]))
-        whole = fields_at(trial.views[0], trial.views[0].theta_start)
+        whole = fields_at(trial.views[0].problem, trial.views[0].problem.theta_start)
         lines = np.searchsorted(problem.frequency, whole.problem.frequency)
         own = problem.with_lines(lines)
         residual = own.residual(own.theta_start)[: own.n_data]
@@ -264,12 +264,12 @@ def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
 
 @pytest.mark.parametrize("kind", ["mass", "inertia"])
 def test_a_screened_candidate_leaves_what_least_squares_leave(trial, kind):
-    point = point_at(trial.views, trial.views[0].theta_start + 0.05)
+    point = point_at([view.problem for view in trial.views], trial.views[0].problem.theta_start + 0.05)
     one = next(c for c in pool(point.records) if c.kind == kind)
     [found] = point.screened([one])
     [fields] = point.records
     rows = fields.problem.data_rows(fields.frf + one.effect(fields, np.array([found.strength])))[:, 0]
-    at = fields.problem.linearize(trial.views[0].theta_start + 0.05)
+    at = fields.problem.linearize(trial.views[0].problem.theta_start + 0.05)
     step, *_ = np.linalg.lstsq(at.jacobian, rows, rcond=None)
     assert found.left == pytest.approx(np.sum((rows - at.jacobian @ step) ** 2), rel=1e-8)
     assert found.left <= point.left * (1 + 1e-12)
@@ -349,7 +349,7 @@ def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
     one = found["pumps:2", along]
     for length in (0.1, -0.2):
         changed = trial.changed(one, length)
-        [view] = changed.views
+        view = changed.views[0].problem
         assert view.structure.nodes[7] == pytest.approx([0.6 + length * (along == "X"), 1.0 + length * (along == "Y")])
         own = view.predicted(view.theta_start)[np.searchsorted(view.frequency, fields.problem.frequency)] - fields.frf
         assert np.abs(own).max() > 1e-3 * np.abs(fields.frf).max()

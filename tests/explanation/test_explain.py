@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import scaled_misfit
-from structid.criticism.verdict import Cause, Moved, explains, judged
+from structid.criticism.verdict import Cause, Moved, are_causes, judged
 from structid.dof import parse_dof
 from structid.explanation.answer import criticized
 from structid.explanation.refits import Fitted
@@ -365,7 +365,7 @@ def test_of_small_misfits_only_what_matters_is_a_cause(share, left, distance, sh
         Moved("b", "N/m", 2.0, 2.0 * (1 + shift), (1.9, 2.1), distance),
     )
     misfit = 1.14 if share < 0.5 else 12.0
-    assert explains(Cause("mass", ("7",), "a mass is missing", share, left, moved=moved), misfit) is is_cause
+    assert are_causes([Cause("mass", ("7",), "a mass is missing", share, left, moved=moved)], misfit) is is_cause
 
 
 @pytest.mark.parametrize(
@@ -379,14 +379,23 @@ def test_of_small_misfits_only_what_matters_is_a_cause(share, left, distance, sh
 )
 def test_an_element_that_differs_by_scatter_and_moves_nothing_is_no_cause(found, shift, is_cause):
     moved = (Moved("b", "N/m", 2.0, 2.0 * (1 + shift), (1.9, 2.1), 3.0),)
-    assert explains(Cause("untied", ("posts:1",), "", 0.83, 1.25, (found,), moved), 7.5) is is_cause
+    first = Cause("untied", ("posts:1",), "", 0.83, 1.25, (found,), moved)
+    assert are_causes([first], 7.5) is is_cause
+    completing = Cause("joint", ("posts:10/12RZ",), "", 0.17, 1.04, moved=moved, is_second=True)
+    assert are_causes([first, completing], 7.5) is is_cause
+
+
+@pytest.mark.parametrize("misfit, left, is_cause", [(7.5, 1.04, True), (7.5, 1.4, False), (3.9, 1.04, False)])
+def test_two_changes_that_leave_noise_alone_are_causes_whatever_each_removes(misfit, left, is_cause):
+    first = Cause("mass", ("7",), "", 0.3, 0.7 * misfit)
+    assert are_causes([first, Cause("joint", ("a:1/2RZ",), "", 0.8, left, is_second=True)], misfit) is is_cause
 
 
 def test_what_few_averages_leave_is_no_misfit_that_a_cause_would_have_to_remove():
     moved = (Moved("a", "1", 1.0, 0.95, (0.94, 0.96), 3.0),)
     cause = Cause("window", ("all channels",), "resonances leak", 0.23, 1.065, moved=moved)
-    assert not explains(cause, 1.39)
-    assert explains(cause, 1.39, 30 / 28)
+    assert not are_causes([cause], 1.39)
+    assert are_causes([cause], 1.39, 30 / 28)
 
 
 def test_a_comparison_says_which_state_has_no_sound_answer(tmp_path):

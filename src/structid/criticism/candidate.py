@@ -15,6 +15,8 @@ from structid.structure.elements.element import dof_code
 #: Change of the FRF for some strengths, (n_strengths, n_lines, n_outputs, n_inputs).
 Effect = Callable[[Fields, FloatArray], ComplexArray]
 
+#: Kinds of change that only damp.
+OF_DAMPING = ("dashpot", "friction")
 _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.criticism.candidate import Candidate
+from structid.criticism.candidate import OF_DAMPING, Candidate
 from structid.criticism.data import scaled_misfit
 from structid.criticism.fields import Fields, fields_at
 from structid.estimation import JointProblem
@@ -55,11 +55,14 @@ class Point:
         Whitened, of all records, then of priors.
     basis : (n_rows, n_params) float array
         Q of the Jacobian: what the parameters can follow.
+    undamped : collection of int
+        Positions of the records that say nothing of damping.
     """
 
     records: tuple[Fields, ...]
     residual: FloatArray
     basis: FloatArray
+    undamped: Collection[int] = ()
 
     @property
     def left(self) -> float:
@@ -124,7 +127,8 @@ class Point:
         with np.errstate(all="ignore"):
             for number, fields in enumerate(self.records):
                 size = fields.problem.n_data
-                if candidate.record is None or candidate.record == number:
+                is_silent = candidate.kind in OF_DAMPING and number in self.undamped
+                if candidate.record in (None, number) and not is_silent:
                     change = candidate.effect(fields, strengths)
                     rows[first : first + size] = fields.problem.data_rows(fields.frf + change)
                 first += size
@@ -138,10 +142,10 @@ def _squares(off: FloatArray) -> FloatArray:
     return np.where(np.isfinite(left), left, np.inf)
 
 
-def point_at(problems: Sequence[FrfProblem], theta: FloatArray) -> Point:
-    """Problems at free variables of all their parameters together, on a part of their lines."""
+def point_at(problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = ()) -> Point:
+    """Problems at free variables of all their parameters together, on a part of their lines; see `Point`."""
     columns = JointProblem(tuple(problems), first_prior_counts=True).columns
     records = tuple(fields_at(problem, theta[index]) for problem, index in zip(problems, columns, strict=True))
     whole = JointProblem(tuple(fields.problem for fields in records), first_prior_counts=True)
     at = whole.linearize(theta)
-    return Point(records, at.residual, np.linalg.qr(at.jacobian)[0])
+    return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)

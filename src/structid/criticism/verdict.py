@@ -38,6 +38,8 @@ _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise, and how far a value moves, in standard deviations and as
 #: a part of itself.
 _NEARLY_ALL, _MATTERS, _SHIFTS = 0.85, 2.2, 0.01
+#: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
+_OF_A_PAIR = 4.0
 #: By what part elements of one group differ though nothing is wrong.
 _SCATTER = 0.02
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -204,16 +206,17 @@ def is_sound(found: Identification) -> bool:
     return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
 
 
-def explains(cause: Cause, misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
-    """Whether a change is the cause of a misfit, not only one that lowers it.
+def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
+    """Whether changes are the causes of a misfit, not only such that lower it.
 
-    It is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more than
-    its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. Nor is
-    it one element that differs from its group by no more than elements do, where nothing moves with it.
+    The first is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more
+    than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. So
+    is a pair that leaves noise alone. One element that differs from its group by no more than elements do is not.
 
     Parameters
     ----------
-    cause : Cause
+    causes : sequence of Cause
+        The likeliest first.
     misfit : float
         Chi-square per degree of freedom without it.
     expected : float
@@ -221,31 +224,29 @@ def explains(cause: Cause, misfit: float, expected: float = 1.0, is_hidden: bool
     is_hidden : bool
         Whether the answer misses a record that the whole misfit hardly shows: then nothing need move.
     """
-    beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
-    matters = any(map(_matters, cause.moved))
-    if not matters and _is_scatter(cause):
+    if not causes or _is_scatter(causes[0]):
         return False
-    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and (matters or is_hidden))
+    return _explains(causes[0], misfit, expected, is_hidden) or (
+        misfit > _OF_A_PAIR * expected and _completing(causes, expected) is not None
+    )
 
 
-def completing(causes: Sequence[Cause], expected: float = 1.0) -> Cause | None:
-    """The second cause that leaves nothing but noise beside the first; None where there is none.
+def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
+    beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
+    matters = is_hidden or any(map(_matters, cause.moved))
+    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
 
-    Parameters
-    ----------
-    causes : sequence of Cause
-    expected : float
-        Chi-square per degree of freedom where all is right, see `expected_misfit`.
-    """
+
+def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
+    """The second cause that leaves nothing but noise beside the first; None where there is none."""
     second = next((one for one in causes if one.is_second), None)
     return None if second is None or second.chi_square_per_dof > _TOLERANCE * expected else second
 
 
 def _is_scatter(cause: Cause) -> bool:
-    """Whether a change is no larger than what elements of a group differ by as they are made."""
-    return cause.kind == "untied" and all(
-        unit == "1" and abs(ratio - 1) < _SCATTER for _, ratio, unit in cause.found[:1]
-    )
+    """Whether one element differs from its group by no more than elements do as they are made, and nothing moves with it."""
+    is_small = all(unit == "1" and abs(ratio - 1) < _SCATTER for _, ratio, unit in cause.found[:1])
+    return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
 
 def _matters(value: Moved) -> bool:
@@ -404,7 +405,7 @@ def _apart(one: Disagreement) -> str:
 
 def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
     """The second cause, where noise explains what both leave."""
-    second = completing(causes, expected_misfit(found))
+    second = _completing(causes, expected_misfit(found))
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 

@@ -2,26 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.identification.fits.modal_fit import paired_modes
+from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.identification.setups.time import TimeSetup
 from structid.observation import FrfProblem, ModalProblem, RecordProblem
+from structid.observation.frf.continuation import LEVELS
 from structid.records import FrfRecord
 
-#: Of FRFs made of modes: error of each value, decay of the lines in parts of their frequency, lines, and loads.
+#: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,
+#: and loads.
 _ERROR, _DECAY, _LINES, _LOADS = 0.02, 0.02, 90, 2
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A record as FRFs.
+
+    Attributes
+    ----------
+    problem : FrfProblem
+        Of the lines themselves.
+    given : mapping of float to FrfRecord, optional
+        Smoothed data by their decay, where they are known.
+    """
+
+    problem: FrfProblem
+    given: Mapping[float, FrfRecord] | None = None
+
+    @cached_property
+    def smooth(self) -> Mapping[float, FrfRecord]:
+        """Smoothed data by their decay, from far to near; see `FrfProblem.smoothed`."""
+        return dict(self.problem.smoothed) if self.given is None else self.given
+
+    def of(self, problem: RecordProblem) -> View:
+        """The same data beside the model of a problem and its errors of channels."""
+        channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
+        own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
+        return View(own, self.smooth)
 
 
 def views(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
-) -> tuple[FrfProblem, ...]:
-    """One problem of FRFs for each record.
+) -> tuple[View, ...]:
+    """Every record as FRFs.
 
     Parameters
     ----------
@@ -34,19 +68,23 @@ def views(
     found = []
     for setup, problem, own in zip(setups, problems, theta, strict=True):
         if isinstance(problem, FrfProblem):
-            found.append(problem)
+            found.append(View(problem))
         elif isinstance(setup, TimeSetup):
-            found.append(setup.shown_problem(options, problem.channels))
+            found.append(View(setup.shown_problem(options, problem.channels)))
         elif isinstance(problem, ModalProblem):
             found.append(modal_view(problem, own))
     return tuple(found)
 
 
-def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
-    """FRFs of measured modes, scaled to unit modal mass by the model's, with the model's own modes and entries where none was
-    measured.
+def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
+    """FRFs of measured modes with their stated errors, scaled to unit modal mass by the model's; its own modes and entries where
+    none was measured.
 
-    Lines lie off the axis, where damping hardly counts. The loads are the channels that move most.
+    Damping that is not fitted is the model's, with errors as large as all that it does; a model that has none is held
+    against none.
+
+    Lines lie off the axis, where damping hardly counts; smoothed data are those of the same modes farther off. The loads are
+    the channels that move most.
     """
     state, pairs = problem.model_state(problem.physical(theta)), paired_modes(problem, theta)
     seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.readings(problem.physical(theta))[0][:, None]
@@ -58,32 +96,52 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfProblem:
     size = np.einsum("cm,cm->m", given, like) / np.where(energy > 0, energy, 1.0)
     shapes[:, pairs.number] = np.where(known, given * size, like)
     frequency[pairs.number] = problem.data.frequency
-    damping = np.full(len(frequency), 1e-3)
-    damping[pairs.number] = np.maximum(pairs.damping_ratio, 0.0)
+    shape_std, frequency_std = np.zeros_like(shapes), np.zeros_like(frequency)
+    stated = problem.data.shape_std[:, problem.data.measured]
+    shape_std[:, pairs.number] = np.where(known, stated * np.abs(size), 0.0)
+    frequency_std[pairs.number] = problem.data.frequency_std
+    of_model = np.maximum(damping_ratios(state), 0.0)
+    damping = np.zeros(len(frequency))
+    if problem.use_damping:
+        measured = np.nan_to_num(problem.record.damping_ratio[problem.data.measured])
+        damping[pairs.number] = np.where(of_model[pairs.number] > 0, measured, 0.0)
+    likely = np.where(damping > 0, damping, of_model)
     kept = frequency > 0
     span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), _LINES)
     lines = np.unique(np.concatenate([span, problem.data.frequency]))
-    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:_LOADS])
-    decay = _DECAY * 2 * np.pi * lines
-    s = decay + 2j * np.pi * lines
-    values = _synthesized(
-        shapes[:, kept], (shapes / gains)[drive][:, kept], 2 * np.pi * frequency[kept], damping[kept], s
-    )
     channels = problem.record.channels
-    size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
-    record = FrfRecord(
-        lines, values, channels, tuple(channels[i] for i in drive), "receptance",
-        variance=_ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2),
-        decay=decay, noise_source="declared",
-    )  # fmt: skip
-    errors = None if problem.channels is None else problem.channels.seen_by(record)
-    return FrfProblem(problem.structure, problem.parameters, record, channels=errors)
+    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:_LOADS])
+    loads = tuple(channels[i] for i in drive)
+
+    outputs, omega = shapes[:, kept], 2 * np.pi * frequency[kept]
+    inputs, input_std = (shapes / gains)[drive][:, kept], (shape_std / gains)[drive][:, kept]
+    output_std, omega_std = shape_std[:, kept], 2 * np.pi * frequency_std[kept]
+
+    def record(level: float) -> FrfRecord:
+        decay = level * 2 * np.pi * lines
+        s = (decay + 2j * np.pi * lines)[:, None]
+        of_mode, undamped = (1 / (s**2 + 2 * s * one[kept] * omega + omega**2) for one in (likely, damping))
+        values = _synthesized(outputs, of_mode, inputs)
+        size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
+        power = np.abs(of_mode) ** 2
+        variance = (
+            _ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2)
+            + np.abs(values - _synthesized(outputs, undamped, inputs)) ** 2
+            + _synthesized(output_std**2, power, inputs**2)
+            + _synthesized(outputs**2, power, input_std**2)
+            + _synthesized(outputs**2, (2 * omega * omega_std * power) ** 2, inputs**2)
+        )
+        return FrfRecord(
+            lines, values, channels, loads, "receptance", variance=variance, decay=decay, noise_source="declared"
+        )
+
+    near = record(_DECAY)
+    errors = None if problem.channels is None else problem.channels.seen_by(near)
+    own = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
+    return View(own, {level: record(level) if level > _DECAY else near for level in LEVELS})
 
 
-def _synthesized(
-    outputs: FloatArray, inputs: FloatArray, omega: FloatArray, damping: FloatArray, s: ComplexArray
-) -> ComplexArray:
-    """Sum over modes of unit modal mass, (n_lines, n_outputs, n_inputs)."""
-    of_mode = 1 / (s[:, None] ** 2 + 2 * s[:, None] * damping * omega + omega**2)
-    found: ComplexArray = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
+def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:
+    """Sum over modes, each with its own factor of every line, (n_lines, n_outputs, n_inputs)."""
+    found: Values = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
     return found

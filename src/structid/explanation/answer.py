@@ -15,9 +15,8 @@ from structid.criticism.verdict import (
     Cause,
     Criticism,
     Moved,
-    completing,
+    are_causes,
     expected_misfit,
-    explains,
     is_sound,
     judged,
     noise_ratio,
@@ -39,8 +38,6 @@ from structid.study.run.workers import threads_for
 _MOST, _MOST_ALIKE = 4, 4
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
-#: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
-_OF_A_PAIR = 4.0
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
@@ -99,9 +96,9 @@ def criticized(
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
     misfit, expected = found.estimate.chi_square_per_dof, expected_misfit(found)
-    is_pair = misfit > _OF_A_PAIR * expected and completing(made, expected) is not None
-    is_cause = is_pair or (bool(made) and explains(made[0], misfit, expected, bool(found.missed)))
-    accepted, lowering = (made, made[:0]) if is_cause else (made[:0], made)
+    accepted, lowering = (
+        (made, made[:0]) if are_causes(made, misfit, expected, bool(found.missed)) else (made[:0], made)
+    )
     judgement = judged(found, accepted, explanation.tried, lowering)
     if explanation.base.trial.is_large:
         judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))

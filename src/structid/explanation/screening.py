@@ -10,7 +10,7 @@ import numpy as np
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates
 from structid.criticism.pool import exchanges, pool
-from structid.criticism.screen import Point, Screened, point_at
+from structid.criticism.screen import Point, Screened
 from structid.errors import StructidError
 from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
@@ -70,15 +70,15 @@ def screening_points(base: Fitted) -> list[Point]:
     trial, points = base.trial, []
     if trial.is_large:  # every fit costs
         start = np.asarray(trial.target.theta_start)
-        return [point_at(trial.anchored_views(), start), point_at(trial.views, base.theta)]
+        return [trial.looked_at(trial.anchored_views(), start), trial.looked_at(trial.seen, base.theta)]
     theta = np.asarray(trial.target.theta_start)
     for level, stage in trial.smoothed():
         theta = minimize(stage, QUICK, theta).theta
         if level in _SCREENED_LEVELS:
-            points.append(point_at(_frfs(stage), theta))
+            points.append(trial.looked_at(_frfs(stage), theta))
     theta = minimize(trial.anchored(), QUICK, theta).theta
-    points.append(point_at(trial.anchored_views(), theta))
-    points.append(point_at(trial.views, base.theta))
+    points.append(trial.looked_at(trial.anchored_views(), theta))
+    points.append(trial.looked_at(trial.seen, base.theta))
     return points
 
 
@@ -155,7 +155,9 @@ def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
     if trial.is_of_modes:
         return set()
     # a large model is screened there first
-    point = points[0] if trial.is_large else point_at(trial.anchored_views(), np.asarray(trial.target.theta_start))
+    point = (
+        points[0] if trial.is_large else trial.looked_at(trial.anchored_views(), np.asarray(trial.target.theta_start))
+    )
     rows = point.screened(list(exchanges(point.records)))
     return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
 

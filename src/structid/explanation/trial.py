@@ -13,7 +13,8 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
 from structid.criticism.pool import MOST_DOFS
-from structid.criticism.views import views
+from structid.criticism.screen import Point, point_at
+from structid.criticism.views import View, views
 from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
 from structid.estimation.search.least_squares import minimize
@@ -51,20 +52,17 @@ class Trial:
     setups : tuple of RecordSetup
     problems : tuple of RecordProblem
         With starts as the study has them.
-    views : tuple of FrfProblem
-        Every record as FRFs; see `structid.criticism.views`.
+    views : tuple of View
+        Every record as FRFs.
     changes : tuple of (Candidate, float)
         What was changed, in order, with the strengths written.
-    known : tuple of (FrfRecord, dict)
-        Smoothed data that need not be found again.
     """
 
     study: Study
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
-    views: tuple[FrfProblem, ...]
+    views: tuple[View, ...]
     changes: tuple[tuple[Candidate, float], ...] = ()
-    known: tuple[tuple[FrfRecord, dict[float, FrfRecord]], ...] = ()
 
     @cached_property
     def target(self) -> Problem:
@@ -89,9 +87,7 @@ class Trial:
             _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
             for problem, setup, k in zip(problems, setups, kept, strict=True)
         )
-        known = tuple(zip((view.record for view in self.views), self.smooth, strict=True))
-        changes = (*self.changes, (candidate, strength))
-        return Trial(edited, setups, problems, shown, changes, known)
+        return Trial(edited, setups, problems, shown, (*self.changes, (candidate, strength)))
 
     def values(self, theta: FloatArray) -> dict[str, float]:
         """Physical values of free variables, by name."""
@@ -111,29 +107,18 @@ class Trial:
         """Whether all records are of modes."""
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
 
-    @property
-    def has_modes(self) -> bool:
-        """Whether some records are of modes."""
-        return any(isinstance(problem, ModalProblem) for problem in self.problems)
-
-    @cached_property
-    def smooth(self) -> tuple[dict[float, FrfRecord], ...]:
-        """Smoothed data of every record by their decay; see `FrfProblem.smoothed`."""
-        known = {id(record): data for record, data in self.known}
-        return tuple(known.get(id(view.record)) or dict(view.smoothed) for view in self.views)
-
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
         """Stages on smoothed data with their decays, from far to near; those that the lines of every record allow."""
-        if self.has_modes:
+        if self.is_of_modes:
             return []
-        shared = [level for level in levels if all(level in data for data in self.smooth)]
+        shared = [level for level in levels if all(level in view.smooth for view in self.views)]
+        stages = [
+            [smooth_stage(view.problem, view.smooth[level], START_ERROR) for view in self.views] for level in shared
+        ]
         return [
-            (level, JointProblem(tuple(
-                smooth_stage(view, data[level], START_ERROR)
-                for view, data in zip(self.views, self.smooth, strict=True)
-            ), first_prior_counts=True))
-            for level in shared
-        ]  # fmt: skip
+            (level, JointProblem(tuple(stage), first_prior_counts=True))
+            for level, stage in zip(shared, stages, strict=True)
+        ]
 
     def anchored(self) -> JointProblem:
         """All of `anchored_problems` as one."""
@@ -143,15 +128,25 @@ class Trial:
         """The logarithm of the FRFs with 10 % of model error, modes as they are, every parameter held near its start."""
         held: list[RecordProblem] = []
         for problem, view in zip(self.problems, self.views, strict=True):
-            of = problem if isinstance(problem, ModalProblem) else view
+            of = problem if isinstance(problem, ModalProblem) else view.problem
             near = [part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(of.parts)]
             one = of.with_parts(near)
             held.append(replace(one, form="log", model_error=_MODEL_ERROR) if isinstance(one, FrfProblem) else one)
         return tuple(held)
 
+    @property
+    def seen(self) -> tuple[FrfProblem, ...]:
+        """The views as they are."""
+        return tuple(view.problem for view in self.views)
+
     def anchored_views(self) -> tuple[FrfProblem, ...]:
         """The views in the form of the anchored fit."""
-        return tuple(replace(view, form="log", model_error=_MODEL_ERROR) for view in self.views)
+        return tuple(replace(one, form="log", model_error=_MODEL_ERROR) for one in self.seen)
+
+    def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray) -> Point:
+        """Views in some form where changes are screened; modes whose damping is not fitted say nothing of damping."""
+        silent = [k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.use_damping]
+        return point_at(problems, theta, silent)
 
     def approached(self) -> tuple[FloatArray, float]:
         """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages."""
@@ -213,20 +208,13 @@ def read_study(
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 
-def view_of(problem: RecordProblem, view: FrfProblem) -> FrfProblem:
-    """A view with the model of a problem, and its errors of channels."""
-    channels = None if problem.channels is None else problem.channels.seen_by(view.record)
-    return replace(view, structure=problem.structure, parameters=problem.parameters, channels=channels)
-
-
-def _same_view(
-    problem: RecordProblem, setup: AnySetup, before: AnySetup, view: FrfProblem, options: IdentifyOptions
-) -> FrfProblem:
+def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: View, options: IdentifyOptions) -> View:
     """The view of a changed problem: the same FRFs where the record is the same."""
     if isinstance(problem, FrfProblem):
-        return replace(problem, record=view.record) if _is_same(problem.record, view.record) else problem
+        known = view.problem.record
+        return View(replace(problem, record=known), view.smooth) if _is_same(problem.record, known) else View(problem)
     if setup.measured is before.measured:
-        return view_of(problem, view)
+        return view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]
 
 

@@ -12,6 +12,7 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import Own
 from structid.modal import ModalRecord
 from structid.observation import ModalProblem
+from structid.observation.modal.output import ModelState
 from structid.similarity import subspace_angles
 from structid.similarity.pairing import likenesses
 
@@ -59,15 +60,20 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
             x, y = shapes[np.ix_(group.channels, own)], seen[np.ix_(group.channels, number[own])]
             angle[own] = subspace_angles(x, y).max()
     f = state.modes.frequency
-    phi = state.modes.mode_shapes[:, number]
-    omega = 2 * np.pi * f[number]
-    lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
-    lost += np.einsum("dm,dm->m", phi, state.structural @ phi) / omega**2
     measured = problem.data.frequency
     inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & moves
     inside[number] = False
     like = np.diag(likenesses(shapes, seen[:, number], moves[number]))
-    return PairedModes(number, f[number], 0.5 * lost, like, angle, f[inside])
+    return PairedModes(number, f[number], damping_ratios(state)[number], like, angle, f[inside])
+
+
+def damping_ratios(state: ModelState) -> FloatArray:
+    """Of the model's modes without coupling by damping, (n_modes,); not a number at 0 Hz."""
+    phi, omega = state.modes.mode_shapes, 2 * np.pi * state.modes.frequency
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
+        lost += np.einsum("dm,dm->m", phi, state.structural @ phi) / omega**2
+    return 0.5 * lost
 
 
 @dataclass(frozen=True, eq=False)
