@@ -68,3 +68,20 @@ def ambient_chain(seed, duration=600.0, rate=10.0, noise=0.02, damping_ratio=0.0
     motion = (modal @ shapes.T)[settling:]
     motion += noise * motion.std(axis=0) * rng.standard_normal(motion.shape)
     return TimeRecord(rate, motion, [f"{i + 1}X" for i in range(4)], ["velocity"] * 4)
+
+
+HEAVY_FREQUENCY, HEAVY_DAMPING = np.array([2.1, 2.6, 4.5, 6.8, 9.3]), np.array([0.1, 0.12, 0.15, 0.1, 0.08])
+
+
+def damped_decay(seed, duration=20.0, noise=0.05, damping=HEAVY_DAMPING):
+    """Five modes at six points, 50 Hz, with white noise of `noise` of the rms, and the shapes."""
+    five = np.arange(1, 6)
+    shapes = np.sin(five * np.pi * (np.arange(6)[:, None] + 0.7) / 7.3)
+    shapes[:, 1] = np.cos(1.3 * np.arange(6) + 0.5)
+    omega, rng = 2 * np.pi * HEAVY_FREQUENCY, np.random.default_rng(seed)
+    time = np.arange(int(50 * duration))[:, None] / 50
+    size, phase = rng.uniform(0.5, 1.5, 5), rng.uniform(0, 2 * np.pi, 5)
+    motion = size * np.exp(-damping * omega * time) * np.cos(omega * np.sqrt(1 - damping**2) * time + phase)
+    values = motion @ shapes.T
+    values = values + noise * values.std() * rng.standard_normal(values.shape)
+    return TimeRecord(50.0, values, [f"{i + 1}X" for i in range(6)], ("acceleration",) * 6), shapes

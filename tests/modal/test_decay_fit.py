@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from modal_cases import beam_decay, decay, nearest
+from modal_cases import HEAVY_DAMPING, HEAVY_FREQUENCY, beam_decay, damped_decay, decay, nearest
 from scipy.signal import lfilter
 
 from structid import TimeRecord
@@ -185,3 +185,28 @@ def test_stable_poles_of_the_noise_are_left_out_of_a_decay_and_named(n_channels)
         assert found.modes.n_modes == len(found.clusters) == 1
         std = np.sqrt(found.modes.covariance[0, 0])
         assert abs(found.modes.frequency[0] - np.hypot(20.0, 0.1) / (2 * np.pi)) < 4 * std
+
+
+@pytest.mark.parametrize("duration", [3.0, 20.0])
+def test_decays_of_high_damping_show_all_modes_whatever_noise_follows(duration):
+    """Six seeds, 60 intervals: 91 to 96 % hold the truth over many. Before, a third of the modes was missing without a word."""
+    z = []
+    for seed in range(6):
+        record, _ = damped_decay(seed, duration)
+        found = modal_identification(record).modes
+        assert found.n_modes == 5
+        assert "maximum likelihood" in found.source
+        assert any("lost in the noise" in words for words in found.warnings) == (duration > 3)
+        error = np.concatenate([found.frequency - HEAVY_FREQUENCY, found.damping_ratio - HEAVY_DAMPING])
+        z.append(error / found.std)
+    assert np.mean(np.abs(z) <= 1.96) >= 0.85
+    assert np.abs(z).max() < 4
+
+
+def test_a_decay_that_is_more_than_its_modes_is_told():
+    """Noise that is not white leaves what no mode explains."""
+    record, _ = damped_decay(0, 20.0, noise=0.0)
+    noise = lfilter([0.4], [1.0, -0.9], np.random.default_rng(0).standard_normal(record.values.shape), axis=0)
+    values = record.values + 0.1 * record.values.std() * noise
+    found = modal_identification(TimeRecord(50.0, values, record.channels, record.quantities)).modes
+    assert any("holds more than these modes" in words and "`stop`" in words for words in found.warnings)

@@ -136,7 +136,35 @@ def stands_out(data: Outputs, poles: ComplexArray) -> NDArray[np.bool_]:
 
     Poles that a method has chosen to follow the noise reach a `strength` of some 1 + 5 / sqrt(n) for n series.
     """
-    return np.asarray(strength(data, poles) > 1 + 9 / np.sqrt(len(data.series) * data.n_channels))
+    return np.asarray(strength(data, poles) > noise_strength(data))
+
+
+def noise_strength(data: Outputs) -> float:
+    """The `strength` that poles of noise do not reach."""
+    return float(1 + 9 / np.sqrt(len(data.series) * data.n_channels))
+
+
+def schwarz(data: Outputs, poles: ComplexArray) -> float:
+    """Schwarz's (1978) criterion of free decays with `poles`: the least of several tells the right number of modes."""
+    n_samples = sum(len(y) for y in data.series)
+    unknowns = 2 * len(poles) * (1 + len(data.series) * data.n_channels)
+    misfit = 2 * n_samples * float(np.sum(np.log(_noise(_projected(data, poles)))))
+    return float(misfit + unknowns * np.log(n_samples * data.n_channels))
+
+
+def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
+    """What `strength` each of `candidates` would have as one more mode beside `poles`, (n_candidates,)."""
+    parts = _projected(data, poles)
+    sigma = _noise(parts)
+    found = np.zeros(len(candidates))
+    for p in parts:
+        time = np.arange(len(p.residual)) / data.sampling_rate
+        for k, s in enumerate(candidates):
+            motion = np.exp(s * (time - (time[-1] if s.real > 0 else 0.0)))
+            basis = np.stack([motion.real, motion.imag], axis=1)
+            q = np.linalg.qr(basis - p.basis @ (p.basis.T @ basis))[0]
+            found[k] += np.sum(np.square(q.T @ (p.residual / sigma)))
+    return found / (2 * len(sigma) * len(parts))
 
 
 def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
@@ -216,7 +244,11 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
         if (trial.imag <= 0).any() or (trial.real * data.duration > _GROWTH).any():
             damping = max(10 * damping, 1e-4)
             continue
-        tried = _projected(data, trial)
+        try:
+            tried = _projected(data, trial)
+        except np.linalg.LinAlgError:  # a decay within a sample, or two poles in one
+            damping = max(10 * damping, 1e-4)
+            continue
         new_matrix, new_gradient, new_cost = _normal(tried, sigma)
         if np.isfinite(new_cost) and new_cost <= cost * (1 + 1e-14):
             poles, parts, matrix, gradient, cost = trial, tried, new_matrix, new_gradient, new_cost

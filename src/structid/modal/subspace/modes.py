@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
@@ -15,7 +15,16 @@ from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.stabilization import Cluster, clusters
 from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
-from structid.modal.subspace.decay_fit import decay_modes, energy_shares, stands_out
+from structid.modal.subspace.decay_fit import (
+    decay_fit,
+    decay_modes,
+    energy_shares,
+    left_over,
+    noise_strength,
+    schwarz,
+    stands_out,
+    strength,
+)
 from structid.modal.subspace.kernel import Subspace, poles_of_orders
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (
@@ -34,12 +43,15 @@ _MAX_ORDER = 60
 _BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
+_LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
+_APART = 0.05  # of its size: a pole that maximum likelihood moves further may be another mode
+_NO_BETTER = 6  # orders in a row that explain a free decay no better, after which no more are tried
 _ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
 def subspace_modes(
-    records: TimeRecord | Sequence[TimeRecord], options: ModalOptions, method: str
+    records: TimeRecord | Sequence[TimeRecord] | Outputs, options: ModalOptions, method: str
 ) -> ModalIdentification:
     """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
     data = outputs(records)
@@ -55,6 +67,13 @@ def subspace_modes(
             "`block_rows` or the greatest order, or measure longer"
         )
     motion = free_decay(data, _poles(sweep, picked))
+    shorter = _until_noise(data, motion, 8 * rows) if motion.explains_most else None
+    if shorter is not None:
+        result = subspace_modes(shorter, options, method)
+        words = f"after {shorter.duration:.3g} s the free decay is lost in the noise: modes are from the time before (`stop`)"
+        return replace(result, modes=replace(result.modes, warnings=(words, *result.modes.warnings)))
+    if method in _REFINED and options.refine and found and options.frequencies is None and motion.explains_most:
+        picked, found, motion = _with_left_over(data, sweep, picked, found, motion, options, notes)
     if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
         picked, found, notes = _damped(sweep, data.scale, options, _poles(sweep, picked))
@@ -70,6 +89,84 @@ def subspace_modes(
         result = _worthy(data, result, motion)
     more = close_mode_notes(result.modes, data.duration, len(data.series), motion.explains_all)
     return replace(result, modes=replace(result.modes, warnings=(*result.modes.warnings, *more)))
+
+
+def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | None:
+    """The records up to where their decay is a `_LOST` of the noise left, if that is less than half of them; else None.
+
+    What comes after tells nothing of the modes, but its noise hides those that die out first from a subspace method.
+    """
+    series = []
+    for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
+        noise = np.mean(np.square(rest), axis=0)
+        level = np.mean(np.square(decay) / np.maximum(noise, np.finfo(float).tiny), axis=1)
+        heard = np.flatnonzero(level > _LOST**2)
+        series.append(y[: max(int(heard[-1]) + 1 if len(heard) else 0, n_least)])
+    if sum(map(len, series)) > 0.5 * sum(map(len, data.series)):
+        return None
+    return replace(data, series=tuple(series))
+
+
+def _with_left_over(
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
+    options: ModalOptions, notes: list[str],
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
+    """The same where they leave nothing but noise of a free decay; else the modes of the order that explains it best.
+
+    Modes of high damping scatter over the orders, and their clusters are too small to be taken for modes. Of each order,
+    the poles that stand out start a maximum-likelihood fit; Schwarz's criterion chooses among those that stay near.
+    """
+    every = clusters(sweep, data.scale, options.criteria, keep_all=True)
+    candidates = np.array([sweep[c.number[c.chosen]].poles[c.index[c.chosen]] for c in every if c.size > 1])
+    fit = decay_fit(data, _poles(sweep, picked))
+    poles = _poles(sweep, picked) if fit is None else fit.poles
+    if fit is not None and left_over(data, poles, candidates).max(initial=0.0) <= noise_strength(data):
+        return picked, found, motion
+    least, best, behind = schwarz(data, poles), None, 0
+    for k in range(len(sweep)):
+        trial = _standing_fit(data, sweep[k].poles, options.criteria.indices(sweep[k]))
+        price = np.inf if trial is None else schwarz(data, trial[1])
+        behind = 0 if price < least else behind + 1
+        if trial is not None and price < least:
+            least, best = price, (k, *trial)
+        elif best is not None and behind == _NO_BETTER:
+            break
+    wider = None if best is None else free_decay(data, best[2])
+    if best is None or wider is None or not wider.explains_all:
+        notes.append(
+            "the free decay holds more than these modes and white noise: modes may be missing, and standard deviations too "
+            "small. Read the part that is free motion (`start`, `stop`), or give `orders` or `frequencies`"
+        )
+        return picked, found, motion
+    k, index, _ = best
+    chosen = [(k, int(i)) for i in index]
+    return chosen, tuple(_around(sweep, every, *place) for place in chosen), wider
+
+
+def _standing_fit(data: Outputs, poles: ComplexArray, index: IntArray) -> tuple[IntArray, ComplexArray] | None:
+    """Those of `poles[index]` that stand out of the noise together, and where maximum likelihood puts them nearby."""
+    while len(index):
+        force = strength(data, poles[index])
+        if force.min() > noise_strength(data):
+            fit = decay_fit(data, poles[index])
+            if fit is None or (np.abs(fit.poles - poles[index]) > _APART * np.abs(poles[index])).any():
+                return None
+            force = strength(data, fit.poles)
+            if force.min() > noise_strength(data):
+                return index, fit.poles
+        weak = np.argsort(force)[: max(int(np.sum(force <= noise_strength(data))) // 2, 1)]
+        index = np.delete(index, weak)
+    return None
+
+
+def _around(sweep: Sequence[Poles], every: Sequence[Cluster], number: int, index: int) -> Cluster:
+    """The cluster of a pole, which stands for it, or one of its own."""
+    for cluster in every:
+        here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
+        if len(here):
+            return replace(cluster, chosen=int(here[0]))
+    poles, own = sweep[number], np.array([index])
+    return Cluster(np.array([number]), own, poles.frequency[own], poles.damping_ratio[own], 0)
 
 
 def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
