@@ -131,7 +131,8 @@ def test_a_direction_that_the_model_does_not_couple_is_compared_as_it_is_in_the_
     values[4, 1] = 50.0 * std[4, 1]
     problem = FrfProblem(structure, made, replace(blank, values=values, variance=2 * std**2), "log")
     at = problem.linearize(problem.theta_start)
-    assert np.all(np.isfinite(at.residual)) and np.all(np.isfinite(at.jacobian))
+    assert np.all(np.isfinite(at.residual))
+    assert np.all(np.isfinite(at.jacobian))
     noise = problem.residual(made.theta_start + 0.1)
     assert 0.5 < np.median(np.abs(noise)) < 0.9
     step = 1e-6

@@ -67,7 +67,7 @@ class WhitenedFrf:
 
     @cached_property
     def _inverse(self) -> ComplexArray:
-        return 1 / np.where(self._in_noise, 1.0, self.measured)
+        return np.asarray(1 / np.where(self._in_noise, 1.0, self.measured))
 
 
 def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
