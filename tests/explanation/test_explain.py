@@ -391,6 +391,13 @@ def test_two_changes_that_leave_noise_alone_are_causes_whatever_each_removes(mis
     assert are_causes([first, Cause("joint", ("a:1/2RZ",), "", 0.8, left, is_second=True)], misfit) is is_cause
 
 
+@pytest.mark.parametrize(
+    ("kind", "left", "is_cause"), [("channel", 1.2, True), ("channel", 29.0, False), ("mass", 29.0, True)]
+)
+def test_a_sensor_is_not_called_noisy_where_the_others_miss_the_noise_too(kind, left, is_cause):
+    assert are_causes([Cause(kind, ("4Y",), "", 0.7, left)], 100.0) is is_cause
+
+
 def test_what_few_averages_leave_is_no_misfit_that_a_cause_would_have_to_remove():
     moved = (Moved("a", "1", 1.0, 0.95, (0.94, 0.96), 3.0),)
     cause = Cause("window", ("all channels",), "resonances leak", 0.23, 1.065, moved=moved)

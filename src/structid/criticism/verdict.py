@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.criticism.data import misfit_of_lines
+from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
@@ -31,6 +31,9 @@ _MOVES = 3.0
 _CONTRADICTS = 0.2
 #: Chi-square per degree of freedom, in parts of what is expected, from where on a cause is not the whole of it.
 _LEAVES = 4.0
+#: Chi-square per degree of freedom, in parts of what is expected, from where on intervals from the misfit are not relied on: a
+#: length that is drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
+_FAR_BEYOND = 9.0
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
 #: Part of a misfit that one named change removes from where on it is the cause.
@@ -211,7 +214,8 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
     The first is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more
     than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. So
-    is a pair that leaves noise alone. One element that differs from its group by no more than elements do is not.
+    is a pair that leaves noise alone. Data that are left out are no cause where the rest misses the noise as well: beside a wrong
+    model any sensor looks wrong. One element that differs from its group by no more than elements do is not.
 
     Parameters
     ----------
@@ -232,6 +236,8 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
+    if cause.kind in DATA_KINDS and cause.chi_square_per_dof > _LEAVES * expected:
+        return False
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     matters = is_hidden or any(map(_matters, cause.moved))
     return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
@@ -357,6 +363,12 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         apart = tuple(sorted(apart, key=lambda one: -one.share))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
+    if estimate.chi_square_per_dof > _FAR_BEYOND * expected_misfit(found):
+        words = (
+            f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
+            f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
+        )
+        return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
     words = f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
