@@ -456,9 +456,12 @@ def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
         about = np.abs(frequency - peak.measured) <= 3 * half
         if not about.any() or of_line[about].mean() < _LOCAL_MISFIT:
             continue
-        distance = abs(peak.predicted - peak.measured) / half
+        predicted = peak.predicted
+        if not np.isfinite(predicted) and near >= 0 and abs(fit.modes.frequency[near] - peak.measured) <= _OFF * half:
+            predicted = float(fit.modes.frequency[near])  # narrower than the lines: no peak of the model on them
+        distance = abs(predicted - peak.measured) / half
         if not np.isfinite(distance):
             found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
         elif distance > _OFF:
-            found.append(_missed(peak.measured, peak.predicted, distance))
+            found.append(_missed(peak.measured, predicted, distance))
     return found
