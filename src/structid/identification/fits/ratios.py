@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,18 @@ import numpy as np
 from structid.arrays import FloatArray, locked
 from structid.estimation import Estimate, Problem
 from structid.estimation.uncertainty import relative_jacobian
+from structid.observation import FrfProblem
 
 _NULL = 1e-10
 _SEEN = 1e-6
+#: Relative change of FRFs, and part of it by which that of the parameters may differ from it.
+_STEP, _ALIKE = 1e-6, 1e-4
 _SCALED = ("mass", "stiffness", "viscous_damping")
+#: What that the scale is the force's means.
+ON_FORCE = (
+    "no known mass, stiffness or prior holds the scale of the values: an error of 1 % in the calibration of the force is one of"
+    " 1 % in every mass, stiffness and damping, beside their intervals"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +84,27 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
         locked(ends),
         scale_words([found.names[i] for i in members], found.names[reference]),
     )
+
+
+def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
+    """Whether the common scale of all masses, stiffnesses and dampings is that of the measured forces alone.
+
+    Making all of them larger by a part then makes every FRF smaller by it: no known mass or stiffness and no prior says more,
+    and an error of the load cell is one of all values.
+    """
+    for problem in problems:
+        if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.measures_force:
+            return False
+        theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
+        members = np.flatnonzero(np.isin(problem.kinds, _SCALED))
+        if np.isfinite(problem.unknowns.prior_std[members]).any():
+            return False
+        frf = problem.predicted(theta)
+        gained = (problem.data_rows((1 + _STEP) * frf) - problem.data_rows(frf)) / _STEP
+        scaled = relative_jacobian(problem, theta, problem.linearize(theta))[:, members].sum(axis=1)
+        if np.linalg.norm(scaled + gained) > _ALIKE * np.linalg.norm(gained):
+            return False
+    return bool(problems)
 
 
 def common_scale(jacobian: FloatArray, kinds: np.ndarray, noise_scale: float = 1.0) -> np.ndarray | None:

@@ -145,6 +145,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         **record_summaries(found.fits),
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
+        "rests_on_force": found.rests_on_force,
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
