@@ -153,12 +153,14 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the sensor is placed by a click on the picture
         page.get_by_label("101Y+").check()
         page.get_by_text("on no node yet").wait_for()
+        page.locator("#checked", has_text="101Y").wait_for()
         place = page.evaluate(
             "(() => { const s = document.querySelector('canvas.under').scene; return s.seen(s.row.get(3)); })()"
         )
         page.locator("canvas.under").click(position={"x": place[0], "y": place[1]})
         page.get_by_role("button", name="Place 101Y+ here").wait_for()
-        page.get_by_label("Direction", exact=True).select_option("+Y")
+        ways = page.get_by_label("Direction", exact=True)
+        assert [one[1:] for one in ways.locator("option").all_inner_texts()] == ["Y", "Y"]  # nothing else moves there
         page.get_by_role("button", name="Place 101Y+ here").click()
         page.get_by_text("at node 3, +Y").wait_for()
         page.get_by_text("data and priors determine every parameter").wait_for()
