@@ -8,9 +8,10 @@ import tempfile
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from threading import Event
 from typing import Any
 from urllib.parse import quote
 
@@ -44,6 +45,7 @@ class Workbench:
     access: Access
     workers: Workers
     runs: Runs
+    ending: Event = field(default_factory=Event)
 
     def version(self, study: str) -> str:
         """What changes when a study or one of the files beside it does."""
@@ -232,11 +234,11 @@ async def _act(bench: Workbench, request: Request) -> Response:
 
 
 async def _events(bench: Workbench, request: Request) -> Response:
-    """What has changed, as long as the page is open: states of runs, and stamps of studies."""
+    """What has changed, as long as page and server are there: states of runs, and stamps of studies."""
 
     async def changes() -> AsyncIterator[str]:
         before, ticks = "", 0
-        while not await request.is_disconnected():
+        while not (bench.ending.is_set() or await request.is_disconnected()):
             now = json.dumps(await asyncio.to_thread(_state, bench))
             ticks += 1
             if now != before:
