@@ -9,6 +9,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import tomllib
 import zipfile
 from pathlib import Path
@@ -360,6 +361,57 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.get_by_text("was moved or removed while it was open").first.wait_for()
 
 
+def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    before = study.read_text(encoding="utf-8")
+    with served(tmp_path) as bench:
+        # a hand edit while the page is still being drawn
+        held = []
+        page.route("**/api/scene*", lambda one: held.append(one))
+        page.goto(bench.address + "#structure/beam.toml")
+        eventually(page, lambda: held)
+        page.wait_for_timeout(1500)
+        study.write_text(before.replace("Beam clamped", "Shelf clamped"), encoding="utf-8")
+        page.unroute("**/api/scene*")
+        page.get_by_text("The study was changed outside this page").wait_for()
+        page.get_by_role("heading", name="Shelf clamped at its left end").wait_for()
+        page.locator("#study option", has_text="Shelf clamped").wait_for(state="attached")
+
+        step(page, "Study file")
+        area = page.get_by_label("Text of the study")
+        typed = study.read_text(encoding="utf-8").replace("Shelf", "Board")
+        area.fill(typed)
+        step(page, "Unknowns")
+        page.get_by_text("is not saved yet; it is kept on its page").wait_for()
+        step(page, "Study file")
+        page.get_by_text("What you typed is still here, and not saved yet").wait_for()
+        assert area.input_value() == typed
+        shown(page, screens, "19_draft")
+        accessible(page, "draft")
+        step(page, "Unknowns")
+        study.write_text(before.replace("loss_factor = 0.01", "loss_factor = 0.02"), encoding="utf-8")
+        page.get_by_text("The study was changed outside this page").wait_for()
+        step(page, "Study file")
+        page.get_by_text("The file was changed since this was typed").wait_for()
+        page.get_by_role("button", name="Keep mine").click()
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("The study can be read").wait_for()
+        assert study.read_text(encoding="utf-8") == typed
+        assert page.get_by_role("button", name="Save").is_disabled()
+        bench.process.send_signal(signal.SIGINT)
+        page.get_by_text("the workbench does not answer").wait_for(timeout=10_000)
+        page.get_by_role("navigation").get_by_role("link", name="Structure").click()
+        for _ in range(3):
+            page.get_by_role("button", name="Try again").click()
+        page.wait_for_timeout(300)
+        assert page.locator("main .card").count() == 1
+        shown(page, screens, "20_away")
+    with served(tmp_path, "--port", str(bench.port)):
+        page.get_by_text("The address lacks the token: open the whole address").first.wait_for(timeout=15_000)
+        page.get_by_role("button", name="Try again").click()
+        page.locator("main .card", has_text="The address lacks the token").wait_for()
+
+
 def test_a_full_disk_is_told_and_what_was_typed_stays(page, screens, tmp_path):
     folder = tmp_path / "work"
     folder.mkdir()
@@ -395,6 +447,8 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         shown(page, screens, "10_modes")
         accessible(page, "modes")
         page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
+        step(page, "Start")
+        step(page, "Modes")  # what was taken and left is as it was
         page.get_by_role("button", name="Save 2 modes").click()
         page.get_by_text("2 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
         page.frame_locator("iframe.report").locator("#figure-mode_shapes .main-svg").first.wait_for()

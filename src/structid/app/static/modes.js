@@ -8,6 +8,8 @@ import {besideStudy, givenOptions, recordEdits, records} from "./recorded.js";
 
 const KINDS = [["outside the criteria", "circle", 3], ["not in a cluster", "x-thin-open", 6], ["in the cluster of a mode", "circle-open", 7], ["the mode itself", "diamond", 10]];
 
+let kept = null; // what was found last, with the poles taken and what was asked, so that it is there again
+
 export async function show(box, app) {
   const files = app.folder.records.map((one) => one.path), measured = files.filter((path) => !path.endsWith(".json"));
   if (!files.length) { fill(box, h("h1", {}, "Modes of a record"), h("p", {}, "This folder holds no record yet: drop one on the start page.")); return; }
@@ -38,17 +40,23 @@ export async function show(box, app) {
   fill(box, h("h1", {}, "Modes of a record"), measured.length ? form : null, result, stored, model.box, merging.box, page);
   const find = async () => {
     fill(result, h("p", {class: "muted"}, "Looking at all orders… this takes from a second to some minutes."));
-    const now = (modes) => { taken = modes; model.draw(); };
-    try { picture(result, app, await post("survey", {record: choice.value, options: options_(), band: band()}), choice.value, options_(), band(), now, keep); }
+    try { const asked = {record: choice.value, options: options_(), band: band()}; drawn({study: app.study, asked, found: await post("survey", asked), typed: [low, high, rate, channels, quantities].map((one) => one.value)}); }
     catch (error) { fill(result, h("div", {class: "card bad"}, error.message)); }
   };
+  const drawn = (one) => { kept = one; picture(result, app, one, (modes) => { taken = modes; model.draw(); }, keep); };
+  if (kept && kept.study === app.study && measured.includes(kept.asked.record)) {
+    choice.value = kept.asked.record;
+    [low, high, rate, channels, quantities].forEach((one, k) => { one.value = kept.typed[k]; });
+    drawn(kept);
+  }
 }
 
-function picture(box, app, found, record, given, band, now, keep) {
+function picture(box, app, one, now, keep) {
+  const {found, asked: {record, options: given, band}} = one;
   const place = h("div", {class: "plot tall", id: "stabilization"}), list = h("section", {class: "card"});
   const f = unpacked(found.poles.frequency, "f64"), order = unpacked(found.poles.order, "f32"), kind = unpacked(found.poles.kind, "u8"), ratio = unpacked(found.poles.damping, "f32");
   const shape = unpacked(found.poles.shape, "f32"), channels = found.channels.length;
-  const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], shape: found.shapes[k]}));
+  const taken = one.taken = one.taken || found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], shape: found.shapes[k]}));
   fill(box, h("section", {class: "card"}, h("h2", {}, "Stabilization diagram"), h("p", {class: "note"}, `Method ${found.method}. A pole that keeps its place from order to order is a mode. Click a pole to take or leave it.`), place), list,
     found.warnings.length ? h("section", {class: "card doubt"}, h("h2", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))) : null);
   const pick = (frequency, damping, moves = null) => {

@@ -6,15 +6,17 @@ import {besideStudy, givenOptions, LISTS, MAPPING, recordEdits, records} from ".
 export async function show(box, app) {
   await app.reload();
   document.getElementById("study").value = app.study;
-  const {studies, records, models, writable} = app.folder, made = await fresh(app);
+  const {records, models, writable} = app.folder, made = await fresh(app), list = h("section", {class: "card"});
+  const draw = ({studies}) => fill(list, h("h2", {}, "Studies in this folder"), studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
+    h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
+    h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
+    : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder."));
+  draw(app.folder);
+  app.heard.add(({folder}) => { if (folder) { draw(folder); } });
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
     h("div", {class: "columns"},
-      h("div", {}, h("section", {class: "card"}, h("h2", {}, "Studies in this folder"),
-        studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
-          h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
-          h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
-          : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder.")), recent(app)),
+      h("div", {}, list, recent(app)),
       made.box),
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
