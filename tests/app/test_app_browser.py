@@ -265,8 +265,7 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
         page.get_by_role("button", name="New study from it: plate.msh").click()
         page.get_by_text("Groups: clamp, skin, strip").wait_for()
-        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").fill("mm")
-        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").press("Tab")
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").select_option("mm")
         page.get_by_text(re.compile("It measures 0.400 . 0.300 . 0 m")).wait_for()
         page.get_by_label("group that is held; none where it is free").fill("clamp")
         shown(page, screens, "0_mesh")
@@ -456,6 +455,13 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         found = json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8"))
         assert len(found["frequency_hz"]) == 2
         assert found["frequency_hz"] == pytest.approx([1.267, 5.13], rel=0.02)
+        # what is there is replaced only where that is wanted
+        page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
+        page.get_by_role("button", name="Save 1 modes").click()
+        page.get_by_text("ambient_modes: is there already; give another folder").wait_for()
+        assert json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8")) == found
+        page.get_by_role("button", name="Replace ambient_modes").click()
+        page.get_by_text("1 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
 
 
 #: Where on the screen the highest pole of the second mode is drawn.

@@ -90,8 +90,10 @@ def test_files_of_modes_are_merged_as_the_library_merges_them(folder):
         beside = {"study": "storeys.toml", "number": 0, "measured": "merged/modes.json", "at": ""}
         np.testing.assert_allclose(np.diag(bench.post("beside", beside)[1]["mac"]), 1.0, rtol=1e-9)
         assert "merged/modes.json" in [one["path"] for one in bench.get("folder")[1]["records"]]
-        status, one = bench.post("merge", {**ask, "records": ["lower/modes.json"]})
+        status, one = bench.post("merge", {**ask, "records": ["lower/modes.json"], "out": "alone"})
         assert (status, "two set-ups or more" in one["error"]) == (422, True)
+        assert bench.post("merge", ask)[0] == 409  # what is there stays
+        assert bench.post("merge", {**ask, "replace": True})[0] == 200
         assert bench.post("merge", {**ask, "out": "../merged"})[0] == 403
         assert not (folder.parent / "merged").exists()
     kept = read_modes(folder / "merged" / "modes.json")
@@ -125,7 +127,7 @@ def test_records_of_set_ups_are_merged_with_a_page(folder):
         told = bench.post("beside", beside)[1]
         assert np.diag(told["mac"]).min() > 0.98
         assert np.abs(told["difference"]).max() < 0.01
-        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"]})
+        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"], "out": "mixed"})
         assert (status, "save the modes of each record" in found["error"]) == (422, True)
     assert json.loads((folder / "both" / "modes.json").read_text())["channels"] == ["1X+", "2X+", "3X+"]
 

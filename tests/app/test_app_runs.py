@@ -127,6 +127,20 @@ def test_a_changed_study_is_not_overwritten(folder):
         assert found["text"].endswith("# by hand\n")
 
 
+def test_a_new_study_without_a_suffix_is_listed(folder):
+    with served(folder) as bench:
+        assert bench.post("init", {"template": "beam", "path": "shelf", "numbers": {}}) == (200, {"path": "shelf.toml"})
+        assert [one["path"] for one in bench.get("folder")[1]["studies"]] == ["beam.toml", "shelf.toml"]
+
+
+def test_a_file_in_the_way_of_the_results_is_told_before_the_run(folder):
+    with served(folder) as bench:
+        status, found = bench.post("runs", {"study": "beam.toml", "results": "beam.toml/first"})
+        assert status == 422
+        assert "beam.toml: is a file; give another folder" in found["error"]
+        assert bench.get("folder")[1]["runs"] == []
+
+
 def test_ctrl_c_ends_open_pages_and_questions_without_a_word(folder):
     with served(folder) as bench, ExitStack() as open_sockets:
         for question in ("events", "plan?study=beam.toml"):

@@ -163,6 +163,8 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
     async def asked(bench: Workbench, request: Request) -> Response:
         body = await request.json()
+        if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
+            raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
         found = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
         page = f"{body['out']}/report.html"
         shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""

@@ -15,6 +15,7 @@ import typer
 from typer.models import OptionInfo
 
 from structid.errors import NoAnswerError, StructidError
+from structid.files import require_no_file
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.
@@ -38,8 +39,18 @@ Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page 
 
 def results_folder(default: str) -> OptionInfo:
     """The option --out, with the folder that is taken without it."""
-    found: OptionInfo = typer.Option("--out", metavar="FOLDER", help=f"Results folder [default: {default}].")
+    found: OptionInfo = typer.Option(
+        "--out", metavar="FOLDER", help=f"Results folder [default: {default}].", callback=_no_file
+    )
     return found
+
+
+def _no_file(folder: Path | None) -> Path | None:
+    """`folder`, refused before anything is computed where a file is in its way."""
+    if folder is not None:
+        with reported():
+            require_no_file(folder)
+    return folder
 
 
 @contextmanager

@@ -18,6 +18,18 @@ export function fill(place, ...children) {
   return place;
 }
 
+// A button that writes into the folder that `name` holds, and one that replaces what is there, shown where that is refused.
+export function writing(app, words, name, write, given = {}) {
+  const act = (button, replace) => app.doing(button, async () => {
+    again.hidden = true;
+    try { await write(replace); } catch (error) { again.hidden = error.status !== 409; fill(again, `Replace ${name.value}`); throw error; }
+  });
+  const again = h("button", {type: "button", hidden: true, onclick: () => act(again, true)});
+  const first = h("button", {type: "button", ...given, onclick: () => act(first, false)}, words);
+  name.addEventListener("input", () => { again.hidden = true; });
+  return [first, again];
+}
+
 let made = 0;
 
 export function field(label, control, kind = "") {

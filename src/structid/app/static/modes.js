@@ -2,7 +2,7 @@
 import {post, view} from "./api.js";
 import {besideCard} from "./beside.js";
 import {chart, colours} from "./charts.js";
-import {field, fill, h, number, options, table, unpacked} from "./dom.js";
+import {field, fill, h, number, options, table, unpacked, writing} from "./dom.js";
 import {mergeCard} from "./merge.js";
 import {besideStudy, givenOptions, recordEdits, records} from "./recorded.js";
 
@@ -81,11 +81,11 @@ function picture(box, app, one, now, keep) {
   const panel = () => {
     const name = h("input", {value: `${record.replace(/\.[^./]*$/, "")}_modes`, spellcheck: "false"}), by = h("input", {inputmode: "decimal"});
     const add = h("button", {type: "button", onclick: () => { if (Number(by.value) > 0) { pick(Number(by.value), NaN); } }}, "Take or leave");
-    const save = h("button", {class: "main", type: "button", disabled: !taken.length || !app.folder.writable, onclick: () => app.doing(save, async () => {
-      const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band});
+    const save = writing(app, `Save ${taken.length} modes`, name, async (replace) => {
+      const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band, replace});
       await app.reload();
       keep(saved, name.value);
-    })}, `Save ${taken.length} modes`);
+    }, {class: "main", disabled: !taken.length || !app.folder.writable});
     fill(list, h("h2", {}, "Modes taken"),
       table(["Hz", "std", "damping ratio", "std", ""], taken.map((one) => [number(one.frequency, 6), number(one.std ?? NaN, 2), number(one.damping, 3), number(one.damping_std ?? NaN, 2), h("button", {class: "small", type: "button", "aria-label": `Leave the mode at ${number(one.frequency, 5)} Hz`, onclick: () => pick(one.frequency, one.damping)}, "Leave")]), [0, 1, 2, 3]),
       h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save));

@@ -53,8 +53,8 @@ async function fresh(app) {
     fill(told);
     fill(files, [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))].filter((each) => MESH.test(each.path) === isMesh).map((each) => h("option", {value: each.path})));
     fill(groups);
-    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
-      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ["path", "length_unit"].includes(ask.name) ? () => look() : null}))));
+    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, ask.choices.length ? h("select", {name: ask.name, onchange: isMesh ? () => look() : null}, options(ask.choices, given[ask.name] ?? ask.default)) : h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
+      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ask.name === "path" ? () => look() : null}))));
     const taken = app.folder.studies.map((each) => each.path);
     let count = 1, wanted = `${given.name || one.name}.toml`;
     while (taken.includes(wanted)) { count += 1; wanted = `${given.name || one.name}_${count}.toml`; }
@@ -80,7 +80,7 @@ async function fresh(app) {
   const button = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
   const form = h("form", {onsubmit: (event) => {
     event.preventDefault();
-    const numbers = Object.fromEntries([...inputs.querySelectorAll("input")].map((one) => [one.name, one.value]));
+    const numbers = Object.fromEntries([...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]));
     app.doing(button, async () => {
       const {path} = await post("init", {template: kind.value, path: name.value, numbers});
       await app.reload();

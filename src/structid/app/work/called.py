@@ -60,8 +60,9 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
 
 
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Any:
-    from structid.study.templates import TEMPLATES, MeshTemplate, template_with, write_study
+    from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
+    path = str(study_file(Path(path)))
     if template not in TEMPLATES:
         raise InputError(f"there is no template {template!r}")
     made = template_with(TEMPLATES[template], numbers)
