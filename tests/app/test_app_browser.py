@@ -6,6 +6,7 @@ Pictures go to the folder that STRUCTID_SCREENS names, else to that of the test.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import shutil
@@ -173,6 +174,17 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the band by numbers, the same as by dragging
         step(page, "Records")
         page.locator("#responses .main-svg").first.wait_for()
+        before = (folder / "beam.toml").read_text(encoding="utf-8")
+        for low, high, words in (
+            ("600", "500", "must be greater than 600"),
+            ("20,5", "90", "20,5 is no number; write 20.5"),
+            ("", "90", "band from, Hz: give a number"),
+        ):
+            page.get_by_label("band from, Hz").fill(low)
+            page.get_by_label("to, Hz").fill(high)
+            page.get_by_role("button", name="Set band").click()
+            page.get_by_text(words).wait_for()
+        assert (folder / "beam.toml").read_text(encoding="utf-8") == before
         page.get_by_label("band from, Hz").fill("5")
         page.get_by_label("to, Hz").fill("120")
         page.get_by_role("button", name="Set band").click()
@@ -201,6 +213,16 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_label("Property", exact=True).select_option("mass")
         page.get_by_role("button", name="Add", exact=True).click()
         page.get_by_text("mass of beam is sought").wait_for()
+        for label, text, words in (
+            ("bounds: mass of beam", "2, 1", "Bounds are written low, high"),
+            ("start: mass of beam", "0,8", "0,8 is no number"),
+            ("prior: mass of beam", "0.81 ± 0", "must be greater than 0"),
+        ):
+            page.get_by_label(label, exact=True).fill(text)
+            page.get_by_label(label, exact=True).press("Tab")
+            page.get_by_text(words).wait_for()
+            page.get_by_label(label, exact=True).fill("")
+        assert "prior" not in (folder / "beam.toml").read_text(encoding="utf-8")
         page.get_by_label("prior: mass of beam").fill("0.81 ± 2 %")
         page.get_by_label("prior: mass of beam").press("Tab")
         eventually(
@@ -248,6 +270,49 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         stiffness = found["bending_stiffness[beam]"]
         assert abs(stiffness["value"] - 27.5) < 4 * stiffness["std"]
         assert page.evaluate("window.harmed") is None
+
+
+def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    rows = "".join(f"{k / 200:.3f};{math.sin(k):.6f};{math.cos(k):.6f}\n" for k in range(2000)).replace(".", ",")
+    text = f"Träger 12\nZeit;Kraft;Weg\n{rows}Mittel;0;0\n"
+    (tmp_path / "lab.csv").write_bytes(text.encode("cp1252"))
+    modes = "frequency_hz,frequency_std_hz,damping_ratio,2Y,3Y\n12,0.1,0.01,0.3,1\n70,0.5,0.01,1,-0.4\n"
+    (tmp_path / "modes.csv").write_text(modes, encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#start/beam.toml")
+        page.get_by_role("button", name="What is it? lab.csv").click()
+        lab = page.locator("[data-record='lab.csv']")
+        lab.get_by_label("encoding").fill("cp1252")
+        lab.get_by_label("skip rows").fill("1,5")
+        lab.get_by_role("button", name="Read it so").click()
+        page.get_by_text("skip rows: 1,5 is no number").wait_for()
+        lab.get_by_label("skip rows").fill("1")
+        lab.get_by_label("footer rows").fill("1")
+        lab.get_by_label("decimal").select_option("comma")
+        lab.get_by_label("columns", exact=True).fill("Kraft, Weg")
+        lab.get_by_label("time column").fill("Zeit")
+        lab.get_by_label("channels").fill("3Y, 3Y")
+        lab.get_by_label("quantities").fill("force, acceleration")
+        shown(page, screens, "21_lab")
+        accessible(page, "lab")
+        lab.get_by_role("button", name="Read it so").click()
+        page.get_by_text("time histories: 2000 samples at 200").wait_for()
+        page.get_by_role("button", name="Use in beam.toml").click()
+        page.wait_for_selector("[data-step=structure]")
+        record = tomllib.loads(study.read_text(encoding="utf-8"))["record"]
+        assert record["csv"] == {"skip_rows": 1, "footer_rows": 1, "decimal": "comma", "encoding": "cp1252"}
+        assert record["columns"] == ["Kraft", "Weg"]
+        step(page, "Start")
+        page.get_by_role("button", name="What is it? modes.csv").click()
+        page.get_by_text("a table of 2 modes, 12.00 to 70.00 Hz: a study reads it with [record.modes]").wait_for()
+        page.get_by_role("button", name="Use in beam.toml in place of its record").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_label("3Y+").wait_for()
+        assert tomllib.loads(study.read_text(encoding="utf-8"))["record"] == {
+            "path": "modes.csv",
+            "modes": {"form": "output"},
+        }
 
 
 def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):

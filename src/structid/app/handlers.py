@@ -25,7 +25,7 @@ from structid.app.folder import ChangedError, OpenFolder, digest, read_json, upl
 from structid.app.recent import opening, recent_folders
 from structid.app.runs import Runs
 from structid.app.security import MOST_UPLOAD, Access
-from structid.app.studies import study_answer
+from structid.app.studies import reading_keys, study_answer
 from structid.app.work.workers import Workers
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
@@ -94,7 +94,8 @@ async def _folder(bench: Workbench, _: Request) -> Response:
     found = await asyncio.to_thread(bench.opened.listing)
     others = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     recent = [{"folder": one, "command": opening(one)} for one in others]
-    return JSONResponse({**found, "recent": recent, "version": __version__, "runs": bench.runs.summaries()})
+    told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
+    return JSONResponse({**found, **told})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:

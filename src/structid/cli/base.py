@@ -15,7 +15,6 @@ import typer
 from typer.models import OptionInfo
 
 from structid.errors import NoAnswerError, StructidError
-from structid.files import require_no_file
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.
@@ -48,6 +47,8 @@ def results_folder(default: str) -> OptionInfo:
 def _no_file(folder: Path | None) -> Path | None:
     """`folder`, refused before anything is computed where a file is in its way."""
     if folder is not None:
+        from structid.files import require_no_file  # the help needs none of it
+
         with reported():
             require_no_file(folder)
     return folder

@@ -70,7 +70,7 @@ function place() {
 async function show() {
   const [step, study] = place(), turn = ++app.shown;
   app.heard.clear();
-  if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) { app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`); }
+  if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) { app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`, true); }
   app.step = step;
   if (study !== app.study) { app.record = 0; }
   app.study = study;

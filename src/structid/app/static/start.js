@@ -1,7 +1,7 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put} from "./api.js";
-import {bytes, field, fill, h, number, options, table} from "./dom.js";
-import {besideStudy, givenOptions, LISTS, MAPPING, recordEdits, records} from "./recorded.js";
+import {bytes, field, fill, h, number, numberIn, options, table} from "./dom.js";
+import {besideStudy, givenOptions, readingFields, recordEdits, records} from "./recorded.js";
 
 export async function show(box, app) {
   await app.reload();
@@ -97,7 +97,7 @@ function drop(app) {
     ondragleave: () => place.classList.remove("over"),
     ondrop: (event) => { event.preventDefault(); place.classList.remove("over"); take(event.dataTransfer.files); }},
   h("p", {}, "Drop records, meshes, matrices or studies here, or ", h("label", {for: "files"}, "choose files: "), input),
-  h("p", {class: "note"}, "They are copied into the folder. NPZ, NPY, HDF5, CSV, MAT, UFF; meshes and matrices as docs/meshes.md and docs/import-models.md name them."));
+  h("p", {class: "note"}, "They are copied into the folder. Records as docs/record-files.md names them, tables of modes, meshes and matrices as docs/meshes.md and docs/import-models.md name them."));
   const take = async (files) => {
     for (const file of files) {
       try {
@@ -121,25 +121,25 @@ export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
   let found = null, failed = "";
   try { found = await post("facts", {record: path, options: given}); } catch (error) { failed = error.message; }
-  const inputs = MAPPING.map(([name, words]) => field(words, h("input", {name, value: [given[name] ?? ""].flat().join(", "), spellcheck: "false"})));
+  const fields = readingFields(app, path, given);
   const again = h("button", {type: "submit"}, "Read it so");
   const mapping = h("form", {onsubmit: (event) => {
     event.preventDefault();
-    const next = Object.fromEntries([...new FormData(event.target)].filter(([, value]) => value.trim()).map(([key, value]) =>
-      [key, LISTS.includes(key) ? value.split(",").map((part) => part.trim()) : key === "sampling_rate" ? Number(value) : value.trim()]));
-    app.doing(again, () => understood(app, path, place, next));
-  }}, h("div", {class: "fields"}, inputs), again);
+    app.doing(again, async () => understood(app, path, place, fields.options()));
+  }}, fields.box, again);
   fill(place, failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
     h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), mapping),
     found && app.study ? use(app, path, found, given) : found ? h("p", {class: "note"}, "Open a study above to use this record in it.") : null);
 }
 
+const counted = (channels) => (channels.length === 1 ? "1 channel" : `${channels.length} channels`);
+
 export function facts(found) {
+  if (found.kind === "modes") { return h("div", {}, h("p", {}, `a table of ${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz: a study reads it with [record.modes]`), h("details", {}, h("summary", {}, counted(found.channels)), h("p", {}, found.channels.map((one) => one.name).join(", ")))); }
   const size = found.kind === "time histories" ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
-    : found.kind === "modes" ? `${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz`
       : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
-  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, `${found.channels.length} channels`),
+  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
     table(["channel", "", "quantity", "unit"], found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]))) : h("p", {}, `${found.channels.length} channels`),
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }
@@ -153,7 +153,7 @@ export function use(app, path, found, given) {
   const edits = () => {
     const keys = {path: JSON.stringify(name), ...Object.fromEntries(Object.entries(given).filter(([key]) => key !== "csv").map(([key, value]) => [key, written(value)]))}, tables = {};
     if (given.csv) { tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)])); }
-    if (isTime) { tables.frf = {segment_length: String(Math.round(Number(segment.value)))}; }
+    if (isTime) { tables.frf = {segment_length: String(Math.round(numberIn(segment, {least: 2})))}; }
     if (found.kind === "modes") { tables.modes = {form: '"output"'}; }
     return recordEdits(app, keys, tables);
   };

@@ -106,7 +106,7 @@ function nodePanel(place, state, told, refresh) {
     if (!app.folder.writable) { parts.push(h("p", {class: "note"}, "The folder is read only.")); } else if (!ways.length) { parts.push(h("p", {class: "note"}, "This node does not move along any axis.")); } else if (told.has_record) {
       if (!chosen) { parts.push(h("p", {class: "note"}, "Choose a channel in the list below to place it here.")); } else {
         const button = h("button", {class: "main", type: "button", onclick: () => app.doing(button, async () => {
-          const vector = custom.value.trim() ? custom.value.split(",").map(Number) : WAYS.find(([name]) => name === way.value)[1];
+          const vector = custom.value.trim() ? custom.value.split(",").map((part) => (part.trim() ? Number(part) : NaN)) : WAYS.find(([name]) => name === way.value)[1];
           const key = (chosen.role === "load" && !state.channels.some((one) => one.role === "sensor" && one.name === chosen.name) ? "" : chosen.role === "load" ? "load " : "") + chosen.name.replace(/[+-]$/, "");
           if (vector.length !== 3 || vector.some((x) => !Number.isFinite(x))) { throw new Error("A direction is three numbers, as in 0.3, 0.95, 0"); }
           const sign = chosen.name.endsWith("-") ? -1 : 1;

@@ -13,7 +13,13 @@ export async function show(box, app) {
 const shown = (value) => (value === undefined ? "" : Array.isArray(value) ? value.map(shown).join(", ") : typeof value === "number" ? String(value) : String(value));
 const literal = (text) => { const value = text.trim(); return /^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$/.test(value) ? (value.startsWith(".") ? "0" + value : value.endsWith(".") ? value + "0" : value) : null; };
 
-const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text} is no number`); } return found; };
+export function boundsWritten(text) {
+  const ends = text.split(",").map(numeric);
+  if (ends.length !== 2 || !(Number(ends[0]) < Number(ends[1]))) { throw new Error("Bounds are written low, high, as in 20.5, 30"); }
+  return `[${ends.join(", ")}]`;
+}
+
+const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text.trim() || "nothing"} is no number; write it as in 20.5 or 2.1e11`); } return found; };
 
 // A prior as it is shown, and as the study has it: mean ± std, in the unit or in per cent.
 export const priorWords = (prior) => (prior ? `${shown(prior.mean)} ± ${prior.std !== undefined ? shown(prior.std) : typed(100 * prior.relative_std) + " %"}` : "");
@@ -22,6 +28,7 @@ export function priorWritten(text) {
   const found = /^\s*([^\s±]+?)\s*(?:±|\+-|\s)\s*([^\s±%]+)\s*(%?)$/.exec(text);
   if (!found) { throw new Error("A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %"); }
   const spread = numeric(found[2]);
+  if (!(Number(spread) > 0)) { throw new Error("The std of a prior must be greater than 0"); }
   return `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`;
 }
 
@@ -29,7 +36,11 @@ function draw(place, app, changed) {
   const list = app.now.table.unknown || [];
   const cell = (words, label, save) => {
     const input = h("input", {value: words, "aria-label": label, spellcheck: "false", disabled: !app.folder.writable, size: Math.max(7, Math.min(16, words.length + 1))});
-    input.addEventListener("change", () => app.doing(input, async () => { if (await save(input.value.trim())) { changed(); } }));
+    input.addEventListener("change", () => app.doing(input, async () => {
+      input.setAttribute("aria-invalid", "true");
+      if (await save(input.value.trim())) { changed(); }
+      input.removeAttribute("aria-invalid");
+    }));
     return input;
   };
   const change = (k, key, value, remove = value === "") => app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
@@ -40,7 +51,7 @@ function draw(place, app, changed) {
     const prior = priorWords(one.prior);
     return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
       cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
-      cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),
+      cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : boundsWritten(text)) : false),
       cell(prior, `prior: ${name}`, (text) => {
         if (!text) { return has("prior") ? change(k, "prior", "") : false; }
         return change(k, "prior", priorWritten(text));

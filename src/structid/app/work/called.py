@@ -210,12 +210,6 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
-def _schema(_: OpenFolder) -> Any:
-    from structid.study.json_schema import study_schema
-
-    return study_schema()
-
-
 def _line(opened: OpenFolder, study: str) -> Any:
     """What is wrong with a study as it stands; nothing where it can be read."""
     from structid.study.schema.plan import load_plan
@@ -248,6 +242,5 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "pick": _pick,
     "merge": _merge,
     "beside": _beside,
-    "schema": _schema,
     "line": _line,
 }
