@@ -235,7 +235,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the run goes on while the page is read again, and is seen in a second one
         step(page, "Run")
         page.get_by_role("button", name="What will it take?").click()
-        page.get_by_text("of memory").wait_for()
+        page.get_by_text("One iteration takes about").wait_for()
         page.get_by_role("button", name="Identify").click()
         page.locator("[data-run]").wait_for()
         page.reload()
@@ -313,6 +313,53 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
             "path": "modes.csv",
             "modes": {"form": "output"},
         }
+
+
+def test_a_run_of_many_stages_is_drawn_large_and_the_step_is_seen_on_a_narrow_page(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    assert study.is_file()
+    run = tmp_path / ".structid" / "runs" / "20240101-000000-abcdef"
+    run.mkdir(parents=True)
+    (run / "run.json").write_text(json.dumps({"study": "beam.toml", "results": "r", "started": 1, "pid": 1, "born": 1}))
+    (run / "ended.json").write_text('{"code": 0}', encoding="utf-8")
+    steps = [(0.1 * k, f"search {k // 4}, decay {k // 4} omega", 1e4 / (k + 1)) for k in range(68)]
+    lines = [{"time": t, "name": name, "sum_of_squares": cost, "words": name} for t, name, cost in steps]
+    (run / "progress.jsonl").write_text("".join(json.dumps(one) + "\n" for one in lines), encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#run/beam.toml")
+        page.locator("[data-run] .nsewdrag").wait_for()
+        assert page.locator("[data-run] .nsewdrag").bounding_box()["height"] > 110
+        shown(page, screens, "23_many_stages")
+        page.set_viewport_size({"width": 420, "height": 900})
+        step(page, "Study file")
+        box = page.locator("nav [aria-current]").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 420
+
+
+def test_changes_that_results_suggest_are_opened_as_studies(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    write_beam_record(study, tmp_path / "hammer.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    folder = tmp_path / "beam_results"
+    (folder / "suggestions").mkdir(parents=True)
+    text = study.read_text(encoding="utf-8") + '\n[record]\npath = "../../hammer.npz"\nleakage = "hann"\n'
+    (folder / "suggestions" / "1-leakage.toml").write_text(text, encoding="utf-8")
+    change = {"words": "resonances leak", "share": 0.4, "study": "suggestions/1-leakage.toml", "lines": ["+ leakage"]}
+    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "suggestions": [change]}
+    (folder / "estimate.json").write_text(json.dumps({**told, "parameters": []}), encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#results/beam.toml")
+        page.get_by_text("resonances leak: removes 40 % of the misfit").wait_for()
+        shown(page, screens, "22_suggested")
+        accessible(page, "suggested")
+        page.get_by_role("link", name="Open 1-leakage.toml").click()
+        page.get_by_text("data and priors determine every parameter").wait_for()
+        assert page.locator("#study").input_value() == "beam_results/suggestions/1-leakage.toml"
+        step(page, "Records")
+        page.locator("#responses .main-svg").first.wait_for()
+        step(page, "Run")
+        assert page.get_by_label("Results go to").input_value() == "beam_results_1-leakage_results"
+        page.get_by_role("button", name="Identify").wait_for()
 
 
 def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):

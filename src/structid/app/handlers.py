@@ -257,7 +257,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 def _state(bench: Workbench) -> dict[str, Any]:
     runs = bench.runs.summaries()[:_SIDE_BY_SIDE]
     stamps = {}
-    for pattern in ("*.toml", "*/*.toml", "*/*/*.toml"):
+    for pattern in ("*.toml", "*/*.toml", "*/*/*.toml", "*/*/*/*.toml"):
         for path in list(bench.opened.root.glob(pattern))[:500]:
             with suppress(OSError):
                 stamps[bench.opened.name(path)] = path.stat().st_mtime_ns
@@ -282,6 +282,7 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "verdict_text",
         "verdict_reasons",
         "causes",
+        "suggestions",
         "parameters",
         "total_mass",
         "modes",

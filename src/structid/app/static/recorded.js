@@ -4,7 +4,15 @@ import {field, h, numberIn, options} from "./dom.js";
 export const records = (app) => [app.now?.table?.record ?? []].flat();
 export const recordPath = (app) => (Array.isArray(app.now.table.record) ? ["record", app.record] : ["record"]);
 export const besideStudy = (app) => (app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "");
-export const fileOf = (app, record) => besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0];
+// By slashes from the folder that is open; suggested studies name their records by "../..".
+export function fileOf(app, record) {
+  const parts = [];
+  for (const part of (besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0]).split("/")) { if (part === ".." && parts.length) { parts.pop(); } else if (part !== ".") { parts.push(part); } }
+  return parts.join("/");
+}
+
+// What the results of a study are called before a suffix: those of a suggested one lie beside the results that it came from.
+export const resultsName = (study) => study.replace(/\.toml$/, "").replace(/\/suggestions\/(?=[^/]*$)/, "_");
 
 // What the study says of the same file.
 export function givenOptions(app, path) {

@@ -154,7 +154,7 @@ def _needs(opened: OpenFolder, study: str) -> Any:
 
     read = load_study(opened.inside(study), work=LOOKING)
     found = measured_needs(read, study_problems(read))
-    return {"bytes": found.bytes_needed, "free": available_bytes(), "seconds": found.seconds(1)}
+    return {"bytes": found.bytes_needed, "free": available_bytes(), "iteration_seconds": found.iteration_seconds}
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
