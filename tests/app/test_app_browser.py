@@ -229,6 +229,8 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
             page, lambda: "prior = { mean = 0.81, relative_std = 0.02 }" in (folder / "beam.toml").read_text("utf-8")
         )
         page.locator("[data-predicted='2']", has_text="%").wait_for()
+        assert page.get_by_label("start: mass of beam", exact=True).get_attribute("placeholder") == "0.81"
+        page.get_by_role("cell", name="mass, kg/m").wait_for()
         shown(page, screens, "5_unknowns")
         accessible(page, "unknowns")
 

@@ -1,11 +1,11 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "./api.js";
-import {field, fill, h, options, percent, quantity, table, toml, typed} from "./dom.js";
+import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "./dom.js";
 
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}), list = h("section", {class: "card", id: "unknowns"}), predicted = h("section", {class: "card", id: "predicted"}), plan = h("section", {class: "card"});
   fill(box, h("h1", {}, "Unknowns and plan"), list, fresh(app, told, () => refresh()), predicted, plan);
-  const refresh = async () => { draw(list, app, () => refresh()); await predict(predicted, app, list); };
+  const refresh = async () => { draw(list, app, told, () => refresh()); await predict(predicted, app, list); };
   planning(plan, app);
   await refresh();
 }
@@ -32,10 +32,16 @@ export function priorWritten(text) {
   return `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`;
 }
 
-function draw(place, app, changed) {
+// The property of an entry as the structure has it, for its unit and nominal value.
+function nominal(told, entry) {
+  const names = [entry.elements ?? []].flat().map((one) => String(one).split(":")[0]);
+  return told.sets.filter((one) => names.includes(one.name)).flatMap((one) => one.properties).find((one) => one.name === entry.property);
+}
+
+function draw(place, app, told, changed) {
   const list = app.now.table.unknown || [];
-  const cell = (words, label, save) => {
-    const input = h("input", {value: words, "aria-label": label, spellcheck: "false", disabled: !app.folder.writable, size: Math.max(7, Math.min(16, words.length + 1))});
+  const cell = (words, label, save, placeholder = "") => {
+    const input = h("input", {value: words, placeholder, "aria-label": label, spellcheck: "false", disabled: !app.folder.writable, size: Math.max(7, Math.min(16, words.length + 1))});
     input.addEventListener("change", () => app.doing(input, async () => {
       input.setAttribute("aria-invalid", "true");
       if (await save(input.value.trim())) { changed(); }
@@ -46,11 +52,11 @@ function draw(place, app, changed) {
   const change = (k, key, value, remove = value === "") => app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
   fill(place, h("h2", {}, `Unknowns (${list.length} entries)`), list.length ? table(["property", "elements", "predicted std", "each", "start", "bounds", "prior", "fixed", ""], list.map((one, k) => {
     const name = `${one.property} of ${shown(one.elements)}`;
-    const has = (key) => one[key] !== undefined;
+    const has = (key) => one[key] !== undefined, own = nominal(told, one), unit = unitText(own?.unit);
     const flag = (key) => h("input", {type: "checkbox", checked: Boolean(one[key]), disabled: !app.folder.writable, "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`, onchange: (event) => app.doing(event.target, async () => { if (await change(k, key, "true", !event.target.checked)) { changed(); } })});
     const prior = priorWords(one.prior);
-    return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
-      cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
+    return [[one.property + (one.field ? " (field)" : ""), unit ? h("span", {class: "muted"}, `, ${unit}`) : null], shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
+      cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false, own && own.low === own.high ? typed(own.low) : ""),
       cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : boundsWritten(text)) : false),
       cell(prior, `prior: ${name}`, (text) => {
         if (!text) { return has("prior") ? change(k, "prior", "") : false; }
