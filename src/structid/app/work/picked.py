@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.app.folder import holds_modes
 from structid.app.work.scene import packed
 from structid.errors import InputError
 from structid.modal import ModalRecord
@@ -85,7 +86,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     InputError
         If there are records and files of modes, fewer than two, or set-ups that have no sensor or no mode in common.
     """
-    saved = [path for path in paths if path.suffix.lower() == ".json"]
+    saved = [path for path in paths if holds_modes(path)]
     if saved and len(saved) < len(paths):
         other = next(path.name for path in paths if path not in saved)
         raise InputError(
