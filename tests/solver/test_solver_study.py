@@ -60,6 +60,12 @@ def test_matrices_are_asked_for_once_and_give_the_exact_answer(tmp_path):
     assert (tmp_path / "log").read_text().count("\n") == 7
 
 
+def test_entries_that_cancel_in_some_runs_only_are_rounding(tmp_path):
+    found, _ = identified(chain_study(tmp_path, "matrices", "--cancelling"))
+    assert values(found) == pytest.approx(TRUE, rel=1e-6)
+    assert found["solver"]["largest_difference"] < 1e-12
+
+
 def test_differences_of_modes_give_the_answer_of_the_matrices(tmp_path):
     path = chain_study(tmp_path, "modes", "--log {study}/log")
     found, _ = identified(path)
