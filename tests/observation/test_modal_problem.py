@@ -356,6 +356,7 @@ def test_modal_problem_names_what_is_missing(change, options, words):
     [
         ({"covariance": 1}, "uncertainty of its frequencies, or one of zero, at mode 2: .*`frequency_error`"),
         ({"shape_std": np.array([[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])}, "of its shapes, or one of zero, at mode 3: "),
+        ({"shape_std": np.array([[0.1, 0.1, 0.1], [0.1, np.nan, 0.1]])}, "uncertainty of its shapes"),
     ],
 )
 def test_deviations_of_zero_are_named_by_their_modes(change, words):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -408,7 +409,10 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
     done = invoke("modes", "lower.uff", "upper.uff", "--merge", "--band", "1", "9")
     assert (done.exit_code, "leave the options of reading and identification out" in done.stderr) == (2, True)
     done = invoke("modes", "lower.uff", "--merge")
-    assert (done.exit_code, "two set-ups or more" in done.stderr) == (2, True)
+    assert (done.exit_code, "two set-ups or more are merged, got lower.uff;" in done.stderr) == (2, True)
+    shutil.copy("lower.uff", tmp_path / "merged_uff" / "lower.uff")
+    done = invoke("modes", "lower.uff", "merged_uff/lower.uff", "--merge")
+    assert (done.exit_code, "lower.uff and merged_uff/lower.uff hold the same modes" in done.stderr) == (2, True)
 
 
 def test_unknown_entries_of_set_ups_go_through_merging_to_a_fit(tmp_path, monkeypatch):

@@ -113,7 +113,7 @@ class MeasuredModes:
         if self.record.changes is not None:
             count = np.maximum(self.known.sum(axis=0), 1)
             freed = np.broadcast_to(np.sqrt(np.sum(np.where(self.known, freed, 0.0) ** 2, axis=0) / count), freed.shape)
-        std = np.hypot(freed, self.shape_error)
+        std = np.hypot(np.nan_to_num(freed) if self.shape_error else freed, self.shape_error)
         fits = self.known.sum(axis=0) == 1  # one entry always does
         return np.where(fits & ~(std > 0), 1.0, std)
 
