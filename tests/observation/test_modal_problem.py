@@ -351,6 +351,17 @@ def test_modal_problem_names_what_is_missing(change, options, words):
         ModalProblem(structure, unknown, replace(record, **change), **options)
 
 
+def test_a_mode_that_is_listed_twice_is_named():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = replace(measured(structure, unknown.values(unknown.start), ["1X", "5X"], 3), source="m.csv")
+    twice = replace(
+        record, frequency=record.frequency[[0, 0, 2]], mode_shapes=record.mode_shapes[:, [0, 0, 2]], covariance=None
+    )
+    with pytest.raises(InputError, match=r"modes 1 \(.* Hz\), 2 \(.* Hz\) of m.csv are not told apart .* listed twice"):
+        ModalProblem(structure, unknown, twice, frequency_error=0.01)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -20,6 +20,9 @@ from structid.observation.modal.output import GroupData
 from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
+#: Least singular value of shapes of norm 1 that are not the same.
+_DEPENDENT = 1e-9
+
 
 class FewSensorsError(InputError):
     """There are more modes that are not told apart than sensors that tell their shapes."""
@@ -62,6 +65,22 @@ class MeasuredModes:
             raise FewSensorsError(
                 f"modes {numbers} are not told apart (within {self.closeness:g} of each other, or their errors) and there are"
                 f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
+            )
+
+        for group in self.groups:
+            self._require_independent(group)
+
+    def _require_independent(self, group: GroupData) -> None:
+        """Refuse modes that are not told apart by frequency where their shapes span less than they are."""
+        size = np.linalg.norm(group.shapes, axis=0)
+        if len(group.members) < 2 or not group.shapes.size:
+            return
+        if np.linalg.svd(group.shapes / size, compute_uv=False)[-1] <= _DEPENDENT:
+            listed = ", ".join(f"{mode + 1} ({self.record.frequency[mode]:.6g} Hz)" for mode in group.members.tolist())
+            raise InputError(
+                f"modes {listed}{f' of {self.record.source}' if self.record.source else ''} are not told apart by frequency, and"
+                " their shapes are the same or sums of each other, as where a mode is listed twice; leave one out of the file or"
+                " with `use`, or give the shapes at more sensors"
             )
 
     def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:
