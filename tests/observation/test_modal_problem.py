@@ -331,8 +331,8 @@ def test_modes_and_receptances_of_two_tests_fit_together():
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
-        ({"covariance": None}, {}, "give `frequency_error`"),
-        ({"shape_std": None}, {}, "give `shape_error`"),
+        ({"covariance": None}, {}, "or `frequency_error`, such as 0.005"),
+        ({"shape_std": None}, {}, "or `shape_error`, such as 0.02"),
         ({"channels": ("1X", "9X"), "mode_shapes": np.ones((2, 3)), "shape_std": None}, {"shape_error": 0.1}, "node 9"),
         ({"frequency": np.zeros(3)}, {}, "no mode above 0 Hz"),
         ({"frequency": np.array([1.0, 1.001, 1.002])}, {}, "lower `closeness`"),

@@ -51,13 +51,13 @@ class MeasuredModes:
             raise InputError(
                 "MACs are weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give it, as in 0.05"
             )
-        self._require_errors("its frequencies", self.frequency_std, "`frequency_error`, such as 0.005")
-        self._require_errors("its shapes", self._least_shape_std, "`shape_error`, such as 0.02")
+        self._require_errors("its frequencies", self.frequency_std, "frequency", " in Hz", "such as 0.005")
+        self._require_errors("its shapes", self._least_shape_std, "shape", "", "such as 0.02")
         if self.use_damping:
             value = self.record.damping_ratio[self.measured]
             if not (np.nan_to_num(value) > 0).any():
                 raise InputError("damping ratios need a value and a standard deviation each; the record has none")
-            self._require_errors("its damping ratios", self.damping_std, "`damping_error`, such as 0.1, and values")
+            self._require_errors("its damping ratios", self.damping_std, "damping", "", "such as 0.1, and values")
         short = [group for group in self.groups if len(group.members) > max(len(group.channels), 1)]
         if short:
             numbers, n_own = ", ".join(str(mode + 1) for mode in short[0].members.tolist()), len(short[0].channels)
@@ -83,16 +83,19 @@ class MeasuredModes:
                 " with `use`, or give the shapes at more sensors"
             )
 
-    def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:
+    def _require_errors(self, what: str, std: FloatArray, key: str, unit: str, usual: str) -> None:
         """Refuse modes whose standard deviation is zero or not known, by their numbers."""
         lost = self.measured[~(std > 0)]
         if lost.size == self.measured.size:
-            raise InputError(f"the record has no uncertainty of {what}; give {remedy}")
+            raise InputError(
+                f"the record has no uncertainty of {what}; give the scatter of the test by `{key}_std`{unit} in [record.modes], or"
+                f" `{key}_error`, {usual}"
+            )
         if lost.size:
             listed = ", ".join(str(mode + 1) for mode in lost.tolist())
             raise InputError(
                 f"the record has no uncertainty of {what}, or one of zero, at mode {listed}: a value without error would"
-                f" outweigh all others; correct it, or give {remedy}, which is added to all"
+                f" outweigh all others; correct it, or give `{key}_error`, {usual}, which is added to all"
             )
 
     @cached_property
