@@ -144,6 +144,9 @@ def test_merging_keeps_the_deviations_that_are_known_and_says_what_is_lost():
     np.testing.assert_allclose(merged.modes.std, 1e-3)
     assert np.isnan(merged.chi_square).all()
     assert (np.nan_to_num(merged.modes.shape_std) > 0).sum(axis=0).tolist() == [3, 3, 3, 3]  # 0 at the largest
+    larger = merge_modes([first, replace(bare, mode_shapes=30 * bare.mode_shapes)])
+    clear = [0, 2, 3]  # mode 2 has two largest entries
+    np.testing.assert_allclose(larger.shape_std[:, clear], merged.modes.shape_std[:, clear], rtol=1e-6)
     words = " ".join(merged.modes.warnings)
     assert "set-up 2 states no deviations of the frequencies of its modes: these have no part" in words
     assert "set-up 2 states no deviations of the damping ratios of its modes" in words

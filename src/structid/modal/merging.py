@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations
 
 import numpy as np
@@ -370,11 +371,10 @@ def _shapes(
             parts.append(_rows(setup, [dof.unsigned for dof in setup.channels])[here, m])
             errors.append(_shape_error(setup, m)[here])
             places.append(place[here])
-        found, every = np.unique(np.concatenate(places)), np.concatenate(errors)
+        found = np.unique(np.concatenate(places))
         there = [np.searchsorted(found, place) for place in places]
-        is_stated = not np.isnan(every).all()
-        usual = float(np.nanmedian(every)) if is_stated else 1.0
-        weighed = [np.where(np.isnan(error), usual, error) for error in errors]
+        is_stated = any(not np.isnan(error).all() for error in errors)
+        weighed = _all_stated(parts, errors, places)
         shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
         shape[found], own_std = merged_shape(parts, weighed, there, len(found))
         std[found] = own_std if is_stated else np.nan
@@ -383,6 +383,23 @@ def _shapes(
         stds.append(std)
     known = np.array(stds).T
     return np.array(shapes).T, None if np.isnan(known).all() else known, channels, bare
+
+
+def _all_stated(
+    parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
+) -> list[FloatArray]:
+    """Errors of the entries of each part, those that are not stated the middle one of the others, at the same scale.
+
+    The scale is the size at the sensors that all parts have.
+    """
+    shared = reduce(np.intersect1d, places)
+    sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
+    scales = sizes if all(sizes) else [1.0] * len(parts)
+    every = np.concatenate([error / scale for error, scale in zip(errors, scales, strict=True)])
+    if np.isnan(every).all():
+        return [np.ones(len(error)) for error in errors]
+    usual = float(np.nanmedian(every))
+    return [np.where(np.isnan(error), usual * scale, error) for error, scale in zip(errors, scales, strict=True)]
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
