@@ -395,7 +395,7 @@ def test_two_changes_that_leave_noise_alone_are_causes_whatever_each_removes(mis
     ("kind", "left", "is_cause"), [("channel", 1.2, True), ("channel", 29.0, False), ("mass", 29.0, True)]
 )
 def test_a_sensor_is_not_called_noisy_where_the_others_miss_the_noise_too(kind, left, is_cause):
-    assert are_causes([Cause(kind, ("4Y",), "", 0.7, left)], 100.0) is is_cause
+    assert are_causes([Cause(kind, ("4Y",), "", 0.7, 30.0, rest_per_dof=left)], 100.0) is is_cause
 
 
 def test_what_few_averages_leave_is_no_misfit_that_a_cause_would_have_to_remove():
