@@ -11,8 +11,15 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError, NoModesError
 from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
-from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined
-from structid.modal.frf.spread import DrivingPoint, FrfModes, frequency_damping_covariance, frf_modes, scaled_shapes
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, refined, residuals
+from structid.modal.frf.spread import (
+    DrivingPoint,
+    FrfModes,
+    correlation_excess,
+    frequency_damping_covariance,
+    frf_modes,
+    scaled_shapes,
+)
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, by_frequency, joined
 from structid.modal.poles import Poles
@@ -20,6 +27,8 @@ from structid.modal.stabilization import Cluster
 from structid.modal.subspace.modes import picked_poles
 from structid.records.record import FrfRecord
 
+_MOST_OUTSIDE = 6  # steps of `_outside` below the band, and above
+_PAYS = 2.0  # fall of the misfit that each unknown of theirs must bring, in mean squares of the residual (Akaike 1974)
 _NO_MODE_REMEDY = "look at the FRFs, choose another band, or raise the greatest order"
 _DOUBTFUL_SCALE = 0.5  # relative standard deviation of a shape's factor above which the driving point shows no mass
 
@@ -63,7 +72,9 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
     -----
     The covariance is of first order, for errors independent from line to line. It comes from the record's variance;
     without one, or where the misfit is more than that variance allows, from the squares of the residual, which is
-    then taken as noise. It holds no bias from what the model leaves out.
+    then taken as noise. Where the residual is correlated from line to line, as when the model leaves something out, the
+    variances of an output's errors are multiplied by the most that this correlation can do (`correlation_excess`), and a
+    warning says so. Modes outside the band stand as powers of s, as many as pay by Akaike's criterion.
     """
     outcomes = [_of_band(record, low, high, options) for low, high in _bands(record, options)]
     modes = _modal_record(record, outcomes)
@@ -98,9 +109,9 @@ def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) 
             + _NO_MODE_REMEDY
         )
     start = _start(poles, picked, band)
-    at, data, kept, converged, from_residual, words = _refined(band, start, options)
+    modes, kept, converged, words = _refined(band, start, options)
     found = tuple(found[i] for i in kept) if found else ()
-    return _BandModes(frf_modes(data, at, from_residual), converged, poles.sweep, found, (*notes, *words))
+    return _BandModes(modes, converged, poles.sweep, found, (*notes, *words))
 
 
 def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -> PolesAndParticipation:
@@ -111,7 +122,7 @@ def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -
 
 def _refined(
     band: FrfBand, start: PolesAndParticipation, options: ModalOptions
-) -> tuple[PolesAndParticipation, FrfData, IntArray, bool, bool, list[str]]:
+) -> tuple[FrfModes, IntArray, bool, list[str]]:
     """At the minimum, sorted; poles that leave the band or the criteria are held, those that fit noise only left out."""
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
@@ -122,7 +133,9 @@ def _refined(
         if lost.any():
             start = replace(start, fixed=start.fixed | lost)
             continue
-        modes = frf_modes(data, at, band.variance is None or excess > 1)
+        widening = correlation_excess(residuals(data, at))
+        from_residual = band.variance is None or excess > 1
+        modes = frf_modes(data, at, from_residual, widening)
         weak = _weakest(modes) if options.frequencies is None else np.zeros(len(at.poles), dtype=bool)
         if not weak.any():
             break
@@ -149,20 +162,59 @@ def _refined(
             f"the misfit is {np.sqrt(excess):.2g} times what the record's variance explains (modes outside of the model, "
             "leakage, nonlinearity, or a variance that is too small); standard deviations are from the residual"
         )
-    return at, data, kept, converged, band.variance is None or excess > 1, notes
+    if widening.max() > 1:
+        notes.append(
+            "the residual of the FRFs is correlated from line to line (modes just outside the band, or missing in it, leakage, "
+            f"nonlinearity): standard deviations are widened, up to {np.sqrt(widening.max()):.2g} times; put the ends of the "
+            "band between resonances, away from both"
+        )
+    return frf_modes(data, at, from_residual, widening), kept, converged, notes
 
 
 def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
-    """At the minimum, with weights from the residual around each line where the record has no variance."""
-    if band.variance is not None:
-        data = _data(band, band.variance)
-        at, converged = refined(data, start)
-        return at, data, converged
-    data, at, converged = _data(band, None), start, False
-    for gain in (1e-3, 1e-5, 1e-10):
-        data = _data(band, _residual_variance(data, at, band))
-        at, converged = refined(data, at, gain)
+    """At the minimum, with as many powers of s for the modes outside the band as pay (`_wider`)."""
+    data, at = _data(band, band.variance), start
+    for gain in (1e-3, 1e-5):
+        data = _weighted(band, data, at)
+        at, _ = refined(data, at, gain)
+    below = above = 1
+    while True:
+        data = _weighted(band, data, at)
+        found = _wider(data, at, [w for w in ((below + 1, above), (below, above + 1)) if max(w) <= _MOST_OUTSIDE])
+        if found is None:
+            break
+        (below, above), data, at = found
+    at, converged = refined(data, at)
     return at, data, converged
+
+
+def _wider(
+    data: FrfData, at: PolesAndParticipation, widths: Sequence[tuple[int, int]]
+) -> tuple[tuple[int, int], FrfData, PolesAndParticipation] | None:
+    """The first of `widths` that pays, that of the least misfit at the poles as they are coming first.
+
+    With no more than half of the values taken up, and each new unknown worth `_PAYS` mean squares of the residual.
+    """
+    cost, freedom = misfit(data, at), _freedom(data, at)
+    trials = [(width, replace(data, outside=_outside(*width))) for width in widths]
+    trials = [(width, wider) for width, wider in trials if _freedom(wider, at) >= data.values.size]
+    for width, wider in sorted(trials, key=lambda trial: misfit(trial[1], at)):
+        moved, _ = refined(wider, at, 1e-4)
+        if cost - misfit(wider, moved) > _PAYS * (freedom - _freedom(wider, at)) * cost / freedom:
+            return width, wider, moved
+    return None
+
+
+def _outside(below: int, above: int) -> tuple[int, ...]:
+    """Powers of s of a receptance: -2, -3 and -4, and so on, and 0, 1 and 2, and so on."""
+    return (*range(-2 * below, -1), *range(2 * above - 1))
+
+
+def _weighted(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
+    """With weights from the residual around each line, unless the record has a variance."""
+    if band.variance is not None:
+        return data
+    return replace(data, weights=_data(band, _residual_variance(data, at, band)).weights)
 
 
 def _weakest(modes: FrfModes) -> np.ndarray:
@@ -195,10 +247,8 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
     The line itself is left out: a weight that knew its own error would make that error look small.
     """
-    blocks = output_blocks(data, at, with_slopes=False)
-    residual = np.stack([block.residual.reshape(2, *data.values.shape[::2]) for block in blocks], axis=2)
     scale = band.output_scale[:, None] * band.input_scale
-    power = np.sum((residual / data.weights / scale) ** 2, axis=0)
+    power = np.abs(residuals(data, at) / data.weights / scale) ** 2
     n = len(power)
     half = max(15, n // 80)
     total = np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(power, axis=0)])
@@ -214,11 +264,16 @@ def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np
     return np.asarray(~(inside & (frequency > low) & (frequency < high)) | (at.poles.imag <= 0))
 
 
+def _freedom(data: FrfData, at: PolesAndParticipation) -> int:
+    """Real values less unknowns, at least 1."""
+    _, n_outputs, n_inputs = data.values.shape
+    own = 2 * len(at.poles) + len(data.outside) * n_inputs
+    return max(2 * data.values.size - len(at.free) - n_outputs * own, 1)
+
+
 def _excess(data: FrfData, at: PolesAndParticipation) -> float:
     """Sum of squares over its degrees of freedom where that is more than noise leaves, else 1."""
-    n_lines, n_outputs, n_inputs = data.values.shape
-    own = 2 * len(at.poles) + 2 * n_inputs
-    freedom = max(2 * n_lines * n_outputs * n_inputs - len(at.free) - n_outputs * own, 1)
+    freedom = _freedom(data, at)
     ratio = misfit(data, at) / freedom
     return ratio if ratio > 1 + 4 * np.sqrt(2 / freedom) else 1.0
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.modal.frf.residues import slopes, terms, weighted
+from structid.modal.frf.residues import OUTSIDE, slopes, terms, weighted
 
 _MAX_STEPS = 60
 _SMALL_GAIN = 1e-10
@@ -40,12 +40,15 @@ class FrfData:
         One over the standard deviation of real and imaginary part each.
     power : int
         0, 1 or 2 for receptance, mobility or accelerance.
+    outside : tuple of int
+        Powers of s, of receptance, that stand for the modes outside the band.
     """
 
     laplace: ComplexArray
     values: ComplexArray
     weights: FloatArray
     power: int
+    outside: tuple[int, ...] = OUTSIDE
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ class OutputBlock:
     Attributes
     ----------
     own : (n_own,) float array
-        Least-squares Re phi, Im phi, lower, upper.
+        Least-squares Re phi, Im phi, and what stands for the modes outside the band.
     residual : (n_rows,) float array
         Weighted data less model.
     slope : (n_rows, n_unknowns) float array
@@ -122,7 +125,7 @@ def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = 
     LinAlgError
         If poles coincide.
     """
-    columns = terms(data.laplace, at.poles, at.participation, data.power)
+    columns = terms(data.laplace, at.poles, at.participation, data.power, data.outside)
     n = len(at.poles)
     for o in range(data.values.shape[1]):
         weight = data.weights[:, o]
@@ -140,6 +143,12 @@ def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = 
         inverse = linalg.solve_triangular(r, q.T)
         through = linalg.solve_triangular(r, shared)
         yield OutputBlock(own, residual, change - q @ shared, through, inverse, np.sum(q**2, axis=1))
+
+
+def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
+    """Weighted data less model, (n_lines, n_outputs, n_inputs)."""
+    parts = [b.residual.reshape(2, *data.values.shape[::2]) for b in output_blocks(data, at, with_slopes=False)]
+    return np.stack([real + 1j * imag for real, imag in parts], axis=1)
 
 
 def misfit(data: FrfData, at: PolesAndParticipation) -> float:

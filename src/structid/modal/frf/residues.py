@@ -1,11 +1,14 @@
 """Poles and residues as a model of FRFs: its terms, its slopes, and residues by linear least squares (LSFD).
 
-As receptance, with phi for the shape, l for the participation of the inputs and two real matrices for the modes
-below and above the band,
+As receptance, with phi for the shape, l for the participation of the inputs and real matrices R_k for the modes
+outside the band,
 
-    H(s) = sum over modes of phi l' / (s - p) + conj(phi l') / (s - conj(p))  +  lower / s^2  +  upper,
+    H(s) = sum over modes of phi l' / (s - p) + conj(phi l') / (s - conj(p))  +  sum over k of R_k s^k,
 
-times s for mobility and s^2 for accelerance. It is linear in phi, lower and upper, each output by itself.
+times s for mobility and s^2 for accelerance. It is linear in phi and R_k, each output by itself. A mode below the band
+is a series of powers -2, -3, ... of s, one above of 0, 1, 2, ...; a mode at f_r falls off by (f_r / f)^2, or (f / f_r)^2, from
+each even power to the next, its damping stands in the odd ones. k = -2 and 0 alone are the common residual mass and
+stiffness.
 
 References
 ----------
@@ -19,11 +22,18 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
 
+OUTSIDE = (-2, 0)  # powers of s that stand for the modes outside the band at least
 _RANK = 1e-10  # of a column that is left after those before it, below which it says nothing new
 
 
-def terms(laplace: ComplexArray, poles: ComplexArray, participation: ComplexArray, power: int) -> ComplexArray:
-    """What Re phi, Im phi, lower and upper of one output are multiplied by.
+def terms(
+    laplace: ComplexArray,
+    poles: ComplexArray,
+    participation: ComplexArray,
+    power: int,
+    outside: tuple[int, ...] = OUTSIDE,
+) -> ComplexArray:
+    """What Re phi, Im phi and the terms of modes outside the band of one output are multiplied by.
 
     Parameters
     ----------
@@ -34,16 +44,18 @@ def terms(laplace: ComplexArray, poles: ComplexArray, participation: ComplexArra
     participation : (n_inputs, n_modes) complex array
     power : int
         0, 1 or 2 for receptance, mobility or accelerance.
+    outside : tuple of int
+        Powers of s, of receptance, that stand for the modes outside the band.
 
     Returns
     -------
-    (n_lines, n_inputs, 2 n_modes + 2 n_inputs) complex array
-        Their real unknowns: all Re phi, all Im phi, lower of every input, upper of every input.
+    (n_lines, n_inputs, 2 n_modes + n_outside n_inputs) complex array
+        Their real unknowns: all Re phi, all Im phi, then power by power that of every input.
     """
     here, there = _fractions(laplace, poles, power)
     a, b = here[:, None, :] * participation, there[:, None, :] * participation.conj()
     each = np.eye(len(participation))
-    static = [laplace[:, None, None] ** (power - 2) * each, laplace[:, None, None] ** power * each]
+    static = [laplace[:, None, None] ** (power + k) * each for k in outside]
     return np.concatenate([a + b, 1j * (a - b), *static], axis=2)
 
 

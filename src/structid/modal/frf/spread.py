@@ -18,8 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks, residuals
 from structid.modal.poles import frequency_damping_slope
+
+_WHITE = 4.0  # standard deviations of a sum of correlations of white noise, above which a residual is not white
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,9 @@ class FrfModes:
         return found
 
 
-def frf_modes(data: FrfData, at: PolesAndParticipation, from_residual: bool) -> FrfModes:
+def frf_modes(
+    data: FrfData, at: PolesAndParticipation, from_residual: bool, widening: FloatArray | float = 1.0
+) -> FrfModes:
     """Shapes and spread at the minimum of `misfit`.
 
     Parameters
@@ -73,27 +77,52 @@ def frf_modes(data: FrfData, at: PolesAndParticipation, from_residual: bool) -> 
     from_residual : bool
         Squares of the residual stand for the variance, value by value, each over the square of the part that the model
         does not take up (HC3); otherwise weights are right and the variance of every weighted value is 1.
+    widening : (n_outputs,) float array
+        By which all variances of an output's errors are multiplied (`correlation_excess`).
     """
     n = len(at.poles)
     blocks = list(output_blocks(data, at))
     normal = sum(block.slope.T @ block.slope for block in blocks)
     inverse = _inverse(np.asarray(normal))
     middle, cross, own = np.zeros_like(inverse), [], []
-    for block in blocks:
+    for block, times in zip(blocks, np.broadcast_to(widening, len(blocks)), strict=True):
         power = np.ones(len(block.residual))
         if from_residual:
             taken = block.leverage + np.einsum("ri,ij,rj->r", block.slope, inverse, block.slope, optimize=True)
             power = np.square(block.residual / np.maximum(1 - taken, 0.01))
+        power = times * power
         inner = block.pseudo_inverse[: 2 * n] * power
         middle += (block.slope.T * power) @ block.slope
         cross.append(inner @ block.slope @ inverse)
         own.append(inner @ block.pseudo_inverse[: 2 * n].T)
     shapes = np.array([block.own[:n] + 1j * block.own[n : 2 * n] for block in blocks])
-    half = [block.residual.reshape(2, *data.values.shape[::2]) for block in blocks]
     return FrfModes(
-        at, shapes, np.stack([h[0] + 1j * h[1] for h in half], axis=1), inverse @ middle @ inverse,
+        at, shapes, residuals(data, at), inverse @ middle @ inverse,
         np.array([block.through[: 2 * n] for block in blocks]), np.array(cross), np.array(own),
     )  # fmt: skip
+
+
+def correlation_excess(residuals: ComplexArray) -> FloatArray:
+    """The most that correlation from line to line multiplies variances by, (n_outputs,); 1 where none is seen.
+
+    Noise with correlations r_k at a distance of k lines gives a weighted sum over lines at most 1 + 2 (r_1 + r_2 + ...) times
+    the variance that white noise gives it, where this is the peak of the noise's spectrum. The sum ends at that one of 1,
+    2, 4, ... lines, up to an eighth of all, where it is surest, and counts above `_WHITE` of its standard deviations in
+    white noise.
+
+    Parameters
+    ----------
+    residuals : (n_lines, n_outputs, n_inputs) complex array
+        Weighted data less model.
+    """
+    n = len(residuals)
+    power = np.sum(np.abs(np.fft.fft(residuals, 2 * n, axis=0)) ** 2, axis=2)
+    products = np.fft.ifft(power, axis=0).real
+    ends = 2 ** np.arange(max(int(np.log2(n // 8)), 0) + 1)
+    sums = np.cumsum(products[1:], axis=0)[ends - 1] / np.maximum(products[0], np.finfo(float).tiny)
+    sureness = sums * np.sqrt(2 * n * residuals.shape[2] / ends)[:, None]
+    best = np.argmax(sureness, axis=0), np.arange(residuals.shape[1])
+    return np.asarray(np.where(sureness[best] > _WHITE, 1 + 2 * sums[best], 1.0))
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
