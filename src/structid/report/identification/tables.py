@@ -10,7 +10,6 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import span_digits
-from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
 from structid.identification.varying import Varied
@@ -268,7 +267,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
     steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
-    remark = f"; {ON_FORCE}" if identification.rests_on_force else ""
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
         if has_mass
