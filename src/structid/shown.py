@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
@@ -84,6 +85,12 @@ def listed(items: Sequence[object], most: int = 6) -> str:
     """The first few, and how many more."""
     more = len(items) - most
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
+
+
+def file_names(paths: Sequence[str | Path]) -> list[str]:
+    """What to call files: by their names, or by their paths where two have one name."""
+    names = [Path(path).name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
 def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:

@@ -6,9 +6,11 @@ Pictures go to the folder that STRUCTID_SCREENS names, else to that of the test.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import shutil
+import signal
 import tomllib
 import zipfile
 from pathlib import Path
@@ -153,12 +155,14 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the sensor is placed by a click on the picture
         page.get_by_label("101Y+").check()
         page.get_by_text("on no node yet").wait_for()
+        page.locator("#checked", has_text="101Y").wait_for()
         place = page.evaluate(
             "(() => { const s = document.querySelector('canvas.under').scene; return s.seen(s.row.get(3)); })()"
         )
         page.locator("canvas.under").click(position={"x": place[0], "y": place[1]})
         page.get_by_role("button", name="Place 101Y+ here").wait_for()
-        page.get_by_label("Direction", exact=True).select_option("+Y")
+        ways = page.get_by_label("Direction", exact=True)
+        assert [one[1:] for one in ways.locator("option").all_inner_texts()] == ["Y", "Y"]  # nothing else moves there
         page.get_by_role("button", name="Place 101Y+ here").click()
         page.get_by_text("at node 3, +Y").wait_for()
         page.get_by_text("data and priors determine every parameter").wait_for()
@@ -170,6 +174,17 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the band by numbers, the same as by dragging
         step(page, "Records")
         page.locator("#responses .main-svg").first.wait_for()
+        before = (folder / "beam.toml").read_text(encoding="utf-8")
+        for low, high, words in (
+            ("600", "500", "must be greater than 600"),
+            ("20,5", "90", "20,5 is no number; write 20.5"),
+            ("", "90", "band from, Hz: give a number"),
+        ):
+            page.get_by_label("band from, Hz").fill(low)
+            page.get_by_label("to, Hz").fill(high)
+            page.get_by_role("button", name="Set band").click()
+            page.get_by_text(words).wait_for()
+        assert (folder / "beam.toml").read_text(encoding="utf-8") == before
         page.get_by_label("band from, Hz").fill("5")
         page.get_by_label("to, Hz").fill("120")
         page.get_by_role("button", name="Set band").click()
@@ -198,19 +213,31 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_label("Property", exact=True).select_option("mass")
         page.get_by_role("button", name="Add", exact=True).click()
         page.get_by_text("mass of beam is sought").wait_for()
+        for label, text, words in (
+            ("bounds: mass of beam", "2, 1", "Bounds are written low, high"),
+            ("start: mass of beam", "0,8", "0,8 is no number"),
+            ("prior: mass of beam", "0.81 ± 0", "must be greater than 0"),
+        ):
+            page.get_by_label(label, exact=True).fill(text)
+            page.get_by_label(label, exact=True).press("Tab")
+            page.get_by_text(words).wait_for()
+            page.get_by_label(label, exact=True).fill("")
+        assert "prior" not in (folder / "beam.toml").read_text(encoding="utf-8")
         page.get_by_label("prior: mass of beam").fill("0.81 ± 2 %")
         page.get_by_label("prior: mass of beam").press("Tab")
         eventually(
             page, lambda: "prior = { mean = 0.81, relative_std = 0.02 }" in (folder / "beam.toml").read_text("utf-8")
         )
         page.locator("[data-predicted='2']", has_text="%").wait_for()
+        assert page.get_by_label("start: mass of beam", exact=True).get_attribute("placeholder") == "0.81"
+        page.get_by_role("cell", name="mass, kg/m").wait_for()
         shown(page, screens, "5_unknowns")
         accessible(page, "unknowns")
 
         # the run goes on while the page is read again, and is seen in a second one
         step(page, "Run")
         page.get_by_role("button", name="What will it take?").click()
-        page.get_by_text("of memory").wait_for()
+        page.get_by_text("One iteration takes about").wait_for()
         page.get_by_role("button", name="Identify").click()
         page.locator("[data-run]").wait_for()
         page.reload()
@@ -247,6 +274,96 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         assert page.evaluate("window.harmed") is None
 
 
+def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    rows = "".join(f"{k / 200:.3f};{math.sin(k):.6f};{math.cos(k):.6f}\n" for k in range(2000)).replace(".", ",")
+    text = f"Träger 12\nZeit;Kraft;Weg\n{rows}Mittel;0;0\n"
+    (tmp_path / "lab.csv").write_bytes(text.encode("cp1252"))
+    modes = "frequency_hz,frequency_std_hz,damping_ratio,2Y,3Y\n12,0.1,0.01,0.3,1\n70,0.5,0.01,1,-0.4\n"
+    (tmp_path / "modes.csv").write_text(modes, encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#start/beam.toml")
+        page.get_by_role("button", name="What is it? lab.csv").click()
+        lab = page.locator("[data-record='lab.csv']")
+        lab.get_by_label("encoding").fill("cp1252")
+        lab.get_by_label("skip rows").fill("1,5")
+        lab.get_by_role("button", name="Read it so").click()
+        page.get_by_text("skip rows: 1,5 is no number").wait_for()
+        lab.get_by_label("skip rows").fill("1")
+        lab.get_by_label("footer rows").fill("1")
+        lab.get_by_label("decimal").select_option("comma")
+        lab.get_by_label("columns", exact=True).fill("Kraft, Weg")
+        lab.get_by_label("time column").fill("Zeit")
+        lab.get_by_label("channels").fill("3Y, 3Y")
+        lab.get_by_label("quantities").fill("force, acceleration")
+        shown(page, screens, "21_lab")
+        accessible(page, "lab")
+        lab.get_by_role("button", name="Read it so").click()
+        page.get_by_text("time histories: 2000 samples at 200").wait_for()
+        page.get_by_role("button", name="Use in beam.toml").click()
+        page.wait_for_selector("[data-step=structure]")
+        record = tomllib.loads(study.read_text(encoding="utf-8"))["record"]
+        assert record["csv"] == {"skip_rows": 1, "footer_rows": 1, "decimal": "comma", "encoding": "cp1252"}
+        assert record["columns"] == ["Kraft", "Weg"]
+        step(page, "Start")
+        page.get_by_role("button", name="What is it? modes.csv").click()
+        page.get_by_text("a table of 2 modes, 12.00 to 70.00 Hz: a study reads it with [record.modes]").wait_for()
+        page.get_by_role("button", name="Use in beam.toml in place of its record").click()
+        page.wait_for_selector("[data-step=structure]")
+        page.get_by_label("3Y+").wait_for()
+        assert tomllib.loads(study.read_text(encoding="utf-8"))["record"] == {
+            "path": "modes.csv",
+            "modes": {"form": "output"},
+        }
+
+
+def test_a_run_of_many_stages_is_drawn_large_and_the_step_is_seen_on_a_narrow_page(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    assert study.is_file()
+    run = tmp_path / ".structid" / "runs" / "20240101-000000-abcdef"
+    run.mkdir(parents=True)
+    (run / "run.json").write_text(json.dumps({"study": "beam.toml", "results": "r", "started": 1, "pid": 1, "born": 1}))
+    (run / "ended.json").write_text('{"code": 0}', encoding="utf-8")
+    steps = [(0.1 * k, f"search {k // 4}, decay {k // 4} omega", 1e4 / (k + 1)) for k in range(68)]
+    lines = [{"time": t, "name": name, "sum_of_squares": cost, "words": name} for t, name, cost in steps]
+    (run / "progress.jsonl").write_text("".join(json.dumps(one) + "\n" for one in lines), encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#run/beam.toml")
+        page.locator("[data-run] .nsewdrag").wait_for()
+        assert page.locator("[data-run] .nsewdrag").bounding_box()["height"] > 110
+        shown(page, screens, "23_many_stages")
+        page.set_viewport_size({"width": 420, "height": 900})
+        step(page, "Study file")
+        box = page.locator("nav [aria-current]").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 420
+
+
+def test_changes_that_results_suggest_are_opened_as_studies(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    write_beam_record(study, tmp_path / "hammer.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    folder = tmp_path / "beam_results"
+    (folder / "suggestions").mkdir(parents=True)
+    text = study.read_text(encoding="utf-8") + '\n[record]\npath = "../../hammer.npz"\nleakage = "hann"\n'
+    (folder / "suggestions" / "1-leakage.toml").write_text(text, encoding="utf-8")
+    change = {"words": "resonances leak", "share": 0.4, "study": "suggestions/1-leakage.toml", "lines": ["+ leakage"]}
+    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "suggestions": [change]}
+    (folder / "estimate.json").write_text(json.dumps({**told, "parameters": []}), encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#results/beam.toml")
+        page.get_by_text("resonances leak: removes 40 % of the misfit").wait_for()
+        shown(page, screens, "22_suggested")
+        accessible(page, "suggested")
+        page.get_by_role("link", name="Open 1-leakage.toml").click()
+        page.get_by_text("data and priors determine every parameter").wait_for()
+        assert page.locator("#study").input_value() == "beam_results/suggestions/1-leakage.toml"
+        step(page, "Records")
+        page.locator("#responses .main-svg").first.wait_for()
+        step(page, "Run")
+        assert page.get_by_label("Results go to").input_value() == "beam_results_1-leakage_results"
+        page.get_by_role("button", name="Identify").wait_for()
+
+
 def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
     for name in ("a bridge of 1958", "plate"):
         (tmp_path / name).mkdir()
@@ -262,8 +379,7 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         assert not recent.get_by_text(str(folder), exact=True).count()  # the open one is no other folder
         page.get_by_role("button", name="New study from it: plate.msh").click()
         page.get_by_text("Groups: clamp, skin, strip").wait_for()
-        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").fill("mm")
-        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").press("Tab")
+        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").select_option("mm")
         page.get_by_text(re.compile("It measures 0.400 . 0.300 . 0 m")).wait_for()
         page.get_by_label("group that is held; none where it is free").fill("clamp")
         shown(page, screens, "0_mesh")
@@ -358,6 +474,57 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.get_by_text("was moved or removed while it was open").first.wait_for()
 
 
+def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    before = study.read_text(encoding="utf-8")
+    with served(tmp_path) as bench:
+        # a hand edit while the page is still being drawn
+        held = []
+        page.route("**/api/scene*", lambda one: held.append(one))
+        page.goto(bench.address + "#structure/beam.toml")
+        eventually(page, lambda: held)
+        page.wait_for_timeout(1500)
+        study.write_text(before.replace("Beam clamped", "Shelf clamped"), encoding="utf-8")
+        page.unroute("**/api/scene*")
+        page.get_by_text("The study was changed outside this page").wait_for()
+        page.get_by_role("heading", name="Shelf clamped at its left end").wait_for()
+        page.locator("#study option", has_text="Shelf clamped").wait_for(state="attached")
+
+        step(page, "Study file")
+        area = page.get_by_label("Text of the study")
+        typed = study.read_text(encoding="utf-8").replace("Shelf", "Board")
+        area.fill(typed)
+        step(page, "Unknowns")
+        page.get_by_text("is not saved yet; it is kept on its page").wait_for()
+        step(page, "Study file")
+        page.get_by_text("What you typed is still here, and not saved yet").wait_for()
+        assert area.input_value() == typed
+        shown(page, screens, "19_draft")
+        accessible(page, "draft")
+        step(page, "Unknowns")
+        study.write_text(before.replace("loss_factor = 0.01", "loss_factor = 0.02"), encoding="utf-8")
+        page.get_by_text("The study was changed outside this page").wait_for()
+        step(page, "Study file")
+        page.get_by_text("The file was changed since this was typed").wait_for()
+        page.get_by_role("button", name="Keep mine").click()
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("The study can be read").wait_for()
+        assert study.read_text(encoding="utf-8") == typed
+        assert page.get_by_role("button", name="Save").is_disabled()
+        bench.process.send_signal(signal.SIGINT)
+        page.get_by_text("the workbench does not answer").wait_for(timeout=10_000)
+        page.get_by_role("navigation").get_by_role("link", name="Structure").click()
+        for _ in range(3):
+            page.get_by_role("button", name="Try again").click()
+        page.wait_for_timeout(300)
+        assert page.locator("main .card").count() == 1
+        shown(page, screens, "20_away")
+    with served(tmp_path, "--port", str(bench.port)):
+        page.get_by_text("The address lacks the token: open the whole address").first.wait_for(timeout=15_000)
+        page.get_by_role("button", name="Try again").click()
+        page.locator("main .card", has_text="The address lacks the token").wait_for()
+
+
 def test_a_full_disk_is_told_and_what_was_typed_stays(page, screens, tmp_path):
     folder = tmp_path / "work"
     folder.mkdir()
@@ -393,6 +560,8 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         shown(page, screens, "10_modes")
         accessible(page, "modes")
         page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
+        step(page, "Start")
+        step(page, "Modes")  # what was taken and left is as it was
         page.get_by_role("button", name="Save 2 modes").click()
         page.get_by_text("2 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
         page.frame_locator("iframe.report").locator("#figure-mode_shapes .main-svg").first.wait_for()
@@ -400,6 +569,13 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         found = json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8"))
         assert len(found["frequency_hz"]) == 2
         assert found["frequency_hz"] == pytest.approx([1.267, 5.13], rel=0.02)
+        # what is there is replaced only where that is wanted
+        page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
+        page.get_by_role("button", name="Save 1 modes").click()
+        page.get_by_text("ambient_modes: is there already; give another folder").wait_for()
+        assert json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8")) == found
+        page.get_by_role("button", name="Replace ambient_modes").click()
+        page.get_by_text("1 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
 
 
 #: Where on the screen the highest pole of the second mode is drawn.

@@ -142,6 +142,29 @@ def test_a_record_without_a_header_cannot_be_one_of_several():
         edited('record.path = "a.npz"\n', [{"list": ["record"]}])
 
 
+PRIOR = "{ mean = 1.0, std = 0.2 }"
+TABLE = '[[unknown]]\nproperty = "mass"\n[unknown.prior]\nmean = 0.8  # drawn\nrelative_std = 0.1\n'
+INLINE = 'unknown = [{ property = "mass" }, { property = "loss" }]  # two\nmethod.band = [1.0, 2.0]\n[plan]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "edit", "wanted"),
+    [
+        (TABLE, {"set": ["unknown", 0, "prior"], "to": PRIOR},
+         '[[unknown]]\nproperty = "mass"\n[unknown.prior]\nmean = 1.0  # drawn\nstd = 0.2\n'),
+        ("[[unknown]]\nprior.mean = 2.0\nprior.std = 1.0\n", {"set": ["unknown", 0, "prior"], "to": PRIOR},
+         "[[unknown]]\nprior.mean = 1.0\nprior.std = 0.2\n"),
+        ("[[unknown]]\nprior.mean = 2.0\nprior.std = 1.0\n", {"remove": ["unknown", 0, "prior"]}, "[[unknown]]\n"),
+        (INLINE, {"set": ["unknown", 1, "property"], "to": '"m"'}, INLINE.replace('"loss"', '"m"')),
+        (INLINE, {"remove": ["unknown", 1]}, INLINE.replace(', { property = "loss" }', "")),
+        (INLINE, {"add": ["unknown"], "table": {"property": '"k"'}}, INLINE.replace('"loss" }', '"loss" }, { property = "k" }')),
+        (INLINE, {"set": ["method", "exclude"], "to": "[]"}, INLINE.replace("[plan]", "method.exclude = []\n[plan]")),
+    ],
+)  # fmt: skip
+def test_tables_are_changed_in_the_way_in_which_they_are_written(text, edit, wanted):
+    assert edited(text, [edit]) == wanted
+
+
 def test_numbers_stay_as_they_were_written():
     assert edited("a = 1.6e6  # soft\n", [{"set": ["a"], "to": "1.70e6"}]) == "a = 1.70e6  # soft\n"
 

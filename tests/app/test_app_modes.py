@@ -10,6 +10,7 @@ from app_cases import STOREYS, require_workbench, served, write_ambient
 
 require_workbench()
 
+from structid.app.folder import upload_name  # noqa: E402
 from structid.errors import InputError  # noqa: E402
 from structid.modal import ModalRecord  # noqa: E402
 from structid.modal.files.files import read_modes, write_modes  # noqa: E402
@@ -90,8 +91,10 @@ def test_files_of_modes_are_merged_as_the_library_merges_them(folder):
         beside = {"study": "storeys.toml", "number": 0, "measured": "merged/modes.json", "at": ""}
         np.testing.assert_allclose(np.diag(bench.post("beside", beside)[1]["mac"]), 1.0, rtol=1e-9)
         assert "merged/modes.json" in [one["path"] for one in bench.get("folder")[1]["records"]]
-        status, one = bench.post("merge", {**ask, "records": ["lower/modes.json"]})
+        status, one = bench.post("merge", {**ask, "records": ["lower/modes.json"], "out": "alone"})
         assert (status, "two set-ups or more" in one["error"]) == (422, True)
+        assert bench.post("merge", ask)[0] == 409  # what is there stays
+        assert bench.post("merge", {**ask, "replace": True})[0] == 200
         assert bench.post("merge", {**ask, "out": "../merged"})[0] == 403
         assert not (folder.parent / "merged").exists()
     kept = read_modes(folder / "merged" / "modes.json")
@@ -111,6 +114,30 @@ def test_files_of_modes_are_known_by_what_they_hold(folder):
     assert listed == ["a.h5", "a_modes/modes.json", "found/tower_2023.json"]
 
 
+def test_all_files_that_readers_know_are_listed_and_taken(folder):
+    for name in ("a.wav", "b.tsv", "c.f06", "d.pun", "e.full"):
+        (folder / name).write_bytes(b"1")
+    (folder / "run.txt").write_text("Logger 3\nt;a\n0,0;1,5\n0,1;-2E-3\n", encoding="utf-8")
+    (folder / "dofs.txt").write_text("1X\n2X\n", encoding="utf-8")
+    (folder / "notes.txt").write_text("Measured on 3 May 2024 by 2 people\n", encoding="utf-8")
+    (folder / "modes.csv").write_text("Frequency [Hz];Damping [%];1X\n3,1;1;1\n", encoding="utf-8")
+    (folder / "frf.csv").write_text("frequency_hz,1X+/3X+ re,1X+/3X+ im\n1,2,3\n", encoding="utf-8")
+    with served(folder) as bench:
+        found = bench.get("folder")[1]
+        told = bench.post("facts", {"record": "modes.csv", "options": {}})[1]
+    assert {one["path"]: one["modes"] for one in found["records"]} == {
+        "a.wav": False, "b.tsv": False, "c.f06": True, "frf.csv": False, "modes.csv": True, "run.txt": False,
+    }  # fmt: skip
+    assert [one["path"] for one in found["models"]] == ["d.pun", "e.full"]
+    assert (told["kind"], told["modes"]) == ("modes", [[3.1, 0.01]])
+    assert [upload_name(name) for name in ("a.wav", "b.tsv", "c.f06", "e.full")] == [
+        "a.wav",
+        "b.tsv",
+        "c.f06",
+        "e.full",
+    ]
+
+
 def test_records_of_set_ups_are_merged_with_a_page(folder):
     """Two records of two sensors, seeds 5 and 6, with the first floor in common."""
     write_ambient(folder / "a.h5", ("1X+", "2X+"), 5)
@@ -125,7 +152,7 @@ def test_records_of_set_ups_are_merged_with_a_page(folder):
         told = bench.post("beside", beside)[1]
         assert np.diag(told["mac"]).min() > 0.98
         assert np.abs(told["difference"]).max() < 0.01
-        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"]})
+        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"], "out": "mixed"})
         assert (status, "save the modes of each record" in found["error"]) == (422, True)
     assert json.loads((folder / "both" / "modes.json").read_text())["channels"] == ["1X+", "2X+", "3X+"]
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
@@ -123,6 +125,34 @@ def test_a_changed_study_is_not_overwritten(folder):
         assert status == 200
         assert (folder / "beam.toml").read_text() == found["text"]
         assert found["text"].endswith("# by hand\n")
+
+
+def test_a_new_study_without_a_suffix_is_listed(folder):
+    with served(folder) as bench:
+        assert bench.post("init", {"template": "beam", "path": "shelf", "numbers": {}}) == (200, {"path": "shelf.toml"})
+        assert [one["path"] for one in bench.get("folder")[1]["studies"]] == ["beam.toml", "shelf.toml"]
+
+
+def test_a_file_in_the_way_of_the_results_is_told_before_the_run(folder):
+    with served(folder) as bench:
+        status, found = bench.post("runs", {"study": "beam.toml", "results": "beam.toml/first"})
+        assert status == 422
+        assert "beam.toml: is a file; give another folder" in found["error"]
+        assert bench.get("folder")[1]["runs"] == []
+
+
+def test_ctrl_c_ends_open_pages_and_questions_without_a_word(folder):
+    with served(folder) as bench, ExitStack() as open_sockets:
+        for question in ("events", "plan?study=beam.toml"):
+            asking = open_sockets.enter_context(socket.create_connection(("127.0.0.1", bench.port)))
+            asking.sendall(
+                f"GET /{bench.token}/api/{question} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\n\r\n".encode()
+            )
+        time.sleep(1)
+        bench.process.send_signal(signal.SIGINT)
+        said = bench.process.communicate(timeout=30)[0]
+        assert said.strip() in ("", "(this machine only; Ctrl-C ends it, runs go on)")  # the rest of its first words
+        assert bench.process.returncode == 0
 
 
 def test_a_folder_that_cannot_be_written_is_told(folder):

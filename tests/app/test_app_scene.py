@@ -117,6 +117,13 @@ def test_the_frame_has_its_beams_springs_and_properties():
             assert labels[row(shown["lines"])].reshape(-1, 2).tolist() == element.nodes.tolist()
     assert by_name["rocking"]["connectors"] == [{"from": labels.tolist().index(100), "to": None, "direction": "RY"}]
     assert len(found["links"]) == 4
+    free = {(dof.node, dof.direction) for dof in structure.dofs}
+    linked = {node for tie in structure.ties for node in getattr(tie, "dependents", ())}
+    for label, moves in zip(labels.tolist(), row(found["moves"], np.uint8), strict=True):
+        if label not in linked:
+            assert {d for d, bit in zip("XYZ", (1, 2, 4), strict=True) if moves & bit} == {
+                d for d in "XYZ" if (label, d) in free
+            }
 
 
 def test_channels_stand_where_the_study_puts_them(tmp_path):

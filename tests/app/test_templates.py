@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 import tomllib
 
 import numpy as np
@@ -146,6 +149,26 @@ def test_no_file_is_replaced(tmp_path):
     with pytest.raises(FileError, match="is there already"):
         write_study(template_with(TEMPLATES["beam"], {}), tmp_path / "b.toml")
     assert (tmp_path / "b.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_study_without_a_suffix_gets_that_of_studies(tmp_path):
+    done = RUN.invoke(app, ["init", "beam", str(tmp_path / "shelf.v2")])
+    assert done.exit_code == 0
+    assert [one.name for one in tmp_path.iterdir()] == ["shelf.v2.toml"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="terminals are made so on POSIX only")
+def test_each_answer_is_judged_where_it_is_asked(tmp_path):
+    ours, theirs = os.openpty()
+    os.write(ours, b"abc\n1,5\n1.5\n0\n4\n\n\nglued\nfree\n")
+    words = [sys.executable, "-m", "structid", "init", "beam", str(tmp_path / "b.toml")]
+    done = subprocess.run(words, stdin=theirs, capture_output=True, text=True, check=True)
+    os.close(ours), os.close(theirs)
+    assert done.stdout.count("Error: ") + done.stderr.count("Error: ") == 4
+    assert "support must be one of clamped, simple, free, got 'glued'" in done.stdout + done.stderr
+    made = tomllib.loads((tmp_path / "b.toml").read_text(encoding="utf-8"))
+    assert made["title"] == "Beam free"
+    assert made["structure"]["nodes"]["5"] == [1.5]
 
 
 def test_an_unknown_template_is_told():

@@ -52,6 +52,14 @@ def command(*arguments: object, **options) -> subprocess.CompletedProcess:
     return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=120, check=False, **options)
 
 
+@pytest.mark.parametrize("name", ["identify", "plan", "compare", "modes", "motion", "correlate"])
+def test_a_file_in_the_way_of_the_results_is_told_before_anything_is_read(name, tmp_path):
+    (tmp_path / "taken").write_text("mine", encoding="utf-8")
+    done = invoke(name, *[tmp_path / "missing.toml"] * (2 if name == "compare" else 1), "--out", tmp_path / "taken")
+    assert done.exit_code == 2
+    assert f"{tmp_path / 'taken'}: is a file; give another folder" in done.stderr
+
+
 def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
     done = invoke("identify", study, "--no-report")
     assert (done.exit_code, done.stderr) == (0, "")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
 from structid.dynamics.factorization import installed_factorizers
@@ -35,6 +35,28 @@ def test_motion_without_mass_follows_statically():
     found = modes(mass, stiffness)
     assert 2 * np.pi * found.frequency == pytest.approx([np.sqrt(0.5)])
     assert found.mode_shapes[:, 0] == pytest.approx([0.5, 1.0])
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16])
+def test_combinations_without_mass_follow_statically(rounding):
+    """Masses at the ends of a massless lever that reads both: the mass matrix is singular with a positive diagonal."""
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((4, 4)))[0] * [1.0, 1e3, 1.0, 1.0]
+    mass = turn.T @ np.diag([2.0, 1.0, rounding, rounding]) @ turn
+    stiffness = np.random.default_rng(3).standard_normal((4, 4))
+    stiffness = stiffness @ stiffness.T + np.eye(4)
+    heavy, light = np.split(np.arange(4), 2)
+    follow = np.linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)])
+    condensed = stiffness[np.ix_(heavy, heavy)] - stiffness[np.ix_(heavy, light)] @ follow
+    squared = linalg.eigh(condensed, np.diag([2.0, 1.0]), eigvals_only=True)
+    found = modes(sparse.csc_array(mass), sparse.csc_array(turn.T @ stiffness @ turn))
+    assert (mass.diagonal() > 0).all()
+    assert (2 * np.pi * found.frequency) ** 2 == pytest.approx(squared)
+    assert found.mode_shapes.T @ mass @ found.mode_shapes == pytest.approx(np.eye(2), abs=1e-9)
+
+
+def test_a_motion_without_mass_and_stiffness_is_told():
+    with pytest.raises(SingularModelError, match="neither mass nor stiffness"):
+        modes(sparse.csc_array(np.ones((2, 2))), sparse.csc_array(np.ones((2, 2))))
 
 
 def test_sparse_path_equals_dense_path():

@@ -14,7 +14,7 @@ from structid.criticism.screen import point_at
 from structid.errors import StructidError
 from structid.explanation.by_study import study_candidates
 from structid.explanation.edits import _EDITS, edit
-from structid.explanation.explain import _rigid
+from structid.explanation.explain import _plainer
 from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
 from structid.observation import FrfProblem, SpectraProblem
@@ -356,19 +356,21 @@ def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
         assert np.abs(one.effect(fields, np.array([length]))[0] - own).max() < 1e-8 * np.abs(own).max()
 
 
-@pytest.mark.parametrize(("ratio", "count"), [(100.0, 1), (1.5, 0)])
-def test_what_swings_far_above_all_lines_is_offered_as_the_mass_that_it_is(trial, ratio, count):
+@pytest.mark.parametrize(("ratio", "kind"), [(100.0, "mass"), (1.5, None), (0.01, "spring")])
+def test_what_swings_far_from_all_lines_is_offered_as_the_mass_or_spring_that_it_is(trial, ratio, kind):
     base = Fitted(trial, trial.target.theta_start, 1.0)
-    highest = max(problem.frequency.max() for problem in trial.problems)
-    swinging = Candidate("appendage", ("4Y",), detail={"frequency": ratio * float(highest)})
+    lines = np.concatenate([problem.frequency for problem in trial.problems])
+    frequency = ratio * (lines.max() if ratio > 1 else lines[lines > 0].min())
+    swinging = Candidate("appendage", ("4Y",), detail={"frequency": float(frequency)})
     changed = trial.changed(swinging, 0.3)
-    offered = _rigid(base, Fitted(changed, changed.target.theta_start, 0.5))
-    assert len(offered) == count
-    for candidate, mass, theta in offered:
-        assert (candidate.kind, candidate.where) == ("mass", ("4",))
-        assert mass == pytest.approx(0.3)
-        again = trial.changed(candidate, mass)
-        assert again.values(theta)["mass[mass 4]"] == pytest.approx(0.3)
+    offered = _plainer(base, Fitted(changed, changed.target.theta_start, 0.5))
+    assert [candidate.kind for candidate, _, _ in offered] == ([] if kind is None else [kind])
+    for candidate, size, theta in offered:
+        expected = 0.3 if kind == "mass" else 0.3 * (2 * np.pi * frequency) ** 2
+        assert candidate.where == (("4",) if kind == "mass" else ("4Y",))
+        assert size == pytest.approx(expected, rel=1e-3)
+        added = {name: v for name, v in trial.changed(candidate, size).values(theta).items() if name not in base.values}
+        assert list(added.values()) == pytest.approx([expected], rel=1e-3)
 
 
 def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from structid.criticism.verdict import judged
+from structid.criticism.verdict import _off_resonances, judged
+from structid.identification.fits.resonances import Resonance
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, replaced, write_chain
@@ -40,3 +42,15 @@ def test_noises_of_several_kinds_are_those_of_the_records(tmp_path):
     path = write_chain(tmp_path, text, chain_record(variance=np.full((230, 2, 1), 1e-9)))
     (tmp_path / "other.npz").write_bytes((tmp_path / "frf.npz").read_bytes())
     assert "times the noise of the records" in judged(run_study(load_study(path)).identification).words
+
+
+@pytest.mark.parametrize(("mode", "count"), [(8.1, 0), (9.5, 1)])
+def test_a_mode_that_is_narrower_than_the_lines_is_no_resonance_that_the_model_lacks(mode, count):
+    """Lines every 0.25 Hz see no peak of a mode at 8.1 Hz with 0.5 % of damping."""
+    frequency = np.arange(5.0, 20.0, 0.25)
+    problem = SimpleNamespace(
+        frequency=frequency, lines=np.arange(len(frequency)), data_rows=lambda _: np.full(len(frequency), 3.0)
+    )
+    modes = SimpleNamespace(frequency=np.array([mode, 50.0]), damping_ratio=np.array([0.005, 0.005]))
+    fit = SimpleNamespace(problem=problem, predicted=None, resonances=[Resonance(8.25, np.nan)], modes=modes)
+    assert [words for _, words in _off_resonances(fit)] == ["the model has no resonance near 8.25 Hz"] * count

@@ -89,7 +89,7 @@ def test_half_of_the_energy_is_in_the_marked_elements():
     structure = Structure(nodes, elements, CLAMP)
 
     class One:
-        words, number, half_bandwidths = "off", np.array([0]), np.array([1.0])
+        words, number, worst = "off", np.array([0]), 0
 
     marked = coarse_elements(structure, structure.values, One()).elements["arm"]
     x = np.linspace(0.0, 1.0, 8001)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
-from structid.identification.before.aligned import aligned, in_order, resonance_pairs
+from structid.identification.before.aligned import _tells, aligned, in_order, resonance_pairs
 from structid.identification.before.channels import channel_warnings
 from structid.observation import FrfProblem, simulated_record
 
@@ -307,3 +307,22 @@ def test_reciprocity_is_not_looked_for_in_noise():
         variance[:, o, i] = 2 * size**2
     noisy = replace(made, record=replace(made.record, values=values, variance=variance))
     assert not any(words.startswith("reciprocity") for words in told(noisy))
+
+
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        ([[1.0, 0.05], [0.06, 1.0], [0.7, 0.8]], [[1, 0], [0, 1], [1, 1]]),  # two ends of a car, and its middle
+        ([[1.0, 0.01], [2.0, 0.03], [0.5, 0.004]], [[1, 1], [1, 1], [1, 1]]),  # a load that moves all by little
+        ([[1.0], [0.01]], [[1], [1]]),
+    ],
+)
+def test_what_is_left_where_motions_cancel_does_not_tell_of_its_sensor(size, told):
+    model = np.array(size) * np.ones((40, 1, 1), complex)
+    assert (_tells(model, model.copy()) == np.array(told, bool)).all()
+
+
+def test_a_single_clear_line_does_not_tell_of_its_sensor():
+    measured = np.ones((40, 2, 1), complex)
+    measured[1:, 1] = np.nan
+    assert _tells(np.ones((40, 2, 1), complex), measured).tolist() == [[True], [False]]

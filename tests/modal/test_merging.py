@@ -120,6 +120,49 @@ def test_merging_without_covariance_gives_none():
     assert np.isnan(found.probability).all()
 
 
+def test_merging_keeps_the_deviations_that_are_known_and_says_what_is_lost():
+    """A damping ratio without a deviation, none of one mode at all, and a set-up as of UFF, without any."""
+    omega, shapes = chain_modes()
+    first, second = (part(names, omega, shapes) for names in SETUPS)
+    covariance = np.array(second.covariance)
+    covariance[6, :] = covariance[:, 6] = np.nan
+    damping = np.array(second.damping_ratio)
+    damping[1], damping[2] = np.nan, 0.5
+    found = merge_modes([first, replace(second, damping_ratio=damping, covariance=covariance)])
+    np.testing.assert_allclose(
+        found.std, [*np.full(4, 1e-3 / np.sqrt(2)), 1e-3 / np.sqrt(2), 1e-3, 1e-3, 1e-3 / np.sqrt(2)]
+    )
+    np.testing.assert_allclose(found.damping_ratio, 0.01)
+    (note,) = found.warnings
+    assert note == (
+        f"set-up 2 states no deviations of the damping ratios of {omega[2]:.4g} Hz: these have no part in the means, which are"
+        " of the others"
+    )
+    bare = part(SETUPS[1], omega + 0.1, shapes, None, None)
+    merged = merged_setups([first, bare])
+    np.testing.assert_allclose(merged.modes.frequency, omega)
+    np.testing.assert_allclose(merged.modes.std, 1e-3)
+    assert np.isnan(merged.chi_square).all()
+    assert (np.nan_to_num(merged.modes.shape_std) > 0).sum(axis=0).tolist() == [3, 3, 3, 3]  # 0 at the largest
+    larger = merge_modes([first, replace(bare, mode_shapes=30 * bare.mode_shapes)])
+    clear = [0, 2, 3]  # mode 2 has two largest entries
+    np.testing.assert_allclose(larger.shape_std[:, clear], merged.modes.shape_std[:, clear], rtol=1e-6)
+    words = " ".join(merged.modes.warnings)
+    assert "set-up 2 states no deviations of the frequencies of its modes: these have no part" in words
+    assert "set-up 2 states no deviations of the damping ratios of its modes" in words
+    assert "set-up 2 states no deviations of shape entries of its modes: they are taken to have the middle one" in words
+
+
+def test_merging_without_damping_keeps_the_deviations_of_frequencies():
+    omega, shapes = chain_modes()
+    covariance = np.diag([*np.full(4, 1e-6), *np.full(4, np.nan)])
+    setups = [replace(part(n, omega, shapes), damping_ratio=np.full(4, np.nan), covariance=covariance) for n in SETUPS]
+    found = merge_modes(setups)
+    np.testing.assert_allclose(found.frequency_std, 1e-3 / np.sqrt(2))
+    assert np.isnan(found.damping_ratio).all()
+    assert not found.warnings
+
+
 def test_merged_shape_has_the_deviations_of_repeated_measurements():
     rng = np.random.default_rng(3)
     truth = np.array([1.0, 0.6 + 0.1j, -0.4, 0.8, 0.3])
@@ -141,8 +184,13 @@ def test_merged_shape_has_the_deviations_of_repeated_measurements():
 @pytest.mark.parametrize(
     ("setups", "references", "words"),
     [
-        ([("1X", "2X")], None, "two set-ups or more"),
-        ([("1X", "2X"), ("3X", "4X")], None, "a sensor in common"),
+        ([("1X", "2X")], None, "two set-ups or more are merged, got set-up 1;"),
+        (
+            [("1X", "2X"), ("3X", "4X")],
+            None,
+            r"none is in all of them: set-up 1 has 1X\+, 2X\+; set-up 2 has 3X\+, 4X\+;",
+        ),
+        ([("1X", "2X"), ("1X", "3X"), ("1X", "2X")], None, "set-up 1 and set-up 3 hold the same modes"),
         ([("1X", "2X"), ("1X", "4X")], ["2X"], r"2X\+ is not in set-up 2"),
     ],
 )

@@ -118,6 +118,30 @@ def test_jacobian_equals_central_differences(form, measured_sliding):
     assert problem.linearize(theta).residual == pytest.approx(problem.residual(theta), rel=1e-12)
 
 
+def test_a_direction_that_the_model_does_not_couple_is_compared_as_it_is_in_the_logarithmic_form():
+    """Struck along X, a mass on two springs moves along X alone; what is measured along Y is noise, or some of it is not."""
+    parts = [PointMass("m", [1], 2.0), Spring("x", "1X", stiffness=300.0), Spring("y", "1Y", stiffness=500.0)]
+    structure = Structure({1: (0.0, 0.0)}, parts, ["1Z"])
+    made = parameters(structure, [Unknown("stiffness", "x"), Unknown("mass", "m")])
+    lines, rng = np.linspace(1.0, 3.0, 9), np.random.default_rng(4)
+    blank = FrfRecord(lines, np.ones((9, 2, 1)), ("1X", "1Y"), ("1X",), "receptance")
+    true = FrfProblem(structure, made, blank, model_error=1.0).predicted(made.theta_start + 0.1)
+    std = 0.01 * np.abs(true[:, :1, :]) * np.ones((1, 2, 1))
+    values = true + std * (rng.standard_normal(true.shape) + 1j * rng.standard_normal(true.shape))
+    values[4, 1] = 50.0 * std[4, 1]
+    problem = FrfProblem(structure, made, replace(blank, values=values, variance=2 * std**2), "log")
+    at = problem.linearize(problem.theta_start)
+    assert np.all(np.isfinite(at.residual))
+    assert np.all(np.isfinite(at.jacobian))
+    noise = problem.residual(made.theta_start + 0.1)
+    assert 0.5 < np.median(np.abs(noise)) < 0.9
+    step = 1e-6
+    for j, unit in enumerate(np.eye(2)):
+        ends = [problem.residual(problem.theta_start + sign * step * unit) for sign in (1, -1)]
+        difference = (ends[0] - ends[1]) / (2 * step)
+        assert at.jacobian[:, j] == pytest.approx(difference, rel=1e-6, abs=1e-6 * np.abs(difference).max())
+
+
 def test_sparse_factorization_and_matrix_groups_equal_the_dense_path():
     """80 elements (160 unknown motions) take the sparse solver; the same beam as imported groups must agree."""
     structure = cantilever(80)

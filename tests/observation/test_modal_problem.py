@@ -331,8 +331,8 @@ def test_modes_and_receptances_of_two_tests_fit_together():
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
-        ({"covariance": None}, {}, "give `frequency_error`"),
-        ({"shape_std": None}, {}, "give `shape_error`"),
+        ({"covariance": None}, {}, "or `frequency_error`, such as 0.005"),
+        ({"shape_std": None}, {}, "or `shape_error`, such as 0.02"),
         ({"channels": ("1X", "9X"), "mode_shapes": np.ones((2, 3)), "shape_std": None}, {"shape_error": 0.1}, "node 9"),
         ({"frequency": np.zeros(3)}, {}, "no mode above 0 Hz"),
         ({"frequency": np.array([1.0, 1.001, 1.002])}, {}, "lower `closeness`"),
@@ -351,11 +351,23 @@ def test_modal_problem_names_what_is_missing(change, options, words):
         ModalProblem(structure, unknown, replace(record, **change), **options)
 
 
+def test_a_mode_that_is_listed_twice_is_named():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = replace(measured(structure, unknown.values(unknown.start), ["1X", "5X"], 3), source="m.csv")
+    twice = replace(
+        record, frequency=record.frequency[[0, 0, 2]], mode_shapes=record.mode_shapes[:, [0, 0, 2]], covariance=None
+    )
+    with pytest.raises(InputError, match=r"modes 1 \(.* Hz\), 2 \(.* Hz\) of m.csv are not told apart .* listed twice"):
+        ModalProblem(structure, unknown, twice, frequency_error=0.01)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"covariance": 1}, "uncertainty of its frequencies, or one of zero, at mode 2: .*`frequency_error`"),
         ({"shape_std": np.array([[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])}, "of its shapes, or one of zero, at mode 3: "),
+        ({"shape_std": np.array([[0.1, 0.1, 0.1], [0.1, np.nan, 0.1]])}, "uncertainty of its shapes"),
     ],
 )
 def test_deviations_of_zero_are_named_by_their_modes(change, words):

@@ -207,7 +207,7 @@ def test_a_mode_without_a_shape_may_be_one_that_no_sensor_sees():
     model = paired_modes(problem, problem.unknowns.transforms.free(found.values))
     assert model.number.tolist() == [0, 1, 2, 3]
     assert model.frequency == pytest.approx(frequency, rel=0.01)
-    assert np.isfinite(modal_view(problem, problem.theta_start).record.values).all()
+    assert np.isfinite(modal_view(problem, problem.theta_start).problem.record.values).all()
 
 
 def test_what_cannot_do_without_more_entries_says_so():

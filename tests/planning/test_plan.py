@@ -16,6 +16,7 @@ from structid.cli.app import app
 from structid.dof import parse_dofs
 from structid.errors import SingularModelError
 from structid.planning.plan import PlanOptions, plan
+from structid.records.io import read_record, write_record
 from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.run.plan import planned
@@ -442,6 +443,34 @@ def test_record_gives_the_defaults(tmp_path):
     found = planned(study)
     assert found.installed.sensors == study.options.installed_sensors
     assert str(found.next_sensors[0].sensors[-1]) == "2X+"
+
+
+def test_noise_of_a_record_is_that_of_the_lines_where_it_has_power(tmp_path):
+    path = write_chain(tmp_path)
+    record = read_record(tmp_path / "frf.npz")
+    size = np.abs(record.values)
+    relative = np.where(np.arange(len(size)) < len(size) // 2, 0.05, 3.0)[:, None, None]
+    write_record(tmp_path / "frf.npz", replace(record, variance=(relative * size) ** 2))
+    path.write_text(re.sub(r"\[record.noise\]\n(\w+ = .*\n)+", "", path.read_text()))
+    study = load_plan(path)
+    assert study.options.relative_noise == pytest.approx(0.05)
+    assert any(
+        "noise is that of the record in the median, 5 %, of the 50 % of its values" in note for note in study.notes
+    )
+
+
+def test_a_model_without_damping_is_told_beside_its_predictions(tmp_path):
+    path = written(tmp_path, WITHOUT_RECORD + PLAN)
+    damped, words = (
+        run(path, "--out", tmp_path / "damped"),
+        "on noise of 1 % of each value and 0.001 (m/s^2)/N and on a model",
+    )
+    assert "without any damping" not in damped.stdout
+    springs = CHAIN[: CHAIN.index("[[structure.dashpot]]")].replace("loss_factor = 0.03\n", "")
+    path.write_text(springs + '[[unknown]]\nproperty = "stiffness"\nelements = "upper"\n' + PLAN)
+    undamped = run(path, "--out", tmp_path / "undamped")
+    assert words in " ".join(undamped.stdout.split())
+    assert "without any damping, whose resonances" in (tmp_path / "undamped" / "plan.html").read_text()
 
 
 def test_prediction_agrees_with_check(tmp_path):

@@ -151,6 +151,8 @@ def test_what_is_wrong_is_named_with_its_remedy(tmp_path, text, options, words):
     [
         ({"skip_rows": -1}, "`skip_rows`"),
         ({"header_rows": 3}, "0, 1 .names. or 2"),
+        ({"parts": ("re", "phase")}, "must hold re and im, or magnitude and phase"),
+        ({"parts": ("re", "im", "noise")}, "must be of re, im, magnitude"),
         ({"separator": "colon"}, "`separator` must be one of"),
         ({"separator": "comma", "decimal": "comma"}, "cannot both be comma"),
         ({"encoding": "klingon"}, "`encoding`"),
@@ -186,3 +188,101 @@ def test_frfs_with_names_of_their_own_name_what_is_missing(tmp_path):
         read(tmp_path, FRF, outputs="7Z", inputs="3Z")
     own = FRF.replace("A/H", "7Z/3Z").replace("B/H", "8Z/3Z")
     assert [str(dof) for dof in read(tmp_path, own, outputs="8Z").outputs] == ["8Z+"]
+
+
+LINES = np.array([2.0, 2.5, 3.0])
+RESPONSES = np.array([[1.5 - 0.2j, -0.25 + 0.03j], [2.5 - 0.4j, -0.5 + 2e-5j], [-3.0 - 0.1j, 0.125 + 0.01j]])
+PAIRS = ("1X/2X", "2X/2X")
+
+
+def frf_table(
+    head="Frequency [Hz]", parts=(" [m/N] re", " [m/N] im"), columns=None, lines=LINES, second="", comma=False
+):
+    """Both responses, in `columns` of each: functions of the response."""
+    columns = columns or (lambda h: f"{h.real:.9g}", lambda h: f"{h.imag:.9g}")
+    header = [head, *(pair + part for pair in PAIRS for part in parts)]
+    rows = [
+        [f"{f:.9g}", *(column(h) for h in row for column in columns)] for f, row in zip(lines, RESPONSES, strict=True)
+    ]
+    separator = ";" if comma else ","
+    cells = [[cell.replace(".", ",") for cell in row] for row in rows] if comma else rows
+    return "\n".join(separator.join(row) for row in [header, *([second.split(",")] if second else []), *cells]) + "\n"
+
+
+def degrees(h):
+    return f"{np.rad2deg(np.angle(h)):.9g}"
+
+
+def radians(h):
+    return f"{np.angle(h):.9g}"
+
+
+def size(h):
+    return f"{abs(h):.9g}"
+
+
+def cell(h):
+    return f"{h.real:.9g}{h.imag:+.9g}i"
+
+
+POLAR = (" mag [m/N]", " phase [deg]")
+NUMBERED = {"outputs": "1X,2X", "inputs": "2X", "unit": "m/N"}
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "layout"),
+    [
+        *((frf_table(head), {}, {}) for head in ("f [Hz]", "Freq [Hz]", "Freq. (Hz)", "Frequenz [Hz]", "f / Hz")),
+        (frf_table("Frequency [kHz]", lines=LINES / 1e3), {}, {}),
+        (frf_table("omega [rad/s]", lines=LINES * 2 * np.pi), {}, {}),
+        (frf_table("Frequency"), {}, {"frequency_unit": "Hz"}),
+        (frf_table("Line", lines=LINES * 2 * np.pi), {}, {"frequency_unit": "rad/s"}),
+        (frf_table("Frequency", (" re", " im"), second="Hz,m/N,m/N,m/N,m/N"), {}, {}),
+        (frf_table("Frequency", (" re", " im"), second="[Hz],[m/N],[m/N],[m/N],[m/N]"), {}, {}),
+        (frf_table(parts=(" re", " im")), {"unit": "m/N"}, {}),
+        (frf_table(parts=(" [m/N] Real", " [m/N] Imag")), {}, {}),
+        (frf_table(parts=(" (Real) [m/N]", " (Imaginary) [m/N]")), {}, {}),
+        (frf_table(parts=POLAR, columns=(size, degrees)), {}, {}),
+        (frf_table(parts=POLAR, columns=(size, degrees), comma=True), {}, {}),
+        (frf_table(parts=(" [m/N] magnitude", " [m/N] phase"), columns=(size, degrees)), {}, {}),
+        (frf_table(parts=(" [m/N] Amplitude", " Phase"), columns=(size, radians)), {}, {"phase_unit": "rad"}),
+        (frf_table(parts=(" [m/N] abs", " angle (rad)"), columns=(size, radians)), {}, {}),
+        (frf_table(parts=(" [m/N]",), columns=(cell,)), {}, {}),
+        (frf_table(parts=(" [m/N]",), columns=(cell,), comma=True), {}, {}),
+        (frf_table(parts=(" first", " second")), NUMBERED, {"parts": ("re", "im")}),
+        (frf_table(parts=(" a", " b"), columns=(degrees, size)), NUMBERED, {"parts": "phase, magnitude"}),
+        (frf_table(parts=("",), columns=(cell,)), NUMBERED, {"parts": ("re", "im")}),
+        (frf_table().partition("\n")[2], NUMBERED, {"frequency_unit": "Hz", "parts": ("re", "im")}),
+    ],
+)  # fmt: skip
+def test_frfs_as_laboratories_write_them(tmp_path, text, options, layout):
+    record = read(tmp_path, text, **options, csv=CsvLayout(**layout))
+    np.testing.assert_allclose(record.frequency, LINES, rtol=1e-8)
+    np.testing.assert_allclose(record.values[:, :, 0], RESPONSES, rtol=1e-7, atol=1e-9)
+    assert (record.kind, [str(dof) for dof in record.outputs], str(record.inputs[0])) == (
+        "receptance",
+        ["1X+", "2X+"],
+        "2X+",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (frf_table("Frequency"), {}, r'says no unit of the frequencies; give `frequency_unit = "Hz"` in \[record.csv\]'),
+        (frf_table("Line"), {}, r'`frequency_unit = "Hz"` in \[record.csv\] of frequency responses'),
+        (frf_table(parts=(" [m/N] abs", " angle"), columns=(size, radians)), {}, '`phase_unit = "deg"` or "rad"'),
+        (frf_table(parts=(" [m/N]",), columns=(cell,)).replace("2.5-0.4i", "2.5"), {}, "line 3, column 2 .* a complex number"),
+        (frf_table(), {"csv": CsvLayout(parts=("re", "im"))}, "4 columns follow the frequencies, but 0 `outputs` x 0 `inputs`"),
+        (frf_table(parts=(" re", " im")), {}, r"line 1, column 2 .*has no unit; .* or give `unit` in \[record\]"),
+        (frf_table(parts=(" [m/N] abs", " [m/N] re"), columns=(size, degrees)), {}, r"no column 1X\+/2X\+ phase"),
+        (frf_table() + "\n,,\nMean,,,\n", {}, r"line 7 \(Mean, , , \) ends the numbers.*`footer_rows = 3`"),
+        (
+            "Hammer\n" + frf_table("f", (" re", " im"), second="Hz,m/N,m/N,m/N,m/N"), {},
+            r"line 2 \(f, 1X/2X re, .* names the columns, give `skip_rows = 1` in \[record.csv\]$",
+        ),
+    ],
+)  # fmt: skip
+def test_what_frfs_of_laboratories_lack_is_named_with_a_remedy(tmp_path, text, options, words):
+    with pytest.raises((FileError, InputError), match=words):
+        read(tmp_path, text, **options)

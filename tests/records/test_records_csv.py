@@ -89,7 +89,7 @@ def test_time_table_complaint(tmp_path, old, new, word):
 @pytest.mark.parametrize(
     "old, new, word",
     [
-        (" re,", " real,", "line 1, column 2 .*re .or im"),
+        (" re,", " first,", r"line 1, column 2 .*re \(or im, .*`parts = \[.re., .im.\]` in \[record.csv\]"),
         ("1X/3Z- [g/lbf] im", "1X/4Z- [g/lbf] im", r"no column 1X\+/4Z- re"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [g/lbf] re", "twice"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [mm/lbf] im", "one kind"),
@@ -122,7 +122,7 @@ def test_a_ratio_without_unit_is_transmissibility(tmp_path, unit):
 
 def test_a_header_below_other_lines_is_complained_of_at_its_line(tmp_path):
     path = tmp_path / "a.csv"
-    path.write_text("shaker\nday 2\n" + FRF.replace(" im,", " imag,"), encoding="utf-8")
+    path.write_text("shaker\nday 2\n" + FRF.replace(" im,", " second,"), encoding="utf-8")
     with pytest.raises(FileError, match=r"line 3, column 3 .*1X/3Z"):
         read_record(path, ReadOptions(csv=CsvLayout(skip_rows=2)))
 

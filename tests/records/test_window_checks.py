@@ -38,6 +38,12 @@ def test_the_blur_of_a_window_is_that_of_the_peak_that_it_makes():
     assert said == pytest.approx(1 - (peak * both).sum() / both.sum(), rel=0.02)
 
 
+def test_segments_longer_than_the_record_are_not_asked_for():
+    words = leakage(shaken(noise(20)), 512, "hann", NATURAL, RATIO)
+    assert "take segments" not in words
+    assert "and the record has 5120" in words
+
+
 def test_segments_as_long_as_asked_for_are_silent():
     record = shaken(noise(400))
     words = leakage(record, 2048, "hann", NATURAL, RATIO)

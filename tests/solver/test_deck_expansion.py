@@ -84,3 +84,18 @@ def test_rounding_of_the_files_leaves_no_trace_in_what_a_parameter_does_not_chan
 
     found = expansion(Counted(noisy), deck(E=2.0, r=3.0))
     assert [int(np.count_nonzero(row)) for row in found.coefficients.values()] == [1, 1, 1]
+
+
+def test_numbers_that_further_points_add_stand_at_the_end():
+    """As of matrices whose entries cancel to exact zeros in some runs: those come with the points where they do not."""
+    rounding = 1e-15
+
+    def evaluate(points):
+        rows = np.array(
+            [[E, t, E * t, rounding if E != 2.0 and t != 0.5 else 0.0] for E, t in (p.values() for p in points)]
+        )
+        rows = rows if rows[:, 3].any() else rows[:, :3]
+        return rows, np.full(rows.shape[1], 5.0)
+
+    found = expansion(evaluate, deck(E=2.0, t=0.5))
+    np.testing.assert_allclose(found.at({"E": 3.0, "t": 0.2}), [3.0, 0.2, 0.6, 0.0], atol=1e-13)

@@ -60,12 +60,31 @@ def test_matrices_are_asked_for_once_and_give_the_exact_answer(tmp_path):
     assert (tmp_path / "log").read_text().count("\n") == 7
 
 
+def test_entries_that_cancel_in_some_runs_only_are_rounding(tmp_path):
+    found, _ = identified(chain_study(tmp_path, "matrices", "--cancelling"))
+    assert values(found) == pytest.approx(TRUE, rel=1e-6)
+    assert found["solver"]["largest_difference"] < 1e-12
+
+
+def test_a_sensor_at_a_node_that_the_solver_does_not_write_is_told_with_what_its_nodes_are(tmp_path):
+    path = chain_study(tmp_path, "matrices")
+    record = tmp_path / "measured.csv"
+    record.write_text(record.read_text().replace("6X+", "60X+"))
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 2
+    words = " ".join(done.stderr.split())
+    assert (
+        "60X+ is at node 60, which the structure does not have (nearest: 6); nodes are those that the solver" in words
+    )
+
+
 def test_differences_of_modes_give_the_answer_of_the_matrices(tmp_path):
     path = chain_study(tmp_path, "modes", "--log {study}/log")
     found, _ = identified(path)
     assert values(found) == pytest.approx(TRUE, rel=1e-6)
     assert found["parameters"][0]["initial"] == 1000.0
     assert found["solver"]["largest_difference"] < 1e-6
+    assert len(found["modes"]) == 4  # those of the solver, and none of what holds their changes
     other = tmp_path / "matrices"
     other.mkdir()
     exact, _ = identified(chain_study(other, "matrices"))

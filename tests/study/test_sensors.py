@@ -68,6 +68,34 @@ def test_a_direction_in_which_nothing_moves_is_refused():
         Structure(nodes, plain.elements, plain.fixed, [sensor], active=["X", "RY"])
 
 
+def test_a_sensor_in_no_direction_of_its_node_is_refused_in_its_section_and_its_part_that_moves_is_read(tmp_path):
+    """Nodes on a line may move in X and Y, and the beam on them moves in Y alone."""
+    beam = """
+[structure]
+nodes = { 1 = [0.0], 2 = [0.5], 3 = [1.0] }
+fixed = ["1Y", "1RZ"]
+beam = [{ name = "beam", nodes = [[1, 2], [2, 3]], mass = 1.0, bending_stiffness = 25.0, loss_factor = 0.01 }]
+[record]
+path = "modes.csv"
+[record.modes]
+frequency_std = 0.01
+shape_error = 0.02
+[record.sensors]
+102Y = { node = 2, direction = [0.6, 0.8, 0.0] }
+103Y = { node = 3, direction = [WAY] }
+[[unknown]]
+property = "mass"
+elements = "beam"
+"""
+    (tmp_path / "modes.csv").write_text("frequency_hz,102Y,103Y\n3,0.3,1\n", encoding="utf-8")
+    path = tmp_path / "study.toml"
+    path.write_text(beam.replace("WAY", "0.0, 1.0, 0.0"), encoding="utf-8")
+    assert "+0.8 2Y" in [one.seen for one in check_study(load_study(path)).channels]
+    path.write_text(beam.replace("WAY", "1.0, 0.0, 0.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"\[record.sensors.*103Y.*node 3 does not move; it moves in Y, RZ"):
+        load_study(path)
+
+
 def test_the_nearest_nodes_are_those_of_all_distances():
     rng = np.random.default_rng(1)
     nodes = {int(k): x for k, x in zip(rng.permutation(50), rng.random((50, 3)), strict=True)}

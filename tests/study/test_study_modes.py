@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,7 +185,7 @@ def test_modes_and_responses_are_fitted_together(tmp_path):
 def test_modes_of_two_states_are_compared(tmp_path):
     given = read_modes(EXAMPLE / "modes.json")
     later = storeys(tmp_path / "later")
-    softer = given.frequency * np.array([0.98, 0.97, 0.98, 0.99])
+    softer = 0.98 * given.frequency
     write_modes(
         tmp_path / "later" / "modes.json",
         ModalRecord(softer, given.damping_ratio, given.mode_shapes, given.channels, given.covariance, given.shape_std),
@@ -244,7 +245,7 @@ def test_records_of_modes_that_cannot_be_used_are_told_with_their_place(tmp_path
     path = storeys(tmp_path, old, new)
     if words is None:
         write_modes(tmp_path / "modes.json", replace_uncertainty(read_modes(EXAMPLE / "modes.json")))
-        words = r"\[record.modes\]: the record has no uncertainty of its frequencies; give `frequency_error`"
+        words = r"\[record.modes\]: the record has no uncertainty of its frequencies; give .* or `frequency_error`"
     with pytest.raises(InputError, match=words):
         run_study(load_study(path))
 
@@ -353,7 +354,10 @@ def test_deviations_of_a_universal_file_are_given_in_the_study(tmp_path):
     [
         ("frequency_std = 0.0\nshape_std = 0.1\n", "frequency_std: must be a number greater than 0"),
         ("frequency_std = [0.1, 0.1]\nshape_std = 0.1\n", "`frequency_std` must be one number or"),
-        ("", "no uncertainty of its frequencies; give `frequency_error`"),
+        (
+            "",
+            "no uncertainty of its frequencies; give the scatter of the test by `frequency_std` in Hz in [record.modes], or",
+        ),
     ],
 )
 def test_deviations_that_cannot_be_exit_2(tmp_path, keys, words):
@@ -367,7 +371,27 @@ def test_deviations_beside_those_of_the_file_are_refused(tmp_path):
     path.write_text(path.read_text().replace("[record.modes]", "[record.modes]\nfrequency_std = 0.1"))
     done = invoke("check", path)
     assert done.exit_code == 2
-    assert "has covariance of frequencies and damping ratios of its own" in " ".join(done.stderr.split())
+    assert "has standard deviations of frequencies of its own" in " ".join(done.stderr.split())
+
+
+def test_deviations_that_the_file_lacks_are_stated_beside_those_it_has(tmp_path):
+    path = storeys(tmp_path)
+    record = read_modes(tmp_path / "modes.json")
+    n = record.n_modes
+    write_modes(
+        tmp_path / "modes.csv", replace(record, covariance=independent(record.frequency_std, np.full(n, np.nan)))
+    )
+    text = path.read_text().replace("modes.json", "modes.csv")
+    path.write_text(text.replace("[record.modes]", "[record.modes]\ndamping_std = 0.002\nuse_damping = true"))
+    done = invoke("check", path)
+    assert done.exit_code == 0, done.stderr
+    path.write_text(text.replace("[record.modes]", "[record.modes]\nfrequency_std = 0.1"))
+    done = invoke("check", path)
+    assert "has standard deviations of frequencies of its own" in " ".join(done.stderr.split())
+
+
+def independent(*stds):
+    return np.diag(np.concatenate(stds) ** 2)
 
 
 def test_shapes_by_mac_are_a_choice_of_the_study_and_said(tmp_path):
@@ -408,7 +432,10 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
     done = invoke("modes", "lower.uff", "upper.uff", "--merge", "--band", "1", "9")
     assert (done.exit_code, "leave the options of reading and identification out" in done.stderr) == (2, True)
     done = invoke("modes", "lower.uff", "--merge")
-    assert (done.exit_code, "two set-ups or more" in done.stderr) == (2, True)
+    assert (done.exit_code, "two set-ups or more are merged, got lower.uff;" in done.stderr) == (2, True)
+    shutil.copy("lower.uff", tmp_path / "merged_uff" / "lower.uff")
+    done = invoke("modes", "lower.uff", "merged_uff/lower.uff", "--merge")
+    assert (done.exit_code, "lower.uff and merged_uff/lower.uff hold the same modes" in done.stderr) == (2, True)
 
 
 def test_unknown_entries_of_set_ups_go_through_merging_to_a_fit(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomlkit
-from tomlkit.items import InlineTable
+from tomlkit.items import Array
 
 from structid.app.toml_places import Block, KeyPath, Place, blocks_of
 from structid.errors import InputError
@@ -78,6 +78,8 @@ def _require_toml(text: str, words: str) -> None:
 
 def _set(text: str, path: KeyPath, value: str) -> str:
     blocks = blocks_of(text)
+    if value.startswith("{") and _is_spread(blocks, path):
+        return _set_spread(text, path, value)
     if not path or not isinstance(path[-1], str):
         raise InputError(f"{_words(path)}: the last part of a path must be the name of a key")
     for block in blocks:
@@ -85,9 +87,13 @@ def _set(text: str, path: KeyPath, value: str) -> str:
             if block.path + key == path:
                 return text[: place.value] + value + text[place.end :]
             if len(block.path + key) < len(path) and path[: len(block.path + key)] == block.path + key:
-                return _set_inline(text, place, path[len(block.path + key) :], value)
+                return _changed_inline(text, place, path[len(block.path + key) :], value)
     if any(block.path[: len(path)] == path for block in blocks):
         raise InputError(f"{_words(path)}: is a table; change the keys in it")
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if len(key) > 1 and block.path + key[:-1] == path[:-1]:  # its neighbours are written with points
+                return _inserted_line(text, place.line_end, f"{_name((*key[:-1], path[-1]))} = {value}\n")
     holder = next((block for block in blocks if block.path == path[:-1]), None)
     for length in range(1, len(path)):
         if isinstance(path[length - 1], int) and not any(block.path[:length] == path[:length] for block in blocks):
@@ -98,15 +104,41 @@ def _set(text: str, path: KeyPath, value: str) -> str:
     return _inserted_block(text, blocks, path[:-1], f"[{_name(path[:-1])}]\n{line}")
 
 
-def _set_inline(text: str, place: Place, rest: KeyPath, value: str) -> str:
-    """A key inside an inline table."""
-    held: Any = tomlkit.value(text[place.value : place.end])
-    if not isinstance(held, InlineTable) or len(rest) != 1:
+def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
+    """Whether the table at `path` has a header of its own, or keys with points."""
+    named = [block.path + key[:-1] for block in blocks for key in block.pairs if len(key) > 1]
+    return path in [*(block.path for block in blocks), *named]
+
+
+def _set_spread(text: str, path: KeyPath, value: str) -> str:
+    """A table that is not written in line, key by key, so that its comments stay."""
+    wanted: Any = tomlkit.value(value)
+    there = [block.path + key for block in blocks_of(text) for key in block.pairs]
+    for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
+        text = _removed(text, key)
+    for name, one in wanted.items():
+        text = _set(text, (*path, str(name)), one.as_string())
+    return text
+
+
+def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -> str:
+    """What is at `rest` inside an inline table or a list set, or taken out where `value` is None."""
+    whole: Any = tomlkit.value(text[place.value : place.end])
+    try:
+        held = whole
+        for part in rest[:-1]:
+            held = held[part]
+        if value is None:
+            del held[rest[-1]]
+        else:
+            held[rest[-1]] = tomlkit.value(value)
+    except (LookupError, TypeError):
         raise InputError(
-            f"{_words(rest)}: cannot be set inside {text[place.value : place.end]!r}; edit the text of the study"
-        )
-    held[str(rest[0])] = tomlkit.value(value)
-    return text[: place.value] + held.as_string() + text[place.end :]
+            f"{_words(rest)}: is not in {text[place.value : place.end]!r} and cannot be put there; edit the study file"
+        ) from None
+    if isinstance(whole, Array) and not len(whole):
+        return text[: place.start] + text[place.line_end :]
+    return text[: place.value] + whole.as_string() + text[place.end :]
 
 
 def _removed(text: str, path: KeyPath) -> str:
@@ -115,6 +147,18 @@ def _removed(text: str, path: KeyPath) -> str:
         for key, place in block.pairs.items():
             if block.path + key == path:
                 return text[: place.start] + text[place.line_end :]
+            if path[: len(block.path + key)] == block.path + key:
+                return _changed_inline(text, place, path[len(block.path + key) :], None)
+    dotted = [
+        place
+        for block in blocks
+        for key, place in block.pairs.items()
+        if len(block.path) < len(path) and (block.path + key)[: len(path)] == path
+    ]
+    if dotted:
+        for place in reversed(dotted):
+            text = text[: place.start] + text[place.line_end :]
+        return text
     gone = [block for block in blocks if block.path and block.path[: len(path)] == path]
     if not gone:
         raise InputError(f"the study has no {_words(path)} any more; it was changed since")
@@ -142,6 +186,13 @@ def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"
     blocks = blocks_of(text)
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                listed: Any = tomlkit.value(text[place.value : place.end])
+                if isinstance(listed, Array):
+                    listed.append(tomlkit.value(f"{{ {', '.join(keys.splitlines())} }}"))
+                    return text[: place.value] + listed.as_string() + text[place.end :]
     same = [block for block in blocks if block.path[: len(path)] == path and len(block.path) > len(path)]
     if same:
         return _inserted_text(text, max(block.own_end for block in same), entry)

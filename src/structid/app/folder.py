@@ -10,24 +10,32 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from types import ModuleType
 from typing import Any
 
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
+from structid.modal.files.csv import is_modes_table
+from structid.modal.files.files import CSV_SUFFIXES, JSON_SUFFIXES
+from structid.modal.files.nastran import F06_SUFFIXES
+from structid.records.io import FORMATS, LOGGERS, LoggerFormat
+from structid.structure import importers, meshes
 
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
 OWN = ".structid"
-#: By their suffix; JSON and TOML are looked into.
-RECORD_SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".csv", ".mat", ".uff", ".unv", ".uf58", ".bun",
-    ".tdms", ".mf4", ".mdf", ".mseed", ".miniseed", ".parquet",
-)  # fmt: skip
-MESH_SUFFIXES = (".msh", ".bdf", ".nas", ".fem", ".dat", ".inp", ".vtu", ".vtk", ".mtx", ".op4", ".pch")
+#: By their suffix; JSON, TOML and text files are looked into.
+_RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
+RECORD_SUFFIXES = (*(suffix for one in _RECORDS for suffix in one.SUFFIXES), *F06_SUFFIXES)
+_MODELS: tuple[ModuleType, ...] = (*meshes.FORMATS, *importers.FORMATS)
+MODEL_SUFFIXES = tuple(suffix for one in _MODELS for suffix in one.SUFFIXES if suffix not in RECORD_SUFFIXES)
 _DEEPEST, _MOST = 4, 3000
 _RESULT, _MODES = "estimate.json", "modes.json"
 #: Texts and numbers at most before the frequencies.
 _MODES_BEGIN = re.compile(
     rb'\s*\{\s*(?:"(?:title|method|n_modes)":\s*(?:"(?:[^"\\]|\\.)*"|\d+|null),\s*)*"frequency_hz"'
 )
+#: A line of nothing but numbers, two or more.
+_NUMBERS = re.compile(rb"^\s*[-+]?\d[\d.,eE+-]*(?:[;,\s]+[-+]?\d[\d.,eE+-]*)+\s*$", re.M)
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
 
 
@@ -81,17 +89,18 @@ class OpenFolder:
             elif suffix == ".toml":
                 found["studies"] += _study(name, path)
             elif suffix in RECORD_SUFFIXES:
-                found["records"].append({"path": name, "bytes": path.stat().st_size})
-            elif suffix in MESH_SUFFIXES:
+                if suffix != ".txt" or _holds_numbers(path):
+                    found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": holds_modes(path)})
+            elif suffix in MODEL_SUFFIXES:
                 found["models"].append({"path": name, "bytes": path.stat().st_size})
-            elif suffix == ".json" and _holds_modes(path):
-                found["records"].append({"path": name, "bytes": path.stat().st_size})
+            elif suffix == ".json" and holds_modes(path):
+                found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
         return {"folder": str(self.root), "writable": self.is_writable, **found}
 
     def _is_result(self, path: Path) -> bool:
-        """Whether it is a file of results, or the same modes that modes.json beside it holds."""
+        """Whether it is a file of results but no suggested study, or the same modes that modes.json beside it holds."""
         copied = path.name in ("modes.csv", "modes.uff") and (path.parent / _MODES).exists()
-        return copied or (path.parent / _RESULT).exists() or path.parent.name in ("suggestions", "figures")
+        return copied or (path.parent / _RESULT).exists() or path.parent.name == "figures"
 
     def _files(self) -> Iterator[Path]:
         count = 0
@@ -199,7 +208,7 @@ def upload_name(name: str) -> str:
     """
     clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
     suffix = Path(clean).suffix.lower()
-    if not clean or suffix not in (*RECORD_SUFFIXES, *MESH_SUFFIXES, ".toml", ".json", ".txt"):
+    if not clean or suffix not in (*RECORD_SUFFIXES, *MODEL_SUFFIXES, ".toml", ".json", ".txt"):
         raise InputError(f"{name}: a file of this kind is no study, record, mesh or matrix; convert it first")
     return clean
 
@@ -219,13 +228,25 @@ def _study(name: str, path: Path) -> list[dict[str, Any]]:
     return [{"path": name, "title": title if isinstance(title, str) else path.stem, "broken": ""}]
 
 
-def _holds_modes(path: Path) -> bool:
-    """Whether a JSON file holds modes, by its first keys."""
+def holds_modes(path: Path) -> bool:
+    """Whether a file holds modes: JSON by its first keys, tables by what heads their columns."""
+    suffix = path.suffix.lower()
+    if suffix in CSV_SUFFIXES:
+        return is_modes_table(path)
+    return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
+
+
+def _holds_numbers(path: Path) -> bool:
+    """Whether a text file begins as a table: a line of two numbers or more, whatever stands above it."""
+    return _NUMBERS.search(_begin(path).replace(b"\0", b"")) is not None
+
+
+def _begin(path: Path) -> bytes:
     try:
         with path.open("rb") as stream:
-            return _MODES_BEGIN.match(stream.read(4096)) is not None
+            return stream.read(4096)
     except OSError:
-        return False
+        return b""
 
 
 def read_json(path: Path) -> Any:

@@ -8,9 +8,10 @@ import tempfile
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from threading import Event
 from typing import Any
 from urllib.parse import quote
 
@@ -24,7 +25,7 @@ from structid.app.folder import ChangedError, OpenFolder, digest, read_json, upl
 from structid.app.recent import opening, recent_folders
 from structid.app.runs import Runs
 from structid.app.security import MOST_UPLOAD, Access
-from structid.app.studies import study_answer
+from structid.app.studies import reading_keys, study_answer
 from structid.app.work.workers import Workers
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
@@ -44,6 +45,7 @@ class Workbench:
     access: Access
     workers: Workers
     runs: Runs
+    ending: Event = field(default_factory=Event)
 
     def version(self, study: str) -> str:
         """What changes when a study or one of the files beside it does."""
@@ -92,7 +94,8 @@ async def _folder(bench: Workbench, _: Request) -> Response:
     found = await asyncio.to_thread(bench.opened.listing)
     others = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     recent = [{"folder": one, "command": opening(one)} for one in others]
-    return JSONResponse({**found, "recent": recent, "version": __version__, "runs": bench.runs.summaries()})
+    told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
+    return JSONResponse({**found, **told})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
@@ -161,6 +164,8 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
     async def asked(bench: Workbench, request: Request) -> Response:
         body = await request.json()
+        if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
+            raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
         found = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
         page = f"{body['out']}/report.html"
         shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""
@@ -232,11 +237,11 @@ async def _act(bench: Workbench, request: Request) -> Response:
 
 
 async def _events(bench: Workbench, request: Request) -> Response:
-    """What has changed, as long as the page is open: states of runs, and stamps of studies."""
+    """What has changed, as long as page and server are there: states of runs, and stamps of studies."""
 
     async def changes() -> AsyncIterator[str]:
         before, ticks = "", 0
-        while not await request.is_disconnected():
+        while not (bench.ending.is_set() or await request.is_disconnected()):
             now = json.dumps(await asyncio.to_thread(_state, bench))
             ticks += 1
             if now != before:
@@ -252,7 +257,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 def _state(bench: Workbench) -> dict[str, Any]:
     runs = bench.runs.summaries()[:_SIDE_BY_SIDE]
     stamps = {}
-    for pattern in ("*.toml", "*/*.toml", "*/*/*.toml"):
+    for pattern in ("*.toml", "*/*.toml", "*/*/*.toml", "*/*/*/*.toml"):
         for path in list(bench.opened.root.glob(pattern))[:500]:
             with suppress(OSError):
                 stamps[bench.opened.name(path)] = path.stat().st_mtime_ns
@@ -277,6 +282,7 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "verdict_text",
         "verdict_reasons",
         "causes",
+        "suggestions",
         "parameters",
         "total_mass",
         "modes",

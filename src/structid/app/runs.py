@@ -21,7 +21,7 @@ import psutil
 
 from structid.app.folder import OWN, OpenFolder, read_json
 from structid.errors import FileError, InputError
-from structid.files import atomic_write
+from structid.files import atomic_write, require_no_file
 
 _ENDS = {0: "done", 1: "undetermined", 2: "unusable", 3: "wrong_model", 130: "stopped"}
 _LIVE = ("running", "paused", "stopping")
@@ -171,9 +171,10 @@ class Runs:
         InputError
             If a path is outside the folder, or another run writes to the same results.
         FileError
-            If nothing can be written.
+            If nothing can be written, or a file is in the way of the results.
         """
         path, out = self.opened.inside(study), self.opened.inside(results)
+        require_no_file(out)
         for run in self:
             told = run.summary()
             if told["results"] == results and told["state"] in _LIVE:

@@ -24,16 +24,8 @@ from structid.app.work.workers import Workers
 from structid.errors import InputError, StructidError
 
 
-def workbench(folder: Path, access: Access) -> Guard:
-    """The application that serves `folder`.
-
-    Raises
-    ------
-    FileError
-        If there is no such folder.
-    """
-    place = opened(folder)
-    bench = Workbench(place, access, Workers(str(place.root)), Runs(place))
+def application(bench: Workbench) -> Guard:
+    """What serves a folder."""
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
@@ -43,7 +35,20 @@ def workbench(folder: Path, access: Access) -> Guard:
         bench.workers.close()
 
     routes = [Route(path, _told(bench, handler), methods=[method]) for method, path, handler in ROUTES]
-    return Guard(Starlette(routes=routes, lifespan=life), access)
+    return Guard(Starlette(routes=routes, lifespan=life), bench.access)
+
+
+class _Server(uvicorn.Server):
+    """A server that lets every request come to its end before it ends."""
+
+    def __init__(self, bench: Workbench, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.bench = bench
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self.bench.ending.set()
+        self.bench.workers.close()
+        await super().shutdown(sockets)
 
 
 async def _housekeeping(bench: Workbench) -> None:
@@ -86,19 +91,21 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
     """
     taken = _socket(port)
     access = Access(taken.getsockname()[1])
-    app = workbench(folder, access)
+    place = opened(folder)
+    bench = Workbench(place, access, Workers(str(place.root)), Runs(place))
     remember(folder.resolve())
     taken.listen(128)  # the page may ask before the server is up
-    server = uvicorn.Server(
+    server = _Server(
+        bench,
         uvicorn.Config(
-            app,
+            application(bench),
             log_level="warning",
             access_log=False,
-            timeout_graceful_shutdown=1,
+            timeout_graceful_shutdown=3,
             ws="none",
             date_header=False,
             server_header=False,
-        )
+        ),
     )
     print(f"structid workbench: {access.address}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
     if browser:

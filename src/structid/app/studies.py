@@ -6,7 +6,11 @@ import datetime
 import math
 import re
 import tomllib
+from functools import cache
 from typing import Any
+
+from structid.records.io import ReadOptions
+from structid.study.schema.tables import Table, table_of
 
 #: Tables that the page does not look at are left out where the text is longer.
 _LONG = 3_000_000
@@ -27,6 +31,28 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
     if len(text) > _LONG:
         table = {name: part for name, part in table.items() if name != "structure"}
     return {"text": text, "digest": digest, "table": _plain(table), "broken": None}
+
+
+@cache
+def reading_keys() -> list[dict[str, Any]]:
+    """What ``[record]`` and ``[record.csv]`` may say of a file that it does not say about itself, as their tables declare it."""
+    found = []
+    for name, key in table_of(ReadOptions).keys.items():
+        inner = key.holds.keys if isinstance(key.holds, Table) else {name: key}
+        for own, one in inner.items():
+            schema = one.holds.schema
+            found.append(
+                {
+                    "name": own,
+                    "within": name if own != name else "",
+                    "words": one.words.replace("`", ""),
+                    "default": "" if one.default is None else one.default,
+                    "choices": schema.get("enum", []),
+                    "is_list": "array" in str(schema),
+                    "is_number": schema.get("type") in ("number", "integer"),
+                }
+            )
+    return found
 
 
 def _plain(value: Any) -> Any:

@@ -38,8 +38,20 @@ Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page 
 
 def results_folder(default: str) -> OptionInfo:
     """The option --out, with the folder that is taken without it."""
-    found: OptionInfo = typer.Option("--out", metavar="FOLDER", help=f"Results folder [default: {default}].")
+    found: OptionInfo = typer.Option(
+        "--out", metavar="FOLDER", help=f"Results folder [default: {default}].", callback=_no_file
+    )
     return found
+
+
+def _no_file(folder: Path | None) -> Path | None:
+    """`folder`, refused before anything is computed where a file is in its way."""
+    if folder is not None:
+        from structid.files import require_no_file  # the help needs none of it
+
+        with reported():
+            require_no_file(folder)
+    return folder
 
 
 @contextmanager

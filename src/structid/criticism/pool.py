@@ -108,6 +108,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
     nodes: dict[int, list[Places]] = {}
     chosen = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
     few, frequencies = set(_spread(sorted(chosen), _APPENDAGE_NODES)), _swinging(fields)
+    moving = {dof.node for dof in fields.columns if not dof.is_rotation}
     for dof in fields.columns:
         if dof.node not in chosen:
             continue
@@ -122,10 +123,10 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             yield Candidate(kind, where, added(at, law), strengths, _POSITIVE, alike=alike)
         if rubs is not None:
             yield rubs
-        if dof.direction in _TRANSLATIONS:
+        if not dof.is_rotation:
             nodes.setdefault(dof.node, []).append(at)
-            if dof.node in few:
-                yield from _appendages(fields, dof, at, frequencies)
+        if dof.node in few and not (dof.is_rotation and dof.node in moving):  # of drive trains what twists alone
+            yield from _appendages(fields, dof, at, frequencies)
     yield from _turning(fields, chosen)
     yield from _eccentric(fields)
     for node, ways in nodes.items():

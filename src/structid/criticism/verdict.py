@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.criticism.data import misfit_of_lines
+from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
@@ -31,6 +31,11 @@ _MOVES = 3.0
 _CONTRADICTS = 0.2
 #: Chi-square per degree of freedom, in parts of what is expected, from where on a cause is not the whole of it.
 _LEAVES = 4.0
+#: Chi-square per degree of freedom, in parts of what is expected, from where on intervals from the misfit are not relied on: a
+#: length that is drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
+_FAR_BEYOND = 9.0
+#: Part of the responses, and of shapes, that the errors must be for that (root mean square); of frequencies a tenth of it.
+_LARGE = 0.05
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
 #: Part of a misfit that one named change removes from where on it is the cause.
@@ -104,7 +109,7 @@ class Cause:
     share : float
         Part of the misfit that it removes.
     chi_square_per_dof : float
-        That is left.
+        That is left, data that it leaves out included with larger errors.
     found : tuple of (str, float, str)
         Parameters that it adds: name, value, unit.
     moved : tuple of Moved
@@ -117,6 +122,8 @@ class Cause:
         Name of the study that is written with it; "" where there is none.
     lines : tuple of str
         In which that differs, with + or - before each.
+    rest_per_dof : float
+        Where it leaves data out: chi-square per degree of freedom of the others alone.
     """
 
     kind: str
@@ -130,6 +137,7 @@ class Cause:
     is_second: bool = False
     study: str = ""
     lines: tuple[str, ...] = ()
+    rest_per_dof: float = 1.0
 
     @property
     def line(self) -> str:
@@ -211,7 +219,8 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
     The first is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more
     than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. So
-    is a pair that leaves noise alone. One element that differs from its group by no more than elements do is not.
+    is a pair that leaves noise alone. Data that are left out are no cause where the rest misses the noise as well: beside a wrong
+    model any sensor looks wrong. One element that differs from its group by no more than elements do is not.
 
     Parameters
     ----------
@@ -232,6 +241,8 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
+    if cause.kind in DATA_KINDS and cause.rest_per_dof > _LEAVES * expected:
+        return False
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     matters = is_hidden or any(map(_matters, cause.moved))
     return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
@@ -357,6 +368,12 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         apart = tuple(sorted(apart, key=lambda one: -one.share))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
+    if estimate.chi_square_per_dof > _FAR_BEYOND * expected_misfit(found) and _is_large(found):
+        words = (
+            f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
+            f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
+        )
+        return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
     words = f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
@@ -369,6 +386,18 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
+
+
+def _is_large(found: Identification) -> bool:
+    """Whether a misfit is large beside what was measured, not only beside a very small noise."""
+    measured = [(fit.judged.record.values, fit.judged.final) for fit in found.fits]
+    of_frfs = [bool(np.linalg.norm(of_model - own) > _LARGE * np.linalg.norm(own)) for own, of_model in measured]
+    of_modes = [
+        bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > _LARGE / 10)
+        or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > _LARGE)
+        for fit in found.modal_fits
+    ]
+    return any((*of_frfs, *of_modes))
 
 
 def not_found(found: Identification, reached: float) -> Judgement:
@@ -444,9 +473,12 @@ def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
         about = np.abs(frequency - peak.measured) <= 3 * half
         if not about.any() or of_line[about].mean() < _LOCAL_MISFIT:
             continue
-        distance = abs(peak.predicted - peak.measured) / half
+        predicted = peak.predicted
+        if not np.isfinite(predicted) and near >= 0 and abs(fit.modes.frequency[near] - peak.measured) <= _OFF * half:
+            predicted = float(fit.modes.frequency[near])  # narrower than the lines: no peak of the model on them
+        distance = abs(predicted - peak.measured) / half
         if not np.isfinite(distance):
             found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
         elif distance > _OFF:
-            found.append(_missed(peak.measured, peak.predicted, distance))
+            found.append(_missed(peak.measured, predicted, distance))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -21,6 +22,8 @@ _NEAR, _LEAST = 0.5, 1e-7
 _MOST_ROUNDS, _SAME = 50, 1e-8
 #: Roundings of the largest eigenvalue that all eigenvalues of a dense problem are off by.
 _DENSE_ROUNDINGS = 4
+#: Mass of a combination of degrees of freedom, in parts of theirs, that is rounding.
+_MASSLESS = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def modes(
     Parameters
     ----------
     mass, stiffness : (n_dofs, n_dofs) sparse arrays
-        Symmetric; degrees of freedom without mass follow the others statically.
+        Symmetric; degrees of freedom, or combinations of them, without mass follow the others statically.
     damping, structural : the same, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
@@ -68,7 +71,7 @@ def modes(
     Raises
     ------
     SingularModelError
-        If an entry is not finite.
+        If an entry is not finite, or a motion has neither mass nor stiffness.
     """
     if not (np.isfinite(mass.data).all() and np.isfinite(stiffness.data).all()):
         raise SingularModelError("mass or stiffness of the model is not finite: a value has run away")
@@ -180,12 +183,39 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Modes after degrees of freedom without mass have been condensed statically."""
+    """Modes after motions without mass have been condensed statically: degrees of freedom, or combinations of them."""
     heavy = np.diag(mass) > 0
+    if _is_definite(mass[np.ix_(heavy, heavy)]):
+        return _condensed_modes(mass, stiffness, heavy)
+    size = 1 / np.sqrt(np.where(heavy, np.diag(mass), 1.0))
+    principal, turn = linalg.eigh(size[:, None] * mass * size)
+    basis, heavy = size[:, None] * turn, principal > _MASSLESS
+    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, heavy)
+    return eigenvalues, basis @ shapes
+
+
+def _is_definite(mass: FloatArray) -> bool:
+    """Whether no combination of degrees of freedom is without mass, rounding apart."""
+    try:
+        pivots = np.diag(linalg.cholesky(mass, lower=True)) ** 2
+    except linalg.LinAlgError:
+        return False
+    return bool((pivots > _MASSLESS * np.diag(mass)).all())
+
+
+def _condensed_modes(
+    mass: FloatArray, stiffness: FloatArray, heavy: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Modes whose other degrees of freedom follow those that are `heavy`."""
     if heavy.all():
         return linalg.eigh(stiffness, mass)
     light = ~heavy
-    follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+    try:
+        follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+    except linalg.LinAlgError as error:
+        raise SingularModelError(
+            "part of the model has neither mass nor stiffness: hold it, or give it one of them"
+        ) from error
     condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
     eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])
     full = np.zeros((len(mass), shapes.shape[1]))

@@ -163,6 +163,7 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         words=cause_words(candidate, value),
         share=max(0.0, 1 - fitted.cost / first.cost),
         chi_square_per_dof=fitted.cost / max(base.trial.target.n_data - len(target.names), 1),
+        rest_per_dof=(fitted.cost - fitted.aside) / max(target.n_data - len(target.names), 1),
         found=added,
         moved=tuple(moved),
         is_alike=is_alike,

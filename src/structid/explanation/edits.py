@@ -74,8 +74,14 @@ def _round(value: float) -> float:
 
 def _spring(study: Tables, candidate: Candidate, strength: float) -> None:
     name, [at] = _named(study, f"spring {candidate.where[0]}"), candidate.where
-    _append(study["structure"], "spring", {"name": name, "first": at, "stiffness": _round(strength)})
-    _unknown(study, "stiffness", name)
+    _sprung(study, "spring", {"name": name, "first": at, "stiffness": _round(strength)}, candidate)
+
+
+def _sprung(study: Tables, kind: str, entry: Tables, candidate: Candidate) -> None:
+    """A spring or joint of unknown stiffness, with damping of its own where the candidate has some."""
+    _append(study["structure"], kind, {**entry, **candidate.detail})
+    for prop in ("stiffness", *candidate.detail):
+        _unknown(study, prop, entry["name"])
 
 
 def _support(study: Tables, candidate: Candidate, strength: float) -> None:
@@ -85,8 +91,7 @@ def _support(study: Tables, candidate: Candidate, strength: float) -> None:
     if not any(freed):
         raise NoEditError(f"{candidate.where[0]} is held by a group of a mesh; hold it by `fixed` to let it give way")
     name = _named(study, f"support {candidate.where[0]}")
-    _append(study["structure"], "spring", {"name": name, **ends, "stiffness": _round(1 / strength)})
-    _unknown(study, "stiffness", name)
+    _sprung(study, "spring", {"name": name, **ends, "stiffness": _round(1 / strength)}, candidate)
 
 
 def _driving_end(study: Tables, candidate: Candidate, dof: Dof) -> dict[str, str]:
@@ -189,14 +194,15 @@ def _appendage(study: Tables, candidate: Candidate, strength: float) -> None:
     label = _new_node(study, dof.node)
     at, end = candidate.where[0], f"{label}{dof.direction}"
     mass, spring = (_named(study, f"{words} {at}") for words in ("appendage", "appendage spring"))
-    _append(structure, "point_mass", {
-        "name": mass, "nodes": [label], "mass": _round(strength), "directions": [dof.direction],
-    })  # fmt: skip
+    inertia = "rotary_inertia" if dof.is_rotation else "mass"
+    kind, along = ("rotary_inertia", "direction") if dof.is_rotation else ("point_mass", "directions")
+    direction = dof.direction if dof.is_rotation else [dof.direction]
+    _append(structure, kind, {"name": mass, "nodes": [label], inertia: _round(strength), along: direction})
     stiffness = strength * (2 * np.pi * candidate.detail["frequency"]) ** 2
     _append(structure, "spring", {
         "name": spring, "first": at, "second": end, "stiffness": _round(stiffness), "loss_factor": 0.03,
     })  # fmt: skip
-    _unknown(study, "mass", mass)
+    _unknown(study, inertia, mass)
     _unknown(study, "stiffness", spring)
     _unknown(study, "loss_factor", spring)
 
@@ -205,8 +211,7 @@ def _joint(study: Tables, candidate: Candidate, strength: float) -> None:
     element, at = candidate.where
     name = _named(study, f"joint {element} {at}")
     entry = {"name": name, "element": element, "at": at, "stiffness": _round(1 / strength)}
-    _append(study["structure"], "joint", entry)
-    _unknown(study, "stiffness", name)
+    _sprung(study, "joint", entry, candidate)
 
 
 def _untied(study: Tables, candidate: Candidate, strength: float) -> None:
@@ -449,6 +454,8 @@ def _aimed(study: Tables, candidate: Candidate, angle: float) -> None:
     record.setdefault("sensors", {})[names[0]] = {"direction": vector}
 
 
+#: Kinds whose spring may have a `loss_factor` among what it is made of.
+WITH_LOSS = ("spring", "support", "joint")
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "spring": _spring,
     "support": _support,

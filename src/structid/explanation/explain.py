@@ -18,6 +18,7 @@ from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
+from structid.explanation.edits import WITH_LOSS
 from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
@@ -40,10 +41,13 @@ _MORE_PAIRS = 4
 _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
-_GIVES_WAY = 0.5
+_GIVES_WAY = {"joint": 0.5, "dashpot": 1.0, "friction": 1.5}
+#: Loss factor at which a spring's own damping is looked for.
+_LOSS = 0.02
 _LEAST_SHARE, _RISK = 0.10, 0.01
-#: Frequency of something that swings of its own over the highest of the data, from which on it is a mass.
-_RIGID = 3.0
+#: Frequency of something that swings of its own over the highest of the data, from which on it is a mass; and so far below the
+#: lowest it stands still.
+_FAR = 3.0
 #: By how much the misfit of what is left out exceeds that of the rest, value by value.
 _TELLING = 2.0
 
@@ -113,7 +117,17 @@ def _paired(found: Explanation, work: Work) -> Explanation:
             break
         better = _from_second(found, second, work) if is_from_second else _from_next(found, second, others.pop(0), work)
         pair, is_from_second = better or pair, better is not None
-    return pair
+    return _second_alone(found, pair, work) or pair
+
+
+def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+    """The second cause as the only one, where it explains as much without the first: one that had only looked like it."""
+    if pair.further is None or not pair.further.causes or _is_misfit(pair.further.causes[0]):
+        return None
+    alone = _alone(found, pair.further.causes[0], work)
+    if alone is None or _is_misfit(alone):
+        return None
+    return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
 
 
 def _from_second(found: Explanation, second: Explanation, work: Work) -> Explanation | None:
@@ -207,10 +221,11 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
     fits = _refits(base, items, work, f"likeliest {which}causes", same)
     known = {_place(one.trial.changes[-1][0]) for one in fits}
-    rigid = {_place(item[0]): item for one in fits for item in _rigid(base, one)}
-    plainer = [item for place, item in rigid.items() if place not in known]
-    if plainer:
-        fits += _refits(base, plainer, work, f"likeliest {which}causes, plainer")
+    plain = {_place(item[0]): item for one in fits for item in _plainer(base, one)}
+    others = [item for place, item in plain.items() if place not in known]
+    others += [item for one in fits for item in _lossy(base, one)]
+    if others:
+        fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
     return _weighed(base, fits, tried)
 
 
@@ -252,17 +267,37 @@ def _refits(
     return [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one]
 
 
-def _rigid(base: Fitted, one: Fitted) -> list[Item]:
-    """What swings of its own far above all lines, as the mass that it is, to be refitted."""
+def _plainer(base: Fitted, one: Fitted) -> list[Item]:
+    """What swings of its own far above all lines, as the mass that it is, far below them as a spring, to be refitted."""
     candidate, _ = one.trial.changes[-1]
     if candidate.kind != "appendage":
         return []
     added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
-    highest = max(float(problem.frequency.max()) for problem in base.trial.problems)
-    if added["stiffness"] < (_RIGID * 2 * np.pi * highest) ** 2 * added["mass"]:
+    dof, lines = parse_dof(candidate.where[0]), np.concatenate([problem.frequency for problem in base.trial.problems])
+    size = added["rotary_inertia" if dof.is_rotation else "mass"]
+    own = np.sqrt(added["stiffness"] / size) / (2 * np.pi)
+    if own > _FAR * lines.max():
+        kind, where = ("inertia", dof.place) if dof.is_rotation else ("mass", str(dof.node))
+    elif own < lines[lines > 0].min() / _FAR:
+        kind, where, size = "spring", dof.place, added["stiffness"]
+    else:
         return []
-    plainer = Candidate("mass", (str(parse_dof(candidate.where[0]).node),), strengths=np.array([added["mass"]]))
-    return _begun(base.trial, [(plainer, added["mass"])], {**base.values, **one.values})
+    plainer = Candidate(kind, (where,), strengths=np.array([size]))
+    return _begun(base.trial, [(plainer, size)], {**base.values, **one.values})
+
+
+def _lossy(base: Fitted, one: Fitted) -> list[Item]:
+    """A spring that is most of the cause but not all, with damping of its own, to be refitted."""
+    candidate, strength = one.trial.changes[-1]
+    if (
+        candidate.kind not in WITH_LOSS
+        or base.trial.is_of_modes
+        or one.cost > _CLEAR * base.cost
+        or not _is_misfit(one)
+    ):
+        return []
+    lossy = replace(candidate, detail={**candidate.detail, "loss_factor": _LOSS})
+    return _begun(base.trial, [(lossy, strength)], {**base.values, **one.values})
 
 
 def _begun(trial: Trial, changes: Sequence[Change], known: Mapping[str, float]) -> list[Item]:
@@ -288,6 +323,8 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)
     priced = sorted(((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + _odds(pair[0]))
+    best = {_place(one.trial.changes[-1][0]): one for one, _ in reversed(priced)}
+    priced = [(one, criterion) for one, criterion in priced if one in best.values()]
     causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
     likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
@@ -295,8 +332,10 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _odds(one: Fitted) -> float:
-    """What a cause gives way to a plainer one that says the same: at a clamped end, a joint to the support."""
-    return _GIVES_WAY * (one.trial.changes[-1][0].kind == "joint")
+    """What a cause gives way to a plainer one that says the same: at a clamped end a joint to the support, a damper to a
+    spring where both hold still.
+    """
+    return _GIVES_WAY.get(one.trial.changes[-1][0].kind, 0.0)
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:

@@ -11,6 +11,7 @@ from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates
 from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened
+from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation import JointProblem
 from structid.estimation.search.least_squares import minimize
@@ -112,6 +113,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     names = titles(base.trial.setups)
     told = _told(base, points)
     answers = work.map(name, _looked, tuple(points), range(len(points)))
+    held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried = 0
     for point, answer in zip(points, answers, strict=True):
@@ -132,13 +134,14 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
             key = (row.candidate.kind, row.candidate.where, row.candidate.record, *row.candidate.others[:1])
             if key in here:
                 continue  # an appendage of another frequency at the same place
-            count = kinds.setdefault(row.candidate.kind, 0)
+            kind = _family(row.candidate, held)
+            count = kinds.setdefault(kind, 0)
             is_early = len(here) < _FIRST or count < _OF_EACH_KIND or _is_told(row.candidate, told)
             chosen = best if is_early else others
             here[key] = (drop, row)
             if key not in chosen or drop > chosen[key][0]:
                 chosen[key] = (drop, row)
-            kinds[row.candidate.kind] += 1
+            kinds[kind] += 1
     _with_friction(best)
     found = sorted(best.values(), key=lambda pair: (not _is_told(pair[1].candidate, told), -pair[0]))
     rows = [row for _, row in found]
@@ -160,6 +163,12 @@ def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
     )
     rows = point.screened(list(exchanges(point.records)))
     return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
+
+
+def _family(candidate: Candidate, held: Collection[int]) -> str:
+    """Its kind; what holds one more direction of a node that is held is of a kind of its own: a pin may be a clamp."""
+    is_at_support = candidate.kind == "spring" and parse_dof(candidate.where[0]).node in held
+    return "clamp" if is_at_support else candidate.kind
 
 
 def _key(candidate: Candidate) -> _Key:

@@ -2,7 +2,7 @@
 
 from structid.files.lock import claim, claimed, release
 from structid.files.reading import DAMAGE, damage_told, digest, require_readable
-from structid.files.writing import atomic_write, made_folder
+from structid.files.writing import atomic_write, made_folder, require_no_file
 
 __all__ = [
     "DAMAGE",
@@ -13,5 +13,6 @@ __all__ = [
     "digest",
     "made_folder",
     "release",
+    "require_no_file",
     "require_readable",
 ]

@@ -51,6 +51,13 @@ def _flush_to_disk(path: Path) -> None:
         os.fsync(stream.fileno())
 
 
+def require_no_file(folder: Path) -> None:
+    """Raise `FileError` where a file stands in the way of `folder`."""
+    there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    if there.exists() and not there.is_dir():
+        raise FileError(f"{there}: is a file; give another folder for the results with --out")
+
+
 def made_folder(path: Path) -> Path:
     """`path` as a folder, made with its parents where it does not exist.
 

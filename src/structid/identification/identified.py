@@ -141,6 +141,8 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
         Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
     ratios : Ratios or None
         What remains where the data leave a common scale of masses and stiffnesses free.
+    rests_on_force : bool
+        Whether that scale is the force's alone; see `ratios.rests_on_force`.
     truncations : tuple of Truncation
         What reduction of components changes at the answer, as each record sees it.
     missed : tuple of Missed
@@ -155,6 +157,7 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
     warnings: tuple[str, ...]
     intervals: Intervals
     ratios: Ratios | None = None
+    rests_on_force: bool = False
     ran_away: tuple[int, ...] = ()
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()

@@ -12,7 +12,7 @@ from structid.estimation import Estimate
 from structid.estimation.intervals.intervals import intervals
 from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.identification.fits.missed import missed_parts
-from structid.identification.fits.ratios import ratios
+from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
@@ -154,6 +154,7 @@ def identify_together(
         warnings=tuple(warnings),
         intervals=ends,
         ratios=scale_free,
+        rests_on_force=target is not None and rests_on_force(problems, found),
         ran_away=away,
         truncations=truncations,
         missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found),

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries
 from structid.modal.shape_errors import unscaled_shape_std
+from structid.shown import listed
 from structid.similarity import mac
 
 _DOUBT = 0.01
@@ -61,15 +65,20 @@ def merge_modes(
 
 
 def merged_setups(
-    setups: Sequence[ModalRecord], references: Sequence[Dof | str] | None = None, frequency_guard: float = 0.05
+    setups: Sequence[ModalRecord],
+    references: Sequence[Dof | str] | None = None,
+    frequency_guard: float = 0.05,
+    names: Sequence[str] | None = None,
 ) -> Merging:
     """Modes that all set-ups have, with shapes at all sensors.
 
     Modes are paired with those of the first set-up: the sum of MAC at the references times
     1 / (1 + (log(f / f_1) / guard)^2) is made as large as it can be, and pairs worth less than one half are none.
-    Frequencies and damping ratios are means weighted by the inverse variances (equal weights without them). Shapes are
-    the weighted least-squares fit of one shape and one complex factor a set-up to all entries measured. Entries that a
-    set-up does not know are left to the others; a mode of a set-up that knows none at the references is lost.
+    Frequencies and damping ratios are means weighted by the inverse variances, each quantity by itself: of the set-ups
+    that state its deviation, or of all that know it, without a deviation, where none does. Shapes are the weighted
+    least-squares fit of one shape and one complex factor a set-up to all entries measured; entries without a deviation
+    are taken to have the middle one of those that are stated. Entries that a set-up does not know are left to the others; a
+    mode of a set-up that knows none at the references is lost.
 
     Parameters
     ----------
@@ -79,31 +88,36 @@ def merged_setups(
         Sensors that all set-ups have; by default all such.
     frequency_guard : float
         A pair is worth half as much at this logarithmic distance in frequency.
+    names : sequence of str, optional
+        What errors call the set-ups, such as their files.
 
     Returns
     -------
     Merging
         The covariance of frequencies and damping ratios follows from those of the set-ups; that of a mode whose
         set-ups disagree (probability below 1 % for all modes together) is multiplied by chi-square over its degrees of
-        freedom, and a warning names the mode. The first warning says which modes are lost, and why.
+        freedom, and a warning names the mode. The first warning says which modes are lost, and why; others, where deviations
+        are missing.
 
     Raises
     ------
     InputError
-        If there are fewer than two set-ups, no references, or no mode in common.
+        If there are fewer than two set-ups, one of them is given twice, or they have no references or no mode in common.
 
     References
     ----------
     Reynders, Magalhaes, Roeck and Cunha (2009), Merging strategies for multi-setup operational modal analysis,
     Proc. IMAC 27; Birge (1932), Phys. Rev. 40, 207-227 (the factor on the covariance).
     """
+    called = [f"set-up {i}" for i in range(1, len(setups) + 1)] if names is None else list(names)
     if len(setups) < 2:
-        raise InputError(f"`setups` must hold two set-ups or more, got {len(setups)}; one needs no merging")
-    shared = common_sensors([setup.channels for setup in setups], references)
+        raise InputError(f"two set-ups or more are merged, got {', '.join(called) or 'none'}; one needs no merging")
+    _require_different(setups, called)
+    shared = common_sensors([setup.channels for setup in setups], references, called)
     members = _members(setups, shared, frequency_guard)
     if not members.shape[1]:
         raise InputError(
-            "`setups` have no mode in common: no MAC at the references with a frequency nearby; check the senses of the"
+            f"{', '.join(called)} have no mode in common: no MAC at the references with a frequency nearby; check the senses of the"
             " references, add references where the modes move, or widen `frequency_guard`"
         )
     notes = _losses(setups, members, shared, frequency_guard)
@@ -111,7 +125,20 @@ def merged_setups(
     return _merged(setups, members, notes)
 
 
-def common_sensors(channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None = None) -> tuple[Dof, ...]:
+def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> None:
+    """One set-up given twice would count as two measurements."""
+    for (a, first), (b, second) in combinations(zip(called, setups, strict=True), 2):
+        if (
+            first.channels == second.channels
+            and np.array_equal(first.frequency, second.frequency)
+            and np.array_equal(first.mode_shapes, second.mode_shapes, equal_nan=True)
+        ):
+            raise InputError(f"{a} and {b} hold the same modes to the last digit; give every set-up once")
+
+
+def common_sensors(
+    channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None, called: Sequence[str]
+) -> tuple[Dof, ...]:
     """The references, counted positive along their axes: those named, or all that every set-up has."""
     own = [{dof.unsigned for dof in part} for part in channels]
     common = set.intersection(*own)
@@ -121,10 +148,14 @@ def common_sensors(channels: Sequence[Sequence[Dof]], references: Sequence[Dof |
         wanted = tuple(dof.unsigned for dof in parse_dofs(references))
         for dof in wanted:
             if dof not in common:
-                number = next(i for i, part in enumerate(own, 1) if dof not in part)
-                raise InputError(f"`references` must be in all set-ups; {dof} is not in set-up {number}")
+                lacking = next(name for name, part in zip(called, own, strict=True) if dof not in part)
+                raise InputError(f"`references` must be in all set-ups; {dof} is not in {lacking}")
     if not wanted:
-        raise InputError("`setups` must have a sensor in common, got none; keep references at the same places")
+        sensors = "; ".join(f"{name} has {listed(part)}" for name, part in zip(called, channels, strict=True))
+        raise InputError(
+            f"set-ups must have a sensor in common, and none is in all of them: {sensors}; keep references at the same"
+            " places, and call them alike in all files"
+        )
     return tuple(dict.fromkeys(wanted))
 
 
@@ -196,18 +227,20 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
     frequency = np.array([s.frequency[m] for s, m in zip(setups, members, strict=True)])
     damping = np.array([s.damping_ratio[m] for s, m in zip(setups, members, strict=True)])
     values = np.concatenate([frequency, damping], axis=1)
-    covariances = _covariances(setups, members)
-    mean, covariance = _weighted_mean(values, covariances)
-    chi_square, probability = _agreement(values[:, :n_modes], mean[:n_modes], covariances)
+    covariances = [_covariance(setup, own) for setup, own in zip(setups, members, strict=True)]
+    variance = np.array([np.diag(part) for part in covariances])
+    mean, covariance = _weighted_mean(values, variance, covariances)
+    chi_square, probability = _agreement(values[:, :n_modes], mean[:n_modes], variance[:, :n_modes])
+    shapes, std, channels, bare = _shapes(setups, members)
+    notes += _lost_deviations(values, variance, mean[:n_modes], bare)
     doubtful = np.flatnonzero(np.nan_to_num(probability, nan=1.0) < _DOUBT / n_modes)
     if covariance is not None and doubtful.size:
         factor = np.ones(2 * n_modes)
-        factor[doubtful] = np.sqrt(chi_square[doubtful] / (n_setups - 1))
+        factor[doubtful] = np.sqrt(chi_square[doubtful] / (_stated(variance)[:, doubtful].sum(axis=0) - 1))
         factor[doubtful + n_modes] = factor[doubtful]
         covariance = covariance * np.outer(factor, factor)
         notes += [_disagreement(i, frequency[:, i], probability[i], factor[i]) for i in doubtful.tolist()]
     order = np.argsort(mean[:n_modes], kind="stable")
-    shapes, std, channels = _shapes(setups, members)
     modes = by_frequency(
         mean[:n_modes], mean[n_modes:], shapes, channels, covariance, std, warnings=tuple(notes),
         source=f"{n_setups} set-ups merged after identification: {setups[0].source}",
@@ -218,42 +251,97 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
     )  # fmt: skip
 
 
-def _covariances(setups: Sequence[ModalRecord], members: IntArray) -> list[FloatArray] | None:
-    """Of the frequencies, then damping ratios, of the paired modes of every set-up; None where one has none."""
-    found = []
-    for setup, own in zip(setups, members, strict=True):
-        if setup.covariance is None:
-            return None
-        both = np.concatenate([own, own + setup.n_modes])
-        part = setup.covariance[np.ix_(both, both)]
-        if not (np.diag(part) > 0).all():
-            return None
-        found.append(part)
-    return found
+def _covariance(setup: ModalRecord, own: IntArray) -> FloatArray:
+    """Of the frequencies, then damping ratios, of the paired modes of a set-up; NaN where it states none."""
+    if setup.covariance is None:
+        return np.full((2 * len(own), 2 * len(own)), np.nan)
+    both = np.concatenate([own, own + setup.n_modes])
+    return np.asarray(setup.covariance[np.ix_(both, both)])
 
 
-def _weighted_mean(values: FloatArray, covariances: list[FloatArray] | None) -> tuple[FloatArray, FloatArray | None]:
-    """Mean over the set-ups with weights 1 / variance, each quantity by itself, and its covariance."""
-    if covariances is None:
-        return values.mean(axis=0), None
-    weight = np.array([1 / np.diag(part) for part in covariances])
-    weight = weight / weight.sum(axis=0)
-    covariance = sum(np.outer(w, w) * part for w, part in zip(weight, covariances, strict=True))
-    return (weight * values).sum(axis=0), np.asarray(covariance)
+def _stated(variance: FloatArray) -> NDArray[np.bool_]:
+    """Which variances say something: those above 0, of whose measurements a weighted mean is made."""
+    return np.asarray(np.nan_to_num(variance) > 0)
 
 
-def _agreement(
-    frequency: FloatArray, mean: FloatArray, covariances: list[FloatArray] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Chi-square of the frequencies of every mode about their mean, and the probability of a larger one."""
+def _weighted_mean(
+    values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray | None]:
+    """Mean over the set-ups, (n_quantities,), with weights 1 / variance, each quantity by itself, and its covariance.
+
+    A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
+    """
+    counts = _stated(variance) & ~np.isnan(values)
+    weighed = counts.any(axis=0)
+    weight = np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+    weight = np.where(weighed, weight, ~np.isnan(values))
+    weight = weight / np.where(weight.any(axis=0), weight.sum(axis=0), np.nan)
+    mean = np.where(weight.any(axis=0), (weight * np.nan_to_num(values)).sum(axis=0), np.nan)
+    if not weighed.any():
+        return mean, None
+    covariance = np.zeros((len(mean), len(mean)))
+    for w, own in zip(weight, covariances, strict=True):
+        covariance += np.where(np.outer(w, w) > 0, np.outer(w, w) * own, 0.0)
+    return mean, np.where(np.outer(weighed, weighed), covariance, np.nan)
+
+
+def _agreement(frequency: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Chi-square of the frequencies of every mode about their mean, and the probability of a larger one.
+
+    Of the set-ups that state a deviation; NaN for a mode of which fewer than two do.
+    """
     from scipy import special
 
-    n_setups, n_modes = frequency.shape
-    if covariances is None:
-        return np.full(n_modes, np.nan), np.full(n_modes, np.nan)
-    variance = np.array([np.diag(part)[:n_modes] for part in covariances])
-    chi_square = ((frequency - mean) ** 2 / variance).sum(axis=0)
-    return chi_square, special.gammaincc((n_setups - 1) / 2, chi_square / 2)
+    counts = _stated(variance)
+    freedom = np.where(counts.sum(axis=0) > 1, counts.sum(axis=0) - 1.0, np.nan)
+    chi_square = np.where(counts, (frequency - mean) ** 2 / np.where(counts, variance, 1.0), 0.0).sum(axis=0)
+    chi_square = np.where(np.isnan(freedom), np.nan, chi_square)
+    return chi_square, special.gammaincc(freedom / 2, chi_square / 2)
+
+
+def _lost_deviations(
+    values: FloatArray, variance: FloatArray, frequency: FloatArray, bare: NDArray[np.bool_]
+) -> list[str]:
+    """What set-ups that state no deviation have no part in; nothing where none is stated of that kind at all.
+
+    Parameters
+    ----------
+    values, variance : (n_setups, 2 n_modes) float arrays
+        Of frequencies, then damping ratios.
+    frequency : (n_modes,) float array
+        Of the merged modes, Hz.
+    bare : (n_setups, n_modes) bool array
+        Shapes that have entries without a deviation.
+    """
+    n = len(frequency)
+    counts, known = _stated(variance), ~np.isnan(values)
+    notes = []
+    for what, own in (("frequencies", slice(0, n)), ("damping ratios", slice(n, None))):
+        if not counts[:, own].any():
+            continue
+        for number, (stated, given) in enumerate(zip(counts[:, own], known[:, own], strict=True), 1):
+            modes, others = given & ~stated, counts[:, own].any(axis=0)
+            for lost, words in (
+                (modes & others, "these have no part in the means, which are of the others"),
+                (modes & ~others, "nor does another set-up, and the means have none"),
+            ):
+                if lost.any():
+                    notes.append(
+                        f"set-up {number} states no deviations of the {what} of {_named(lost, frequency)}: {words}"
+                    )
+    for number, lost in enumerate(bare, 1):
+        if lost.any():
+            notes.append(
+                f"set-up {number} states no deviations of shape entries of {_named(lost, frequency)}: they are taken to"
+                " have the middle one of those that are stated"
+            )
+    return notes
+
+
+def _named(chosen: NDArray[np.bool_], frequency: FloatArray) -> str:
+    if chosen.all():
+        return "its modes"
+    return ", ".join(f"{f:.4g} Hz" for f in frequency[chosen])
 
 
 def _disagreement(mode: int, frequency: FloatArray, probability: float, factor: float) -> str:
@@ -267,13 +355,16 @@ def _disagreement(mode: int, frequency: FloatArray, probability: float, factor: 
 
 def _shapes(
     setups: Sequence[ModalRecord], members: IntArray
-) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...]]:
-    """Merged shapes at all sensors, largest entry 1, their standard deviations, and the sensors."""
+) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...], NDArray[np.bool_]]:
+    """Merged shapes at all sensors, largest entry 1, their standard deviations, the sensors, and which lack deviations.
+
+    The last are modes of set-ups, (n_setups, n_modes), beside others that state theirs.
+    """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]
-    has_std = all(setup.shape_std is not None for setup in setups)
     shapes, stds = [], []
-    for own in members.T:
+    bare = np.zeros(members.shape, dtype=bool)
+    for mode, own in enumerate(members.T):
         parts, errors, places = [], [], []
         for setup, m, place in zip(setups, own.tolist(), index, strict=True):
             here = setup.known[:, m]
@@ -281,22 +372,44 @@ def _shapes(
             errors.append(_shape_error(setup, m)[here])
             places.append(place[here])
         found = np.unique(np.concatenate(places))
-        shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
         there = [np.searchsorted(found, place) for place in places]
-        shape[found], std[found] = merged_shape(parts, errors, there, len(found))
+        is_stated = any(not np.isnan(error).all() for error in errors)
+        weighed = _all_stated(parts, errors, places)
+        shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
+        shape[found], own_std = merged_shape(parts, weighed, there, len(found))
+        std[found] = own_std if is_stated else np.nan
+        bare[:, mode] = [is_stated and bool(np.isnan(error).any()) for error in errors]
         shapes.append(shape)
         stds.append(std)
-    return np.array(shapes).T, np.array(stds).T if has_std else None, channels
+    known = np.array(stds).T
+    return np.array(shapes).T, None if np.isnan(known).all() else known, channels, bare
+
+
+def _all_stated(
+    parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
+) -> list[FloatArray]:
+    """Errors of the entries of each part, those that are not stated the middle one of the others, at the same scale.
+
+    The scale is the size at the sensors that all parts have.
+    """
+    shared = reduce(np.intersect1d, places)
+    sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
+    scales = sizes if all(sizes) else [1.0] * len(parts)
+    every = np.concatenate([error / scale for error, scale in zip(errors, scales, strict=True)])
+    if np.isnan(every).all():
+        return [np.ones(len(error)) for error in errors]
+    usual = float(np.nanmedian(every))
+    return [np.where(np.isnan(error), usual * scale, error) for error, scale in zip(errors, scales, strict=True)]
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
-    """Standard deviation of every entry of the shape with its scale free; equal ones where none is known."""
+    """Standard deviation of every entry of the shape with its scale free; NaN where none is known."""
     if setup.shape_std is None:
-        return np.ones(len(setup.channels))
+        return np.full(len(setup.channels), np.nan)
     shape = np.asarray(setup.mode_shapes[:, [mode]])
     largest = largest_entries(shape)
     freed = unscaled_shape_std(shape / largest, setup.shape_std[:, [mode]] / largest)[:, 0] * largest
-    return np.asarray(freed if (freed[setup.known[:, mode]] > 0).all() else np.ones(len(freed)))
+    return np.asarray(np.where(np.nan_to_num(freed) > 0, freed, np.nan))
 
 
 def merged_shape(

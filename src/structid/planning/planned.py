@@ -182,6 +182,14 @@ class Plan:
     determined: bool
 
     @property
+    def is_undamped(self) -> bool:
+        """Whether nothing damps the initial model, whose resonances then are endlessly high."""
+        if not self.structure.has_matrices:
+            return False
+        values = self.parameters.values(self.parameters.start)
+        return not any(self.structure.matrix(law, values).count_nonzero() for law in ("viscous", "structural"))
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Parameters of interest that all candidates together do not determine to better than their own size."""
         lost = ~(self.everything.std <= 1) & self.everything.of_interest

@@ -74,7 +74,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
             for shift, factor in shifted(powers, centre, references):
                 about_zero[shift] = about_zero.get(shift, 0.0) + factor * matrix
         parts += [Part(key, shift, sparse.csc_array(matrix)) for shift, matrix in about_zero.items()]
-    model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), reduced=True)
+    model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), small.n_modes)
     frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
     fact = f"solver: {run_words(own.counts)}; modes at {frequency} Hz, {len(at.dofs)} degrees of freedom; {own.words}"
     ties = (small.tie,) if small.tie.dependents else ()

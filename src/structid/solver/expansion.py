@@ -25,7 +25,8 @@ ROUNDING = 1e-11
 _AGREE, _AGREE_OF_CHANGE = 1e-8, 1e-5
 
 Point = dict[str, float]
-#: Numbers at several points, (n_points, n_numbers), and what each is measured by, (n_numbers,).
+#: Numbers at several points, (n_points, n_numbers), and what each is measured by, (n_numbers,). Further points may add numbers
+#: at the end, which are then 0 at all points before; those that were there keep their places.
 Evaluate = Callable[[Sequence[Point]], tuple[FloatArray, FloatArray]]
 #: Powers of parameters, each over its reference; () is the constant.
 Powers = tuple[tuple[str, int], ...]
@@ -178,7 +179,7 @@ class _Table:
         """By how much the polynomial `found` in u misses a point, and how far that is from the nominal one; over sizes."""
         predicted = np.zeros(self.rows.shape[1])
         for powers, row in found.items():
-            predicted = predicted + row * np.prod([self.u(point, name) ** k for name, k in powers])
+            predicted[: len(row)] += row * np.prod([self.u(point, name) ** k for name, k in powers])
         change = np.abs(self.row(point) - self.row({})) / self.size
         return float((np.abs(self.row(point) - predicted) / self.size).max()), float(change.max())
 
@@ -244,7 +245,7 @@ def _products(
         alone = table.row({}).copy()
         for key, row in found.items():
             if len(key) == 1 and key[0][0] in point:
-                alone = alone + row * table.u(point, key[0][0]) ** key[0][1]
+                alone[: len(row)] += row * table.u(point, key[0][0]) ** key[0][1]
         rests.append(table.row(point) - alone)
     rest = np.array(rests)
     rest[:, np.abs(rest).max(axis=0) <= 10 * ROUNDING * table.size] = 0.0
@@ -262,7 +263,7 @@ def _about_zero(found: Mapping[Powers, FloatArray], table: _Table) -> dict[Power
     centre = {name: one.origin for name, one in table.axes.items()}
     for powers, row in found.items():
         for key, factor in shifted(powers, centre, dict.fromkeys(centre, 1.0)):
-            total[key] = total.get(key, 0.0) + factor * row
+            total.setdefault(key, np.zeros(table.rows.shape[1]))[: len(row)] += factor * row
     for row in total.values():
         row[np.abs(row) <= 10 * ROUNDING * table.size] = 0.0
     return {key: row for key, row in total.items() if row.any()}

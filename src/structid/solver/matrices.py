@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,36 +66,36 @@ def solved_matrices(
         If a run fails, gives matrices of another size than the first, or no polynomial of low order verifies.
     """
     counts = RunCounts()
-    pattern: list[_Pattern] = []
+    pattern = _Pattern()
     known: dict[Path, Mapping[str, ImportedMatrix]] = {}
 
     def evaluate(points: Sequence[Point]) -> tuple[FloatArray, FloatArray]:
-        nonlocal counts
+        nonlocal counts, pattern
         folders, made = needed_runs(solver, points, work)
         counts = RunCounts(0, counts.made + made.made)
-        known.update((folder, out.read(folder)) for folder in folders if folder not in known)
-        tables = [known[folder] for folder in folders]
-        pattern[:] = [_pattern(tables, [point_words(point) for point in points])]
-        return pattern[0].rows(tables)
+        for folder, point in zip(folders, points, strict=True):
+            if folder not in known:
+                known[folder] = out.read(folder)
+                pattern = pattern.with_run(known[folder], point_words(point))
+        return pattern.rows([known[folder] for folder in folders])
 
     found = expansion(evaluate, solver.deck)
-    [own] = pattern
-    dofs = dofs_of(tables_of(own.codes))
-    rows = {powers: own.matrices(row) for powers, row in found.coefficients.items()}
+    dofs = dofs_of(tables_of(pattern.codes))
+    rows = {powers: pattern.matrices(row) for powers, row in found.coefficients.items()}
     parts = [
         Part(key, powers, in_si(matrix, dofs, units.length, units.force))
         for powers, matrices in rows.items()
         for key, matrix in matrices.items()
         if matrix.nnz
     ]
-    nominal = own.matrices(found.at(solver.deck.nominal))
+    nominal = pattern.matrices(found.at(solver.deck.nominal))
     for key, matrix in nominal.items() if not indefinite else ():
         require_semidefinite(f"{key} of the solver", in_si(matrix, dofs, units.length, units.force), dofs)
     held = {dof for item in next(iter(known.values())).values() if item.held is not None for dof in dofs_of(item.held)}
     model = SolverModel(name, dofs, tuple(parts), model_parameters(solver, found.references))
     at = solver.deck.nominal
     counts = replace(counts, kept=found.n_points - counts.made)
-    facts = _matrix_facts(found, own, counts)
+    facts = _matrix_facts(found, pattern, counts)
     return SolvedMatrices(solver, model, (), tuple(sorted(held & set(dofs))), counts, facts, at, units, out)
 
 
@@ -111,73 +111,75 @@ def _matrix_facts(found: Expansion, pattern: _Pattern, counts: RunCounts) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Where the matrices of all runs have entries.
+    """Where the matrices of the runs so far have entries: solvers leave out those that cancel, one run here, another there.
 
     Attributes
     ----------
+    own : mapping of str to int array
+        Codes of node and component of each kind of matrix, sorted.
     codes : (n_dofs,) int array
-        Of node and component.
-    places : mapping of str to (n_entries,) int array
-        Column times n_dofs plus row, by the kind of matrix.
+        Of all kinds.
+    places : (n_entries,) int array
+        (Number of the kind times n_dofs plus column) times n_dofs plus row; what a further run adds is at the end.
     """
 
-    codes: np.ndarray
-    places: Mapping[str, np.ndarray]
+    own: Mapping[str, np.ndarray] = field(default_factory=dict)
+    codes: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    places: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
+        """With the entries of a run at `words`, which must have the degrees of freedom of the first."""
+        own = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
+        first = self.own or own
+        for key, codes in own.items():
+            if not np.array_equal(codes, first[key]):
+                raise InputError(
+                    f"the {key} of the run at {words} has {len(codes)} rows, that of the first run {len(first[key])}, or others;"
+                    " keep mesh and supports as they are, and mark numbers that change neither"
+                )
+        pattern = replace(self, own=first, codes=np.unique(np.concatenate(list(first.values()))))
+        new = np.setdiff1d(pattern._entries(table)[0], self.places)
+        return replace(pattern, places=np.concatenate([self.places, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
         """The entries of each run, (n_runs, n_entries), and the size that each is measured by."""
-        found = np.array([np.concatenate([self._entries(key, table[key]) for key in self.places]) for table in tables])
-        sizes = []
-        at, n = 0, len(self.codes)
-        for places in self.places.values():
-            row, column = places % n, places // n
-            diagonal = np.zeros(n)
-            own = found[:, at : at + len(places)]
-            same = row == column
-            diagonal[row[same]] = np.abs(own[:, same]).max(axis=0)
-            sizes.append(np.sqrt(diagonal[row] * diagonal[column]) + 1e-12 * diagonal.max(initial=1e-300))
-            at += len(places)
-        return found, np.concatenate(sizes)
+        found = np.zeros((len(tables), len(self.places)))
+        order = np.argsort(self.places)
+        for row, table in zip(found, tables, strict=True):
+            places, data = self._entries(table)
+            row[order[np.searchsorted(self.places, places, sorter=order)]] = data
+        kind, column, row_of = self._at()
+        same = row_of == column
+        diagonal = np.zeros((len(self.own), len(self.codes)))
+        diagonal[kind[same], column[same]] = np.abs(found[:, same]).max(axis=0)
+        largest = diagonal.max(axis=1, initial=1e-300)
+        return found, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
 
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
         """The matrices with these entries."""
-        found, at, n = {}, 0, len(self.codes)
-        for key, places in self.places.items():
-            own = row[at : at + len(places)]
-            kept = own != 0
-            table = (own[kept], (places[kept] % n, places[kept] // n))
-            matrix = sparse.coo_array(table, (n, n)).tocsc()
+        found, n = {}, len(self.codes)
+        kind, column, row_of = self._at()
+        for number, key in enumerate(self.own):
+            kept = (kind == number) & (row != 0)
+            matrix = sparse.coo_array((row[kept], (row_of[kept], column[kept])), (n, n)).tocsc()
             found[key] = sparse.csc_array((matrix + matrix.T) / 2)
-            at += len(places)
         return found
 
-    def _entries(self, key: str, item: ImportedMatrix) -> FloatArray:
-        values = np.zeros(len(self.places[key]))
-        places, data = _placed(self.codes, item)
-        values[np.searchsorted(self.places[key], places)] = data
-        return values
+    def _at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Number of the kind, column and row of each place."""
+        rest, row = np.divmod(self.places, len(self.codes))
+        kind, column = np.divmod(rest, len(self.codes))
+        return kind, column, row
 
-
-def _placed(codes: np.ndarray, item: ImportedMatrix) -> tuple[np.ndarray, FloatArray]:
-    assert item.dofs is not None
-    own = np.searchsorted(codes, codes_of(item.dofs))
-    table = item.matrix.tocoo()
-    return own[table.col].astype(np.int64) * len(codes) + own[table.row], table.data
-
-
-def _pattern(tables: Sequence[Mapping[str, ImportedMatrix]], words: Sequence[str]) -> _Pattern:
-    """The pattern of all runs, which must have the degrees of freedom of the first."""
-    codes: dict[str, np.ndarray] = {}
-    for table, at in zip(tables, words, strict=True):
-        for key, item in table.items():
+    def _entries(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
+        """Places and values of one run's entries."""
+        places, values = [], []
+        for number, key in enumerate(self.own):
+            item = table[key]
             assert item.dofs is not None
-            own = np.sort(codes_of(item.dofs))
-            first = codes.setdefault(key, own)
-            if not np.array_equal(own, first):
-                raise InputError(
-                    f"the {key} of the run at {at} has {len(own)} rows, that of the first run {len(first)}, or others; keep mesh"
-                    " and supports as they are, and mark numbers that change neither"
-                )
-    every = np.unique(np.concatenate(list(codes.values())))
-    places = {key: np.unique(np.concatenate([_placed(every, table[key])[0] for table in tables])) for key in codes}
-    return _Pattern(every, places)
+            own = np.searchsorted(self.codes, codes_of(item.dofs))
+            entries = item.matrix.tocoo()
+            n = len(self.codes)
+            places.append((number * n + own[entries.col].astype(np.int64)) * n + own[entries.row])
+            values.append(entries.data)
+        return np.concatenate(places), np.concatenate(values)

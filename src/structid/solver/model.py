@@ -70,8 +70,10 @@ class SolverModel(ElementSet):
     dofs: tuple[Dof, ...] = declared("What the rows of the matrices stand for")
     parts: tuple[Part, ...] = declared("Symmetric matrices in SI units, with the powers that they go with")
     parameters: tuple[ModelParameter, ...] = declared("Parameters of the deck")
-    reduced: bool = declared(
-        "Whether other degrees of freedom follow these by shapes, so that no mass can be told", default=False
+    own_modes: int = declared(
+        "Modes of the solver that it is made of, whose shapes other degrees of freedom follow, so that no mass can be told; 0 of"
+        " whole matrices",
+        default=0,
     )
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
@@ -88,7 +90,7 @@ class SolverModel(ElementSet):
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
-        kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.reduced else _KINDS
+        kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.own_modes else _KINDS
         layers: dict[str, list[Layer]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
             owner, rest = _owner(part)
@@ -102,7 +104,7 @@ class SolverModel(ElementSet):
                     whole=whole,
                     powers=powers,
                     law=LAWS[part.matrix_of],
-                    reduced=self.reduced,
+                    reduced=bool(self.own_modes),
                 )
             )
         one = np.ones(1)
@@ -111,7 +113,7 @@ class SolverModel(ElementSet):
         made = [
             Term(
                 p.name,
-                "parameter" if self.reduced else _kind(p.name, self.parts),
+                "parameter" if self.own_modes else _kind(p.name, self.parts),
                 p.unit,
                 locked([p.value], float),
                 layers[p.name],

@@ -31,7 +31,7 @@ class AimedSensor:
     node : int
         The node that it reads.
     direction : (float, float, float)
-        Of length 1, X, Y and Z.
+        X, Y and Z, of length 1 but for parts in which the node does not move.
     distance : float
         From the point where the sensor is to that node, m.
     """

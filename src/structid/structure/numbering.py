@@ -38,6 +38,16 @@ class Numbering:
     matrix: sparse.csr_array
     free: tuple[int, ...]
 
+    @property
+    def moving(self) -> IntArray:
+        """Codes of all that are not held at zero."""
+        return self.codes[np.diff(self.matrix.indptr) > 0]
+
+    def directions(self, node: int) -> list[str]:
+        """In which elements or ties use a node, held or not."""
+        first, last = np.searchsorted(self.codes, [6 * node, 6 * node + 6])
+        return [dof_of_code(code).direction for code in self.codes[first:last].tolist()]
+
 
 def numbering(
     codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
@@ -120,7 +130,7 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
         code = dof_code(dof.node, dof.direction)
         row = int(np.searchsorted(known, code))
         if row == len(known) or known[row] != code:
-            here = [str(dof_of_code(c).unsigned) for c in known.tolist() if c // 6 == dof.node]
+            here = [f"{dof.node}{direction}+" for direction in all_dofs.directions(dof.node)]
             raise InputError(
                 f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
             )

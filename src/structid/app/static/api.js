@@ -6,8 +6,9 @@ export class Refused extends Error {
 }
 
 async function answered(response) {
+  const text = await response.text().catch(() => "");
   let found = null;
-  try { found = await response.json(); } catch { found = {error: await response.text().catch(() => "")}; }
+  try { found = JSON.parse(text); } catch { found = {error: text}; }
   if (!response.ok) { throw new Refused(found.error || `the server answered ${response.status}`, response.status); }
   return found;
 }
@@ -32,8 +33,10 @@ export async function put(name, file, replace = "") {
 export const link = (path, given) => new URL(`api/${path}?${new URLSearchParams(given)}`, BASE).href;
 export const view = (path) => new URL(path, BASE.origin).href;
 
-export function events(heard) {
+// `lost` hears true where the server is away, and false when it is there again.
+export function events(heard, lost) {
   const source = new EventSource(new URL("api/events", BASE));
   source.onmessage = (message) => heard(JSON.parse(message.data));
-  return source;
+  source.onerror = () => lost(true);
+  source.onopen = () => lost(false);
 }

@@ -16,7 +16,7 @@ export function besideCard(app, found) {
     catch (error) { fill(place); throw error; }
   };
   const draw = (chosen) => {
-    const files = app.folder.records.map((one) => one.path).filter((path) => path.endsWith(".json"));
+    const files = app.folder.records.filter((one) => one.modes).map((one) => one.path);
     const results = app.folder.results.map((one) => one.path);
     if (!app.study) { fill(box, h("h2", {}, "Beside the model"), h("p", {class: "muted"}, "Open a study above to hold modes against its model.")); return; }
     const choices = [...(found() ? [[FOUND, "the modes taken above"]] : []), ...files];

@@ -18,6 +18,18 @@ export function fill(place, ...children) {
   return place;
 }
 
+// A button that writes into the folder that `name` holds, and one that replaces what is there, shown where that is refused.
+export function writing(app, words, name, write, given = {}) {
+  const act = (button, replace) => app.doing(button, async () => {
+    again.hidden = true;
+    try { await write(replace); } catch (error) { again.hidden = error.status !== 409; fill(again, `Replace ${name.value}`); throw error; }
+  });
+  const again = h("button", {type: "button", hidden: true, onclick: () => act(again, true)});
+  const first = h("button", {type: "button", ...given, onclick: () => act(first, false)}, words);
+  name.addEventListener("input", () => { again.hidden = true; });
+  return [first, again];
+}
+
 let made = 0;
 
 export function field(label, control, kind = "") {
@@ -42,10 +54,34 @@ export function table(header, rows, numeric = [], marks = []) {
     h("tbody", {}, rows.map((row, r) => h("tr", {class: marks[r] || null}, row.map((content, k) => cell("td", content, k)))))));
 }
 
+function refused(input, words) {
+  input.setAttribute("aria-invalid", "true");
+  input.addEventListener("input", () => input.removeAttribute("aria-invalid"), {once: true});
+  input.focus();
+  throw new Error(`${input.labels?.[0]?.textContent || input.getAttribute("aria-label")}: ${words}`);
+}
+
+// The number in a field; null where an empty one is allowed. Anything else is refused there.
+export function numberIn(input, {least = -Infinity, empty = false} = {}) {
+  const text = input.value.trim(), value = Number(text);
+  if (!text) { return empty ? null : refused(input, "give a number"); }
+  if (!Number.isFinite(value)) { refused(input, `${text} is no number${/^[^,]*\d,\d+$/.test(text) ? `; write ${text.replace(",", ".")}` : ""}`); }
+  return value < least ? refused(input, `must be at least ${least}`) : value;
+}
+
+// The band in two fields; null where both may be empty, and are.
+export function bandIn(low, high, empty = false) {
+  const ends = [numberIn(low, {least: 0, empty: empty && !high.value.trim()}), numberIn(high, {least: 0, empty: empty && !low.value.trim()})];
+  if (ends[0] === null) { return null; }
+  return ends[0] < ends[1] ? ends : refused(high, `must be greater than ${ends[0]}`);
+}
+
 export const SUPERSCRIPT = {"0": "⁰", "1": "¹", "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶", "7": "⁷", "8": "⁸", "9": "⁹", "-": "⁻"};
 const raised = (text) => [...text].map((letter) => SUPERSCRIPT[letter] || letter).join("");
 
 export function unitText(unit) { return unit === "1" || !unit ? "" : unit.replace(/\^(-?\d+)/g, (_, power) => raised(power)); }
+
+export const withUnit = (words, unit) => (unitText(unit) ? `${words}, ${unitText(unit)}` : words);
 
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) { return "–"; }

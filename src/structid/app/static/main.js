@@ -9,7 +9,7 @@ const STEPS = [
 const WITHOUT_STUDY = ["start", "records", "modes", "results", "run"];
 const main = document.getElementById("main"), select = document.getElementById("study");
 
-export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0};
+export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0, drafts: new Map()};
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
@@ -18,6 +18,7 @@ app.say = (words, bad = false) => {
   place.append(note);
   while (place.children.length > 3) { place.firstChild.remove(); }
   if (!bad) { setTimeout(() => note.remove(), 6000); }
+  return note;
 };
 app.fail = (error) => { console.warn(error); app.say(error.message, true); };
 
@@ -42,7 +43,8 @@ app.reload = async () => {
 };
 
 app.read = async () => {
-  app.now = app.study ? await get("study", {study: app.study}) : null;
+  app.reading = app.study ? get("study", {study: app.study}) : null;
+  app.now = await app.reading;
   app.record = Math.max(0, Math.min(app.record, [app.now?.table?.record ?? []].flat().length - 1)); // the one of several that is shown
   return app.now;
 };
@@ -68,6 +70,7 @@ function place() {
 async function show() {
   const [step, study] = place(), turn = ++app.shown;
   app.heard.clear();
+  if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) { app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`, true); }
   app.step = step;
   if (study !== app.study) { app.record = 0; }
   app.study = study;
@@ -76,6 +79,8 @@ async function show() {
     const off = !study && !WITHOUT_STUDY.includes(name);
     return h("li", {}, h("a", {href: off ? "#start" : `#${name}${study ? "/" + encodeURIComponent(study) : ""}`, "aria-current": name === step ? "page" : null, "aria-disabled": off ? "true" : null, title: off ? "choose or make a study first" : null}, h("span", {"aria-hidden": "true"}, String(k + 1)), words));
   }));
+  const nav = document.querySelector("nav"), current = nav.querySelector("[aria-current]");
+  nav.scrollLeft = current.offsetLeft - (nav.clientWidth - current.offsetWidth) / 2;
   document.title = `${STEPS.find(([name]) => name === step)[1]}${study ? " · " + study : ""} · structid workbench`;
   try {
     if (!app.folder) { await app.reload(); select.value = study; }
@@ -89,7 +94,7 @@ async function show() {
     await view.show(box, app);
   } catch (error) {
     if (turn !== app.shown) { return; }
-    main.append(h("div", {class: "card bad"}, h("p", {}, error.message), h("button", {type: "button", onclick: show}, "Try again")));
+    fill(main, h("div", {class: "card bad"}, h("p", {}, error.message), h("div", {class: "row"}, h("button", {type: "button", onclick: show}, "Try again"), study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null)));
   }
 }
 
@@ -100,22 +105,31 @@ function broken() {
 
 select.addEventListener("change", () => app.go(select.value && app.step === "start" ? "structure" : app.step, select.value));
 window.addEventListener("hashchange", show);
-await show();
+window.addEventListener("beforeunload", (event) => { if (app.drafts.size) { event.preventDefault(); } });
 
 // Changes made by hand, by another page or by a run are heard here.
-let stamps = null;
+let stamps = null, away = {words: "", note: null};
 events((now) => {
   app.runs = now.runs;
-  const before = stamps;
+  const before = stamps, study = app.study;
   stamps = now.studies;
-  if (before && Object.keys(before).join() !== Object.keys(stamps).join()) { app.reload().then(() => { select.value = app.study; }).catch(app.fail); }
-  if (before && app.study && before[app.study] !== stamps[app.study] && stamps[app.study]) {
-    get("study", {study: app.study}).then((found) => {
-      if (app.now && found.digest !== app.now.digest) {
+  if (before && JSON.stringify(before) !== JSON.stringify(stamps)) {
+    app.reload().then(() => { select.value = app.study; for (const heard of app.heard) { heard({folder: app.folder}); } }).catch(app.fail);
+  }
+  if (study && stamps[study] && (!before || before[study] !== stamps[study])) {
+    Promise.all([get("study", {study}), app.reading]).then(([found]) => {
+      if (app.now && app.study === study && found.digest !== app.now.digest) {
         for (const heard of app.heard) { heard({changed: found}); }
         if (app.step !== "text") { app.say("The study was changed outside this page; it is shown as it is now."); show(); }
       }
     }).catch(app.fail);
   }
   for (const heard of app.heard) { heard({runs: now.runs}); }
+}, async (lost) => {
+  let words = "";
+  if (lost) { try { await get("folder"); } catch (error) { words = error.message; } }
+  if (words === away.words) { return; }
+  away.note?.remove();
+  away = {words, note: words ? app.say(words, true) : null};
 });
+await show();

@@ -2,32 +2,32 @@
 import {post, view} from "./api.js";
 import {besideCard} from "./beside.js";
 import {chart, colours} from "./charts.js";
-import {field, fill, h, number, options, table, unpacked} from "./dom.js";
+import {bandIn, field, fill, h, number, numberIn, options, table, unpacked, writing} from "./dom.js";
 import {mergeCard} from "./merge.js";
-import {besideStudy, givenOptions, recordEdits, records} from "./recorded.js";
+import {besideStudy, givenOptions, readingFields, recordEdits, records} from "./recorded.js";
 
 const KINDS = [["outside the criteria", "circle", 3], ["not in a cluster", "x-thin-open", 6], ["in the cluster of a mode", "circle-open", 7], ["the mode itself", "diamond", 10]];
 
+let kept = null; // what was found last, with the poles taken and what was asked, so that it is there again
+
 export async function show(box, app) {
-  const files = app.folder.records.map((one) => one.path), measured = files.filter((path) => !path.endsWith(".json"));
+  const files = app.folder.records.map((one) => one.path), measured = app.folder.records.filter((one) => !one.modes).map((one) => one.path);
   if (!files.length) { fill(box, h("h1", {}, "Modes of a record"), h("p", {}, "This folder holds no record yet: drop one on the start page.")); return; }
   const record = records(app)[app.record], own = record ? besideStudy(app) + record.path : "";
   const choice = h("select", {id: "record"}, options(measured, measured.includes(own) ? own : measured[0]));
   const low = h("input", {inputmode: "decimal", placeholder: "all"}), high = h("input", {inputmode: "decimal", placeholder: "all"});
-  const rate = h("input", {inputmode: "decimal"}), channels = h("input", {spellcheck: "false"}), quantities = h("input", {spellcheck: "false"});
+  const details = h("div");
+  let fields = null;
+  const say = (given = givenOptions(app, choice.value)) => { fields = readingFields(app, choice.value, given); fill(details, fields.box); };
+  choice.addEventListener("change", () => say());
+  if (measured.length) { say(); }
   const result = h("div", {id: "survey"}), stored = h("div", {id: "saved"}), page = h("div");
-  const options_ = () => {
-    const given = {...givenOptions(app, choice.value)};
-    if (rate.value) { given.sampling_rate = Number(rate.value); }
-    if (channels.value) { given.channels = channels.value.split(",").map((one) => one.trim()); }
-    if (quantities.value) { given.quantities = quantities.value.split(",").map((one) => one.trim()); }
-    return given;
-  };
-  const band = () => (low.value && high.value ? [Number(low.value), Number(high.value)] : null);
+  const options_ = () => (fields ? fields.options() : {});
+  const band = () => bandIn(low, high, true);
   const button = h("button", {class: "main", type: "submit"}, "Find modes");
   const form = h("form", {class: "card", onsubmit: (event) => { event.preventDefault(); app.doing(button, () => find()); }},
     h("div", {class: "row end"}, field("Record", choice), field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button),
-    h("details", {}, h("summary", {}, "What the file does not say about itself"), h("div", {class: "fields"}, field("Samples a second, Hz", rate), field("Channels, as in 1X, 2X", channels), field("Quantities, as in acceleration", quantities))));
+    h("details", {}, h("summary", {}, "What the file does not say about itself"), details));
   let taken = null;
   const model = besideCard(app, () => taken), merging = mergeCard(app, options_, band, (found, folder) => keep(found, folder));
   const keep = (found, folder) => {
@@ -37,18 +37,26 @@ export async function show(box, app) {
   };
   fill(box, h("h1", {}, "Modes of a record"), measured.length ? form : null, result, stored, model.box, merging.box, page);
   const find = async () => {
+    const asked = {record: choice.value, options: options_(), band: band()}, study = app.study;
     fill(result, h("p", {class: "muted"}, "Looking at all orders… this takes from a second to some minutes."));
-    const now = (modes) => { taken = modes; model.draw(); };
-    try { picture(result, app, await post("survey", {record: choice.value, options: options_(), band: band()}), choice.value, options_(), band(), now, keep); }
+    try { drawn({study, asked, found: await post("survey", asked)}); }
     catch (error) { fill(result, h("div", {class: "card bad"}, error.message)); }
   };
+  const drawn = (one) => { kept = one; picture(result, app, one, (modes) => { taken = modes; model.draw(); }, keep); };
+  if (kept && kept.study === app.study && measured.includes(kept.asked.record)) {
+    choice.value = kept.asked.record;
+    [low.value, high.value] = kept.asked.band || ["", ""];
+    say(kept.asked.options);
+    drawn(kept);
+  }
 }
 
-function picture(box, app, found, record, given, band, now, keep) {
+function picture(box, app, one, now, keep) {
+  const {found, asked: {record, options: given, band}} = one;
   const place = h("div", {class: "plot tall", id: "stabilization"}), list = h("section", {class: "card"});
   const f = unpacked(found.poles.frequency, "f64"), order = unpacked(found.poles.order, "f32"), kind = unpacked(found.poles.kind, "u8"), ratio = unpacked(found.poles.damping, "f32");
   const shape = unpacked(found.poles.shape, "f32"), channels = found.channels.length;
-  const taken = found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], shape: found.shapes[k]}));
+  const taken = one.taken = one.taken || found.frequency.map((x, k) => ({frequency: x, std: found.frequency_std[k], damping: found.damping[k], damping_std: found.damping_std[k], shape: found.shapes[k]}));
   fill(box, h("section", {class: "card"}, h("h2", {}, "Stabilization diagram"), h("p", {class: "note"}, `Method ${found.method}. A pole that keeps its place from order to order is a mode. Click a pole to take or leave it.`), place), list,
     found.warnings.length ? h("section", {class: "card doubt"}, h("h2", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))) : null);
   const pick = (frequency, damping, moves = null) => {
@@ -72,12 +80,12 @@ function picture(box, app, found, record, given, band, now, keep) {
   };
   const panel = () => {
     const name = h("input", {value: `${record.replace(/\.[^./]*$/, "")}_modes`, spellcheck: "false"}), by = h("input", {inputmode: "decimal"});
-    const add = h("button", {type: "button", onclick: () => { if (Number(by.value) > 0) { pick(Number(by.value), NaN); } }}, "Take or leave");
-    const save = h("button", {class: "main", type: "button", disabled: !taken.length || !app.folder.writable, onclick: () => app.doing(save, async () => {
-      const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band});
+    const add = h("button", {type: "button", onclick: () => app.doing(add, async () => pick(numberIn(by, {least: 1e-9}), NaN))}, "Take or leave");
+    const save = writing(app, `Save ${taken.length} modes`, name, async (replace) => {
+      const saved = await post("pick", {record, options: given, frequencies: taken.map((one) => Number(one.frequency.toPrecision(8))), out: name.value, band, replace});
       await app.reload();
       keep(saved, name.value);
-    })}, `Save ${taken.length} modes`);
+    }, {class: "main", disabled: !taken.length || !app.folder.writable});
     fill(list, h("h2", {}, "Modes taken"),
       table(["Hz", "std", "damping ratio", "std", ""], taken.map((one) => [number(one.frequency, 6), number(one.std ?? NaN, 2), number(one.damping, 3), number(one.damping_std ?? NaN, 2), h("button", {class: "small", type: "button", "aria-label": `Leave the mode at ${number(one.frequency, 5)} Hz`, onclick: () => pick(one.frequency, one.damping)}, "Leave")]), [0, 1, 2, 3]),
       h("div", {class: "row end"}, field("A mode by its frequency, Hz", by, "short"), add), h("div", {class: "row end"}, field("Folder of the modes", name), save));

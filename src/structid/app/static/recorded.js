@@ -1,22 +1,49 @@
 // The records of a study: where they stand in its file, and the edits that add one, take its place or take it out.
-import {field, h, options} from "./dom.js";
-
-// What a file may not say about itself: key, words.
-export const MAPPING = [
-  ["sampling_rate", "Samples a second, Hz"], ["channels", "Channels, as in 2Y, 3Y"], ["quantities", "Quantities, as in force, acceleration"], ["units", "Units, as in N, g"],
-  ["columns", "Columns of a CSV, as in acc_1, acc_2"], ["time_column", "Its column of times"], ["array", "Array by name"], ["frequency_array", "Array of frequencies"], ["coherence_array", "Array of coherences"], ["outputs", "Sensors of the FRFs"], ["inputs", "Loads of the FRFs"], ["kind", "receptance, mobility or accelerance"], ["unit", "Unit of the FRFs"],
-];
-export const LISTS = ["columns", "channels", "quantities", "units", "outputs", "inputs"];
+import {field, h, numberIn, options} from "./dom.js";
 
 export const records = (app) => [app.now?.table?.record ?? []].flat();
 export const recordPath = (app) => (Array.isArray(app.now.table.record) ? ["record", app.record] : ["record"]);
 export const besideStudy = (app) => (app.study.includes("/") ? app.study.slice(0, app.study.lastIndexOf("/") + 1) : "");
-export const fileOf = (app, record) => besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0];
+// By slashes from the folder that is open; suggested studies name their records by "../..".
+export function fileOf(app, record) {
+  const parts = [];
+  for (const part of (besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0]).split("/")) { if (part === ".." && parts.length) { parts.pop(); } else if (part !== ".") { parts.push(part); } }
+  return parts.join("/");
+}
+
+// What the results of a study are called before a suffix: those of a suggested one lie beside the results that it came from.
+export const resultsName = (study) => study.replace(/\.toml$/, "").replace(/\/suggestions\/(?=[^/]*$)/, "_");
 
 // What the study says of the same file.
 export function givenOptions(app, path) {
   const record = records(app).find((one) => fileOf(app, one) === path);
-  return Object.fromEntries(Object.entries(record || {}).filter(([key]) => MAPPING.some(([name]) => name === key) || ["start", "stop", "longest_gap", "csv"].includes(key)));
+  return Object.fromEntries(Object.entries(record || {}).filter(([key]) => app.folder.reading.some((one) => key === (one.within || one.name))));
+}
+
+// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say.
+export function readingFields(app, path, given) {
+  const isTable = /\.(csv|txt|tsv)$/i.test(path);
+  const all = app.folder.reading, layout = all.filter((one) => one.within === "csv"), rest = all.filter((one) => !one.within);
+  const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
+    const value = [(one.within ? given[one.within]?.[one.name] : given[one.name]) ?? ""].flat().join(", "), name = one.name;
+    return {...one, input: one.choices.length ? h("select", {name}, options(one.choices, value || one.default)) : h("input", {name, value, placeholder: String(one.default), inputmode: one.is_number ? "decimal" : null, spellcheck: "false"})};
+  });
+  const said = () => {
+    const found = {};
+    for (const {input, name, within, ...one} of rows) {
+      const text = input.value.trim();
+      if (!text || text === String(one.default)) { continue; }
+      const place = within ? (found[within] = found[within] || {}) : found;
+      place[name] = one.is_number ? numberIn(input) : one.is_list ? text.split(",").map((part) => part.trim()) : text;
+    }
+    return found;
+  };
+  return {options: said, box: h("div", {class: "fields reading"}, rows.map((one) => {
+    const place = field(one.name.replaceAll("_", " "), one.input), id = `${one.input.id}-words`;
+    one.input.setAttribute("aria-describedby", id);
+    place.append(h("span", {class: "note", id}, one.words));
+    return place;
+  }))};
 }
 
 // Edits that make a record of `keys` and of `tables` in it: `instead` of the shown one, and `beside` those there are.

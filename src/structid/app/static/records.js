@@ -1,7 +1,7 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "./api.js";
 import {chart, colours} from "./charts.js";
-import {field, fill, h, options, table, toml, typed, unitText, unpacked} from "./dom.js";
+import {bandIn, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "./dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "./recorded.js";
 import {facts, use} from "./start.js";
 import {priorWords, priorWritten} from "./unknowns.js";
@@ -84,7 +84,7 @@ function channelErrors(box, app, found) {
 async function time(box, app, record, given, found) {
   const shown = new Set(found.channels.slice(0, 4).map((one, k) => k)), place = h("div", {class: "plot", id: "histories"}), words = h("p", {class: "note", "aria-live": "polite"});
   const from = h("input", {inputmode: "decimal", value: "0"}), to = h("input", {inputmode: "decimal", value: typed(found.seconds)});
-  const button = h("button", {type: "button", onclick: () => app.doing(button, () => draw(Number(from.value), Number(to.value)))}, "Show");
+  const button = h("button", {type: "button", onclick: () => app.doing(button, () => draw(...bandIn(from, to)))}, "Show");
   const all = h("button", {type: "button", onclick: () => app.doing(all, () => draw(0, null))}, "All");
   fill(box, h("h2", {}, "Time histories"), channelList(found.channels.map((one) => one.name + (one.quantity ? " " + one.quantity : "")), shown, () => draw(...range)),
     h("div", {class: "row end"}, field("from, s", from, "short"), field("to, s", to, "short"), button, all), place, words);
@@ -99,7 +99,7 @@ async function time(box, app, record, given, found) {
       at.forEach((t, i) => { x[2 * i] = x[2 * i + 1] = t; y[2 * i] = low[i]; y[2 * i + 1] = high[i]; });
       const tag = row ? String(row + 1) : "";
       traces.push({x, y, name: told.names[k], mode: "lines", line: {width: 1, color: colours()[row % 7]}, yaxis: "y" + tag, hovertemplate: "%{x:.6g} s: %{y:.4g}<extra></extra>", showlegend: false});
-      layout["yaxis" + tag] = {domain: [1 - (row + 1) / wanted.length + 0.02, 1 - row / wanted.length - 0.02], title: {text: `${told.names[k].replace(/ (\w+)$/, "<br>$1")}, ${unitText(told.units[k])}`, font: {size: 11}}, nticks: 4, fixedrange: true};
+      layout["yaxis" + tag] = {domain: [1 - (row + 1) / wanted.length + 0.02, 1 - row / wanted.length - 0.02], title: {text: withUnit(told.names[k].replace(/ (\w+)$/, "<br>$1"), told.units[k]), font: {size: 11}}, nticks: 4, fixedrange: true};
     });
     layout.xaxis = {title: {text: "time, s"}, anchor: "y" + (wanted.length > 1 ? wanted.length : ""), range: [first, last ?? told.seconds]};
     place.style.height = `${Math.max(220, 60 + 120 * wanted.length)}px`;
@@ -130,13 +130,13 @@ async function lines(box, app) {
   try { told = await post("responses", {study: app.study, outputs: [], number: app.record}); } catch (error) { fill(box, h("h2", {}, "Responses"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); return; }
   const mode = h("select", {id: "drag"}, options([["zoom", "zooms"], ["band", "sets the band"], ["exclude", "leaves lines out"]]));
   mode.addEventListener("change", () => draw());
-  fill(box, h("h2", {}, `Responses: ${told.kind}, ${unitText(told.unit)}`), channelList(told.pairs.map((one) => `${one.output} / ${one.input}`), shown, () => draw()),
+  fill(box, h("h2", {}, `Responses: ${withUnit(told.kind, told.unit)}`), channelList(told.pairs.map((one) => `${one.output} / ${one.input}`), shown, () => draw()),
     h("div", {class: "row end"}, field("Dragging", mode), bandPlace), place, h("p", {class: "note"}, `Noise: ${told.noise}. ${told.thinned > 1 ? `Every ${told.thinned}th line is drawn.` : ""}`));
   const f = unpacked(told.frequency, "f64");
   const set = async (edit, words) => { if (await app.edit([edit], words)) { const method = app.now.table.method || {}; told.band = method.band ?? null; told.exclude = method.exclude ?? []; bands(); await draw(); } };
   const bands = () => {
     const low = h("input", {value: typed(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}), high = h("input", {value: typed(told.band?.[1] ?? f.at(-1), 5), inputmode: "decimal"});
-    const button = h("button", {type: "button", onclick: () => app.doing(button, () => set({set: ["method", "band"], to: written([Number(low.value), Number(high.value)])}, "The band is set"))}, "Set band");
+    const button = h("button", {type: "button", onclick: () => app.doing(button, () => set({set: ["method", "band"], to: written(bandIn(low, high))}, "The band is set"))}, "Set band");
     const out = (told.exclude || []).length ? h("button", {type: "button", onclick: (event) => app.doing(event.target, () => set({remove: ["method", "exclude"]}, "No line is left out"))}, `Take the ${told.exclude.length} stretches left out back in`) : null;
     fill(bandPlace, h("div", {class: "row end"}, field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button, out));
   };
@@ -151,7 +151,7 @@ async function lines(box, app) {
     });
     const hasError = told.pairs.some((one) => one.error), below = Number(hasCoherence) + Number(hasError), step = 0.19, at = (k) => [k * step, k * step + step - 0.04];
     const layout = {again: () => draw(), uirevision: "kept" + mode.value, dragmode: mode.value === "zoom" ? "zoom" : "select", selectdirection: "h", xaxis: {title: {text: "frequency, Hz"}, anchor: below ? `y${2 + below}` : "y2"},
-      yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.unit)}`}, domain: [(below + 1) * step, 1]}, yaxis2: {title: {text: "phase, °", font: {size: 11}}, range: [-185, 185], tickvals: [-180, 0, 180], domain: at(below)}};
+      yaxis: {type: "log", exponentformat: "power", title: {text: withUnit("magnitude", told.unit)}, domain: [(below + 1) * step, 1]}, yaxis2: {title: {text: "phase, °", font: {size: 11}}, range: [-185, 185], tickvals: [-180, 0, 180], domain: at(below)}};
     if (hasCoherence) { layout.yaxis3 = {title: {text: "coherence", font: {size: 11}}, range: [0, 1.03], domain: at(Number(hasError)), nticks: 3}; }
     if (hasError) { layout[hasCoherence ? "yaxis4" : "yaxis3"] = {title: {text: "error, %", font: {size: 11}}, domain: at(0), type: "log", nticks: 3, exponentformat: "power"}; }
     layout.shapes = [];

@@ -1,12 +1,13 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
 import {get, link, view} from "./api.js";
 import {bytes, field, fill, h, number, options, percent, quantity, table} from "./dom.js";
+import {resultsName} from "./recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
 
 export async function show(box, app) {
   await app.reload();
-  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path), base = app.study.replace(/\.toml$/, "");
+  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path), base = resultsName(app.study);
   if (!all.length) { fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study (step 6).")); return; }
   const first = all.find((path) => base && path.startsWith(base)) || all[0];
   const choice = h("select", {id: "results", onchange: () => draw()}, options(all, first)), other = h("select", {id: "other", onchange: () => draw()}, options([["", "none"], ...all]));
@@ -15,7 +16,7 @@ export async function show(box, app) {
   const draw = async () => {
     try {
       const found = await get("results", {results: choice.value}), beside = other.value ? await get("results", {results: other.value}) : null;
-      fill(place, verdict(found.results), values(found.results, beside?.results, choice.value, other.value), exported(choice.value, found.files),
+      fill(place, verdict(found.results), changes(found.results, choice.value, found.files), values(found.results, beside?.results, choice.value, other.value), exported(choice.value, found.files),
         found.report ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(found.report), title: `Report in ${choice.value}`}) : h("p", {class: "note"}, "These results hold no report page."));
     } catch (error) { fill(place, h("div", {class: "card bad"}, error.message)); }
   };
@@ -28,6 +29,15 @@ function verdict(found) {
     reasons.length ? h("ul", {class: "warnings"}, reasons.map((words) => h("li", {}, words))) : null,
     (found.causes || []).length ? h("ul", {class: "warnings"}, found.causes.slice(0, 4).map((one) => h("li", {}, `${one.words}: removes ${percent(one.share)} of the misfit`))) : null,
     (found.warnings || []).length ? h("details", {}, h("summary", {}, `${found.warnings.length} warnings`), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))) : null);
+}
+
+// What may be wrong with the model, each as a study that can be opened and run.
+function changes(found, folder, files) {
+  const there = new Set(files.map((one) => one.path)), named = [...(found.causes || []), ...(found.suggestions || [])].filter((one) => one.study && there.has(`${folder}/${one.study}`));
+  return named.length ? h("section", {class: "card", id: "suggested"}, h("h2", {}, "Changes of the model that were tried, each as a study"), h("ul", {class: "plain"}, named.map((one) => h("li", {},
+    h("p", {}, `${one.words}: removes ${percent(one.share)} of the misfit`),
+    h("details", {}, h("summary", {}, "Lines that it changes"), h("pre", {class: "log", tabindex: 0}, one.lines.join("\n"))),
+    h("a", {class: "button", href: `#structure/${encodeURIComponent(`${folder}/${one.study}`)}`}, `Open ${one.study.split("/").at(-1)}`))))) : null;
 }
 
 function values(found, beside, name, otherName) {

@@ -2,6 +2,7 @@
 import {get, post} from "./api.js";
 import {chart, colours} from "./charts.js";
 import {bytes, clock, field, fill, h, quantity, table} from "./dom.js";
+import {resultsName} from "./recorded.js";
 
 export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
 const LIVE = ["running", "paused", "stopping"];
@@ -26,7 +27,7 @@ export async function show(box, app) {
 
 function start(app) {
   const free = () => {
-    const base = app.study.replace(/\.toml$/, ""), taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
+    const base = resultsName(app.study), taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
     let name = `${base}_results`;
     for (let k = 2; taken.has(name); k += 1) { name = `${base}_results_${k}`; }
     return name;
@@ -39,7 +40,7 @@ function start(app) {
   })}, "Identify");
   const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {
     fill(needs, "Timing a few lines…");
-    try { const found = await get("needs", {study: app.study}); fill(needs, `About ${clock(found.seconds)}, ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
+    try { const found = await get("needs", {study: app.study}); fill(needs, `One iteration takes about ${clock(found.iteration_seconds)}, and a run from some ten to many hundred of them: how many, the record decides, and whether causes of a misfit are sought. The first seconds go to reading. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
   })}, "What will it take?");
   return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), go, ask), needs, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
 }
@@ -92,8 +93,8 @@ class Card {
     this.plot.hidden = costs.length < 2;
     if (costs.length > 1) {
       const begun = costs[0].time, stages = [...new Set(costs.map((one) => one.name))];
-      await chart(this.plot, stages.map((name, k) => { const own = costs.filter((one) => one.name === name); return {x: own.map((one) => one.time - begun), y: own.map((one) => one.sum_of_squares), name, mode: "lines+markers", marker: {size: 4}, line: {width: 1.5, color: colours()[k % 7]}, hovertemplate: "%{x:.1f} s: %{y:.5g}<extra></extra>"}; }),
-        {again: () => this.draw().catch(this.app.fail), xaxis: {title: {text: "s"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4}, showlegend: stages.length > 1 && this.plot.clientWidth > 500});
+      await chart(this.plot, stages.map((name, k) => { const own = costs.filter((one) => one.name === name); return {x: own.map((one) => one.time - begun), y: own.map((one) => one.sum_of_squares), name, mode: "lines+markers", marker: {size: 4}, line: {width: 1.5, color: colours()[k % 7]}, hovertemplate: "%{fullData.name}<br>%{x:.1f} s: %{y:.5g}<extra></extra>"}; }),
+        {again: () => this.draw().catch(this.app.fail), xaxis: {title: {text: "s"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4}, margin: {l: 76, r: 14, t: 30, b: 46}, showlegend: stages.length > 1 && stages.length <= 6 && this.plot.clientWidth > 500});
     }
     const rows = costs.filter((one) => one.parameters?.length).map((one) => one.parameters), last = rows.at(-1);
     if (last) { const first = rows[0]; fill(this.values, h("details", {open: last.length <= 12}, h("summary", {}, `${last.length} parameters as they move`), table(["parameter", "first", "now"], last.map((one) => [one.name, quantity(first.find((other) => other.name === one.name)?.value ?? NaN, one.unit), quantity(one.value, one.unit)]), [1, 2]))); }

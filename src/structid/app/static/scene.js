@@ -60,11 +60,12 @@ export class Scene {
     this.told = told;
     this.labels = unpacked(told.labels, "i32");
     this.places = unpacked(told.places, "f32");
+    this.moves = unpacked(told.moves, "u8");
     const n = this.labels.length, low = [1e300, 1e300, 1e300], high = [-1e300, -1e300, -1e300];
     for (let k = 0; k < 3 * n; k += 1) { low[k % 3] = Math.min(low[k % 3], this.places[k]); high[k % 3] = Math.max(high[k % 3], this.places[k]); }
     this.centre = low.map((x, k) => (x + high[k]) / 2);
     this.size = Math.hypot(...high.map((x, k) => x - low[k])) || 1;
-    const flat = high.map((x, k) => x - low[k] < 1e-6 * this.size), bends = told.active.includes("Z") && flat[2];
+    const flat = high.map((x, k) => x - low[k] < 1e-6 * this.size), bends = flat[2] && this.moves.some((ways) => ways & 4);
     if (flat[2] && !bends) { this.azimuth = -90; this.elevation = 90; } else if (flat[1] && flat[0]) { this.azimuth = -90; this.elevation = 8; } else if (bends) { this.elevation = 38; }
     this.first = [this.azimuth, this.elevation];
     this.row = new Map();

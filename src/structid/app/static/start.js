@@ -1,20 +1,22 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put} from "./api.js";
-import {bytes, field, fill, h, number, options, table} from "./dom.js";
-import {besideStudy, givenOptions, LISTS, MAPPING, recordEdits, records} from "./recorded.js";
+import {bytes, field, fill, h, number, numberIn, options, table} from "./dom.js";
+import {besideStudy, givenOptions, readingFields, recordEdits, records} from "./recorded.js";
 
 export async function show(box, app) {
   await app.reload();
   document.getElementById("study").value = app.study;
-  const {studies, records, models, writable} = app.folder, made = await fresh(app);
+  const {records, models, writable} = app.folder, made = await fresh(app), list = h("section", {class: "card"});
+  const draw = ({studies}) => fill(list, h("h2", {}, "Studies in this folder"), studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
+    h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
+    h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
+    : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder."));
+  draw(app.folder);
+  app.heard.add(({folder}) => { if (folder) { draw(folder); } });
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
     h("div", {class: "columns"},
-      h("div", {}, h("section", {class: "card"}, h("h2", {}, "Studies in this folder"),
-        studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
-          h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
-          h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
-          : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder.")), recent(app)),
+      h("div", {}, list, recent(app)),
       made.box),
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
@@ -51,8 +53,8 @@ async function fresh(app) {
     fill(told);
     fill(files, [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))].filter((each) => MESH.test(each.path) === isMesh).map((each) => h("option", {value: each.path})));
     fill(groups);
-    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
-      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ["path", "length_unit"].includes(ask.name) ? () => look() : null}))));
+    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, ask.choices.length ? h("select", {name: ask.name, onchange: isMesh ? () => look() : null}, options(ask.choices, given[ask.name] ?? ask.default)) : h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
+      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ask.name === "path" ? () => look() : null}))));
     const taken = app.folder.studies.map((each) => each.path);
     let count = 1, wanted = `${given.name || one.name}.toml`;
     while (taken.includes(wanted)) { count += 1; wanted = `${given.name || one.name}_${count}.toml`; }
@@ -78,7 +80,7 @@ async function fresh(app) {
   const button = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
   const form = h("form", {onsubmit: (event) => {
     event.preventDefault();
-    const numbers = Object.fromEntries([...inputs.querySelectorAll("input")].map((one) => [one.name, one.value]));
+    const numbers = Object.fromEntries([...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]));
     app.doing(button, async () => {
       const {path} = await post("init", {template: kind.value, path: name.value, numbers});
       await app.reload();
@@ -95,7 +97,7 @@ function drop(app) {
     ondragleave: () => place.classList.remove("over"),
     ondrop: (event) => { event.preventDefault(); place.classList.remove("over"); take(event.dataTransfer.files); }},
   h("p", {}, "Drop records, meshes, matrices or studies here, or ", h("label", {for: "files"}, "choose files: "), input),
-  h("p", {class: "note"}, "They are copied into the folder. NPZ, NPY, HDF5, CSV, MAT, UFF; meshes and matrices as docs/meshes.md and docs/import-models.md name them."));
+  h("p", {class: "note"}, "They are copied into the folder. Records as docs/record-files.md names them, tables of modes, meshes and matrices as docs/meshes.md and docs/import-models.md name them."));
   const take = async (files) => {
     for (const file of files) {
       try {
@@ -119,25 +121,25 @@ export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
   let found = null, failed = "";
   try { found = await post("facts", {record: path, options: given}); } catch (error) { failed = error.message; }
-  const inputs = MAPPING.map(([name, words]) => field(words, h("input", {name, value: [given[name] ?? ""].flat().join(", "), spellcheck: "false"})));
+  const fields = readingFields(app, path, given);
   const again = h("button", {type: "submit"}, "Read it so");
   const mapping = h("form", {onsubmit: (event) => {
     event.preventDefault();
-    const next = Object.fromEntries([...new FormData(event.target)].filter(([, value]) => value.trim()).map(([key, value]) =>
-      [key, LISTS.includes(key) ? value.split(",").map((part) => part.trim()) : key === "sampling_rate" ? Number(value) : value.trim()]));
-    app.doing(again, () => understood(app, path, place, next));
-  }}, h("div", {class: "fields"}, inputs), again);
+    app.doing(again, async () => understood(app, path, place, fields.options()));
+  }}, fields.box, again);
   fill(place, failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
     h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), mapping),
     found && app.study ? use(app, path, found, given) : found ? h("p", {class: "note"}, "Open a study above to use this record in it.") : null);
 }
 
+const counted = (channels) => (channels.length === 1 ? "1 channel" : `${channels.length} channels`);
+
 export function facts(found) {
+  if (found.kind === "modes") { return h("div", {}, h("p", {}, `a table of ${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz: a study reads it with [record.modes]`), h("details", {}, h("summary", {}, counted(found.channels)), h("p", {}, found.channels.map((one) => one.name).join(", ")))); }
   const size = found.kind === "time histories" ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
-    : found.kind === "modes" ? `${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz`
       : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
-  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, `${found.channels.length} channels`),
+  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
     table(["channel", "", "quantity", "unit"], found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]))) : h("p", {}, `${found.channels.length} channels`),
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }
@@ -151,7 +153,7 @@ export function use(app, path, found, given) {
   const edits = () => {
     const keys = {path: JSON.stringify(name), ...Object.fromEntries(Object.entries(given).filter(([key]) => key !== "csv").map(([key, value]) => [key, written(value)]))}, tables = {};
     if (given.csv) { tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)])); }
-    if (isTime) { tables.frf = {segment_length: String(Math.round(Number(segment.value)))}; }
+    if (isTime) { tables.frf = {segment_length: String(Math.round(numberIn(segment, {least: 2})))}; }
     if (found.kind === "modes") { tables.modes = {form: '"output"'}; }
     return recordEdits(app, keys, tables);
   };

@@ -14,7 +14,7 @@ export async function show(box, app) {
     h("div", {class: "hint"}, "Drag to turn, Shift and drag to move, wheel to zoom, click a node"));
   const sets = h("section", {class: "card"}), node = h("section", {class: "card", id: "node"}), sensors = h("section", {class: "card", id: "sensors"});
   const places = h("section", {class: "card doubt", id: "marked", hidden: true});
-  const checked = h("section", {class: "card", id: "checked"}, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
+  const checked = h("section", {class: "card", id: "checked"});
   fill(box, h("h1", {}, app.now.table?.title || app.study), recordPicker(app), h("div", {class: "beside"}, h("div", {class: "main-part"}, stage, places, checked), h("div", {class: "side-part"}, node, sensors, sets)));
   const state = {app, channels: [], chosen: null, node: null, failed: ""};
   const scene = new Scene(stage, (label) => { state.node = label; drawNode(); });
@@ -37,6 +37,7 @@ export async function show(box, app) {
     scene.ask();
     drawSensors();
     drawNode();
+    showCheck(checked, app, mark);
   }
 
   function drawSets() {
@@ -47,10 +48,9 @@ export async function show(box, app) {
         h("details", {}, h("summary", {}, "properties"), table(["property", "nominal"], one.properties.map((p) => [p.name, p.low === p.high ? quantity(p.low, p.unit) : `${quantity(p.low, p.unit)} to ${quantity(p.high, p.unit)}`])))))));
   }
 
-  await refresh();
   const mark = (findings) => { marked(places, scene, findings); };
   mark(told.findings);
-  showCheck(checked, app, mark);
+  await refresh();
 }
 
 // What is doubtful in places: a number in the picture, the words beside it.
@@ -98,15 +98,15 @@ function nodePanel(place, state, told, refresh) {
   }});
   const parts = [h("h2", {}, "Node"), h("div", {class: "row end"}, field("Number", input, "short"), label === null ? h("span", {class: "muted"}, "none chosen") : h("span", {class: "muted"}, `at (${[0, 1, 2].map((k) => number(scene.places[3 * row + k], 4)).join(", ")}) m`))];
   if (label !== null) {
-    const held = told.supports.find((one) => one.node === row), moves = told.active.filter((one) => one.length === 1 && !(held?.directions.includes(one)));
-    const ways = WAYS.filter(([name]) => moves.includes(name.slice(1))), way = h("select", {id: "way"}, options(ways.map(([name]) => name)));
+    const held = told.supports.find((one) => one.node === row);
+    const ways = WAYS.filter((_, k) => scene.moves[row] & (1 << Math.floor(k / 2))), way = h("select", {id: "way"}, options(ways.map(([name]) => name)));
     const custom = h("input", {id: "vector", placeholder: "or a vector: 0.3, 0.95, 0", "aria-label": "Direction as a vector"});
     if (held) { parts.push(h("p", {class: "muted"}, `held: ${held.directions.join(" ")}`)); }
     if (there.length) { parts.push(h("p", {}, `here: ${there.map((one) => one.name).join(", ")}`)); }
     if (!app.folder.writable) { parts.push(h("p", {class: "note"}, "The folder is read only.")); } else if (!ways.length) { parts.push(h("p", {class: "note"}, "This node does not move along any axis.")); } else if (told.has_record) {
       if (!chosen) { parts.push(h("p", {class: "note"}, "Choose a channel in the list below to place it here.")); } else {
         const button = h("button", {class: "main", type: "button", onclick: () => app.doing(button, async () => {
-          const vector = custom.value.trim() ? custom.value.split(",").map(Number) : WAYS.find(([name]) => name === way.value)[1];
+          const vector = custom.value.trim() ? custom.value.split(",").map((part) => (part.trim() ? Number(part) : NaN)) : WAYS.find(([name]) => name === way.value)[1];
           const key = (chosen.role === "load" && !state.channels.some((one) => one.role === "sensor" && one.name === chosen.name) ? "" : chosen.role === "load" ? "load " : "") + chosen.name.replace(/[+-]$/, "");
           if (vector.length !== 3 || vector.some((x) => !Number.isFinite(x))) { throw new Error("A direction is three numbers, as in 0.3, 0.95, 0"); }
           const sign = chosen.name.endsWith("-") ? -1 : 1;
@@ -149,15 +149,17 @@ function declaredKey(app, chosen) {
 }
 
 async function showCheck(place, app, mark) {
-  const study = app.study;
+  const {study, now} = app;
+  fill(place, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
   try {
     if (!app.now.table.record) {
       await get("line", {study});
+      if (app.now !== now) { return; }
       fill(place, h("h2", {}, "What check says"), h("p", {}, "The study can be read. What data can determine is told once there is a record, or by a plan (step 5)."));
       return;
     }
     const found = await get("check", {study});
-    if (app.study !== study) { return; }
+    if (app.now !== now) { return; }
     mark(found.findings);
     fill(place, h("h2", {}, "What check says"),
       h("p", {}, h("span", {class: "state " + (found.determined ? "good" : "bad")}, found.determined ? "data and priors determine every parameter" : "the data do not determine every parameter")),
@@ -168,6 +170,7 @@ async function showCheck(place, app, mark) {
         h("details", {open: true}, h("summary", {}, "Modes of the initial model"), table(["mode", "Hz", "damping ratio", "lines a bandwidth"], found.modes.map((one, k) => [String(k + 1), number(one[0]), number(one[1], 3), one[2] ? number(one[3], 3) : "outside"]), [1, 2, 3])),
         h("details", {open: found.channels.length < 15}, h("summary", {}, `What ${found.channels.length} channels see`), table(["channel", "", "sees"], found.channels.map((one) => one)))));
   } catch (error) {
-    fill(place, h("h2", {}, "What check says"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message), h("a", {href: `#text/${encodeURIComponent(study)}${/line (\d+)/.test(error.message) ? "" : ""}`}, "Open the study file"));
+    if (app.now !== now) { return; }
+    fill(place, h("h2", {}, "What check says"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message), h("a", {href: `#text/${encodeURIComponent(study)}`}, "Open the study file"));
   }
 }

@@ -3,8 +3,10 @@ import {get, post} from "./api.js";
 import {fill, h} from "./dom.js";
 
 export async function show(box, app) {
+  const study = app.study, draft = app.drafts.get(study);
+  let base = draft?.digest ?? app.now.digest; // of the file that what is typed began from
   const numbers = h("pre", {"aria-hidden": "true"}), told = h("div", {"aria-live": "polite"});
-  const area = h("textarea", {spellcheck: "false", autocapitalize: "off", wrap: "off", "aria-label": "Text of the study", oninput: () => { save.disabled = false; draw(); }, onscroll: () => { numbers.scrollTop = area.scrollTop; }});
+  const area = h("textarea", {spellcheck: "false", autocapitalize: "off", wrap: "off", "aria-label": "Text of the study", oninput: () => { app.drafts.set(study, {text: area.value, digest: base}); save.disabled = false; draw(); }, onscroll: () => { numbers.scrollTop = area.scrollTop; }});
   let wrong = 0;
   const draw = () => {
     const count = area.value.split("\n").length;
@@ -23,32 +25,36 @@ export async function show(box, app) {
     wrong = 0;
     fill(told);
     if (app.now.broken) { jump(app.now.broken.line, app.now.broken.words); return; }
-    try { await get("line", {study: app.study}); fill(told, h("p", {class: "muted"}, "The study can be read.")); } catch (error) {
+    try { await get("line", {study}); fill(told, h("p", {class: "muted"}, "The study can be read.")); } catch (error) {
       const found = /line (\d+)(?:, column \d+)?: ([\s\S]*)/.exec(error.message);
       if (found) { jump(Number(found[1]), found[2]); } else { fill(told, h("div", {class: "card bad"}, error.message)); }
     }
     draw();
   };
   const save = h("button", {class: "main", type: "button", disabled: true, onclick: () => app.doing(save, async () => {
+    const text = area.value;
     try {
-      app.now = await post("study", {study: app.study, text: area.value, digest: app.now.digest});
-      app.say(`${app.study}: saved`);
-      queueMicrotask(() => { save.disabled = true; });
+      const saved = await post("study", {study, text, digest: base});
+      base = saved.digest;
+      if (app.study === study) { app.now = saved; }
+      if (area.value === text) { app.drafts.delete(study); } else { app.drafts.set(study, {text: area.value, digest: base}); }
+      app.say(`${study}: saved`);
       await judge();
     } catch (error) {
       if (error.status !== 409) { throw error; }
-      conflict(await get("study", {study: app.study}));
+      conflict(await get("study", {study}));
     }
-  })}, "Save");
-  const conflict = (found) => {
-    const keep = h("button", {type: "button", onclick: () => { app.now = found; fill(told); save.disabled = false; app.say("Saving now replaces what the other wrote."); }}, "Keep mine");
-    const take = h("button", {type: "button", onclick: () => { app.now = found; area.value = found.text; save.disabled = true; judge(); }}, "Take what is in the file");
-    fill(told, h("div", {class: "card doubt"}, h("p", {}, "The file was changed by another page or program since it was read. What you typed is still here."), h("div", {class: "row"}, keep, take)));
-  };
-  app.heard.add(({changed}) => { if (changed && changed.digest !== app.now.digest) { if (save.disabled) { app.now = changed; area.value = changed.text; judge(); } else { conflict(changed); } } });
-  fill(box, h("h1", {}, app.study), h("div", {class: "row"}, save, h("span", {class: "note"}, "The file is the one truth: every step of this page reads and writes it. Ctrl-S saves.")), told, h("div", {class: "editor"}, numbers, area));
-  area.value = app.now.text;
+  }).then(() => { save.disabled = !app.drafts.has(study); })}, "Save");
+  const take = (found) => { app.now = found; base = found.digest; app.drafts.delete(study); area.value = found.text; save.disabled = true; judge(); };
+  const choice = (words, found, ...others) => fill(told, h("div", {class: "card doubt"}, h("p", {}, words), h("div", {class: "row"}, others, h("button", {type: "button", onclick: () => take(found)}, "Take what is in the file"))));
+  const conflict = (found) => choice("The file was changed since this was typed, by another step, page or program. What you typed is still here.", found,
+    h("button", {type: "button", onclick: () => { app.now = found; base = found.digest; app.drafts.set(study, {text: area.value, digest: base}); fill(told); save.disabled = false; app.say("Saving now replaces what the other wrote."); }}, "Keep mine"));
+  app.heard.add(({changed}) => { if (changed && changed.digest !== base) { if (app.drafts.has(study)) { conflict(changed); } else { take(changed); } } });
+  fill(box, h("h1", {}, study), h("div", {class: "row"}, save, h("span", {class: "note"}, "The file is the one truth: every step of this page reads and writes it. Ctrl-S saves.")), told, h("div", {class: "editor"}, numbers, area));
+  area.value = draft ? draft.text : app.now.text;
   box.addEventListener("keydown", (event) => { if ((event.ctrlKey || event.metaKey) && event.key === "s") { event.preventDefault(); save.click(); } });
   draw();
-  await judge();
+  if (!draft) { await judge(); return; }
+  save.disabled = false;
+  if (draft.digest === app.now.digest) { choice("What you typed is still here, and not saved yet.", app.now); } else { conflict(app.now); }
 }

@@ -1,11 +1,11 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "./api.js";
-import {field, fill, h, options, percent, quantity, table, toml, typed} from "./dom.js";
+import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "./dom.js";
 
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}), list = h("section", {class: "card", id: "unknowns"}), predicted = h("section", {class: "card", id: "predicted"}), plan = h("section", {class: "card"});
   fill(box, h("h1", {}, "Unknowns and plan"), list, fresh(app, told, () => refresh()), predicted, plan);
-  const refresh = async () => { draw(list, app, () => refresh()); await predict(predicted, app, list); };
+  const refresh = async () => { draw(list, app, told, () => refresh()); await predict(predicted, app, list); };
   planning(plan, app);
   await refresh();
 }
@@ -13,7 +13,13 @@ export async function show(box, app) {
 const shown = (value) => (value === undefined ? "" : Array.isArray(value) ? value.map(shown).join(", ") : typeof value === "number" ? String(value) : String(value));
 const literal = (text) => { const value = text.trim(); return /^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$/.test(value) ? (value.startsWith(".") ? "0" + value : value.endsWith(".") ? value + "0" : value) : null; };
 
-const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text} is no number`); } return found; };
+export function boundsWritten(text) {
+  const ends = text.split(",").map(numeric);
+  if (ends.length !== 2 || !(Number(ends[0]) < Number(ends[1]))) { throw new Error("Bounds are written low, high, as in 20.5, 30"); }
+  return `[${ends.join(", ")}]`;
+}
+
+const numeric = (text) => { const found = literal(text); if (found === null) { throw new Error(`${text.trim() || "nothing"} is no number; write it as in 20.5 or 2.1e11`); } return found; };
 
 // A prior as it is shown, and as the study has it: mean ± std, in the unit or in per cent.
 export const priorWords = (prior) => (prior ? `${shown(prior.mean)} ± ${prior.std !== undefined ? shown(prior.std) : typed(100 * prior.relative_std) + " %"}` : "");
@@ -22,25 +28,36 @@ export function priorWritten(text) {
   const found = /^\s*([^\s±]+?)\s*(?:±|\+-|\s)\s*([^\s±%]+)\s*(%?)$/.exec(text);
   if (!found) { throw new Error("A prior is written mean ± std, as in 6.5 ± 0.5 or 6.5 ± 10 %"); }
   const spread = numeric(found[2]);
+  if (!(Number(spread) > 0)) { throw new Error("The std of a prior must be greater than 0"); }
   return `{ mean = ${numeric(found[1])}, ${found[3] ? `relative_std = ${Number(spread) / 100}` : `std = ${spread}`} }`;
 }
 
-function draw(place, app, changed) {
+// The property of an entry as the structure has it, for its unit and nominal value.
+function nominal(told, entry) {
+  const names = [entry.elements ?? []].flat().map((one) => String(one).split(":")[0]);
+  return told.sets.filter((one) => names.includes(one.name)).flatMap((one) => one.properties).find((one) => one.name === entry.property);
+}
+
+function draw(place, app, told, changed) {
   const list = app.now.table.unknown || [];
-  const cell = (words, label, save) => {
-    const input = h("input", {value: words, "aria-label": label, spellcheck: "false", disabled: !app.folder.writable, size: Math.max(7, Math.min(16, words.length + 1))});
-    input.addEventListener("change", () => app.doing(input, async () => { if (await save(input.value.trim())) { changed(); } }));
+  const cell = (words, label, save, placeholder = "") => {
+    const input = h("input", {value: words, placeholder, "aria-label": label, spellcheck: "false", disabled: !app.folder.writable, size: Math.max(7, Math.min(16, words.length + 1))});
+    input.addEventListener("change", () => app.doing(input, async () => {
+      input.setAttribute("aria-invalid", "true");
+      if (await save(input.value.trim())) { changed(); }
+      input.removeAttribute("aria-invalid");
+    }));
     return input;
   };
   const change = (k, key, value, remove = value === "") => app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
   fill(place, h("h2", {}, `Unknowns (${list.length} entries)`), list.length ? table(["property", "elements", "predicted std", "each", "start", "bounds", "prior", "fixed", ""], list.map((one, k) => {
     const name = `${one.property} of ${shown(one.elements)}`;
-    const has = (key) => one[key] !== undefined;
+    const has = (key) => one[key] !== undefined, own = nominal(told, one), unit = unitText(own?.unit);
     const flag = (key) => h("input", {type: "checkbox", checked: Boolean(one[key]), disabled: !app.folder.writable, "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`, onchange: (event) => app.doing(event.target, async () => { if (await change(k, key, "true", !event.target.checked)) { changed(); } })});
     const prior = priorWords(one.prior);
-    return [one.property + (one.field ? " (field)" : ""), shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
-      cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
-      cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : `[${text.split(",").map((part) => numeric(part)).join(", ")}]`) : false),
+    return [[one.property + (one.field ? " (field)" : ""), unit ? h("span", {class: "muted"}, `, ${unit}`) : null], shown(one.elements), h("span", {"data-predicted": String(k)}, "…"), flag("each"),
+      cell(shown(one.start), `start: ${name}`, (text) => text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false, own && own.low === own.high ? typed(own.low) : ""),
+      cell(shown(one.bounds), `bounds: ${name}`, (text) => text || has("bounds") ? change(k, "bounds", text === "" ? "" : boundsWritten(text)) : false),
       cell(prior, `prior: ${name}`, (text) => {
         if (!text) { return has("prior") ? change(k, "prior", "") : false; }
         return change(k, "prior", priorWritten(text));

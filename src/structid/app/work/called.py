@@ -60,8 +60,9 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
 
 
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Any:
-    from structid.study.templates import TEMPLATES, MeshTemplate, template_with, write_study
+    from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
+    path = str(study_file(Path(path)))
     if template not in TEMPLATES:
         raise InputError(f"there is no template {template!r}")
     made = template_with(TEMPLATES[template], numbers)
@@ -153,7 +154,7 @@ def _needs(opened: OpenFolder, study: str) -> Any:
 
     read = load_study(opened.inside(study), work=LOOKING)
     found = measured_needs(read, study_problems(read))
-    return {"bytes": found.bytes_needed, "free": available_bytes(), "seconds": found.seconds(1)}
+    return {"bytes": found.bytes_needed, "free": available_bytes(), "iteration_seconds": found.iteration_seconds}
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
@@ -209,12 +210,6 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
-def _schema(_: OpenFolder) -> Any:
-    from structid.study.json_schema import study_schema
-
-    return study_schema()
-
-
 def _line(opened: OpenFolder, study: str) -> Any:
     """What is wrong with a study as it stands; nothing where it can be read."""
     from structid.study.schema.plan import load_plan
@@ -247,6 +242,5 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "pick": _pick,
     "merge": _merge,
     "beside": _beside,
-    "schema": _schema,
     "line": _line,
 }

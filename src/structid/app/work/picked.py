@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.app.folder import holds_modes
 from structid.app.work.scene import packed
 from structid.errors import InputError
 from structid.modal import ModalRecord
@@ -18,6 +19,7 @@ from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file,
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
 from structid.report.modes.page import modes_page
+from structid.shown import file_names
 from structid.similarity import mac
 from structid.similarity.shapes import most_real
 from structid.study.results.folder import staged_folder
@@ -85,14 +87,14 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     InputError
         If there are records and files of modes, fewer than two, or set-ups that have no sensor or no mode in common.
     """
-    saved = [path for path in paths if path.suffix.lower() == ".json"]
+    saved = [path for path in paths if holds_modes(path)]
     if saved and len(saved) < len(paths):
         other = next(path.name for path in paths if path not in saved)
         raise InputError(
             f"{other} is a record and {saved[0].name} holds modes; save the modes of each record, merge these"
         )
     if saved:
-        merging = merged_setups([read_modes(path) for path in paths])
+        merging = merged_setups([read_modes(path) for path in paths], names=file_names(paths))
         with staged_folder(folder, MODES_PAGE) as staged:
             write_merged(merging.modes, staged)
         return {**_told(merging.modes), "setups": merging.frequency.T, "spread": merging.frequency_spread}

@@ -53,7 +53,7 @@ def scene(path: Path, number: int = 0) -> dict[str, Any]:
     plan = root.inner("plan").table
     return {
         "title": root.table.get("title", path.stem),
-        "active": list(structure.active or ()),
+        "moves": packed(_moves(structure, labels, rows), np.uint8),
         "dimension": structure.dimension,
         "n_dofs": structure.n_dofs,
         "labels": packed(labels, np.int32),
@@ -82,6 +82,15 @@ def scene(path: Path, number: int = 0) -> dict[str, Any]:
         if structure.n_dofs <= _MOST_JUDGED
         else [],
     }
+
+
+def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
+    """In which of X, Y and Z each node moves: 1, 2 and 4, added."""
+    nodes, axes = np.divmod(structure.numbering.moving, 6)
+    own = np.isin(nodes, labels) & (axes < 3)
+    bits = np.zeros(len(labels), dtype=np.int64)
+    np.add.at(bits, rows(nodes[own]), 1 << axes[own])
+    return bits
 
 
 def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.app.folder import holds_modes
 from structid.app.work.scene import packed
 from structid.arrays import FloatArray
 from structid.dof import Dof
@@ -41,7 +42,7 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
     InputError
         If it cannot be read as it is; the message says what is missing.
     """
-    if path.suffix.lower() == ".json":
+    if holds_modes(path):
         modes = read_modes(path)
         pairs = [[float(f), float(d)] for f, d in zip(modes.frequency, modes.damping_ratio, strict=True)]
         return {"kind": "modes", "channels": _channels(modes.channels), "modes": pairs, "findings": []}

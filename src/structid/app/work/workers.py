@@ -55,7 +55,7 @@ class Workers:
         self._busy[kind] += 1
         try:
             return await asyncio.wrap_future(pool.submit(called, name, self.root, given))
-        except BrokenProcessPool:
+        except (BrokenProcessPool, asyncio.CancelledError):  # ended while it worked, or before its turn
             if self._pools.get(kind) is pool:
                 self._end(kind)
             return _LOST

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from structid.errors import InputError
-from structid.study.templates import TEMPLATES, Template, asked_of, template_with, write_study
+from structid.study.templates import TEMPLATES, Asked, Template, asked_of, asked_value, template_with, write_study
 
 
 def init(
@@ -59,5 +60,16 @@ def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
     for one in asked_of(kind):
         if one.name not in known:
             unit = f", {one.unit}" if one.unit else ""
-            found[one.name] = typer.prompt(f"{one.name} ({one.words}{unit})", default=str(one.default))
+            found[one.name] = typer.prompt(
+                f"{one.name} ({one.words}{unit})", default=str(one.default), value_proc=partial(_checked, one)
+            )
     return found
+
+
+def _checked(one: Asked, text: str) -> str:
+    """`text`, or an error after which it is asked again."""
+    try:
+        asked_value(one, text)
+    except InputError as error:
+        raise typer.BadParameter(str(error)) from error
+    return text

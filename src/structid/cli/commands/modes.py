@@ -16,6 +16,7 @@ from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
 from structid.records.io import ReadOptions, read_geometry
 from structid.report.modes.text import merged_text, modes_text
+from structid.shown import file_names
 from structid.study.results.folder import staged_folder
 from structid.study.results.modes import write_merged, write_modes_results
 
@@ -87,10 +88,11 @@ def _merge(
         raise InputError(
             "`--merge` takes files of modes as they are; leave the options of reading and identification out"
         )
-    merging = merged_setups([read_modes(path) for path in paths])
+    names = file_names(paths)
+    merging = merged_setups([read_modes(path) for path in paths], names=names)
     places = None if geometry is None else read_geometry(geometry)
     folder = out if out is not None else Path(f"{paths[0].stem}_modes")
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
-    show(merged_text([path.name for path in paths], merging))
+    show(merged_text(names, merging))
     typer.echo(str(folder / "modes.json"))

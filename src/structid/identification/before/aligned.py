@@ -20,6 +20,8 @@ _ALONE, _UNLIKE = 0.25, 0.3
 _SHIFTS, _COMMON = sorted(np.linspace(-0.7, 0.7, 15).tolist(), key=abs), 0.5
 #: Lines that channels are looked at on, and standard deviations that a value has to be above its noise.
 _MOST_LINES, _CLEAR = 400, 3.0
+#: Clear lines that an FRF has at least to tell of its sensor, and how small it is at least beside others of that sensor and load.
+_FEWEST_LINES, _CANCELS = 10, 0.4
 #: Part of the largest response below which the model's is nothing but rounding.
 _SILENT = 1e-12
 
@@ -131,7 +133,22 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
     if own.variance is not None:
         measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
     measured = np.where(np.abs(model) > _SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
-    return Aligned(own, pairs, model, measured)
+    return Aligned(own, pairs, model, np.where(_tells(model, measured), measured, np.nan))
+
+
+def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
+    """Of which sensor and load enough lines are clear and not the little that is left where motions cancel, (n_outputs, n_inputs).
+
+    What one end of a car sees of the other's wheel hangs on small differences: any start that is off moves it by its whole.
+    """
+    clear = np.isfinite(measured).sum(axis=0)
+    enough: np.ndarray = clear >= min(_FEWEST_LINES, len(measured))
+    size = np.where(clear > 0, np.median(np.abs(model), axis=0), np.nan)
+    if min(size.shape) < 2 or np.isnan(size).all(axis=0).any() or np.isnan(size).all(axis=1).any():
+        return enough
+    size = np.log(np.maximum(size, np.finfo(float).tiny))
+    beside = size - np.nanmean(size, axis=0) - np.nanmean(size, axis=1)[:, None] + np.nanmean(size)
+    return enough & ~(beside < np.log(_CANCELS))
 
 
 def _between(axis: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:

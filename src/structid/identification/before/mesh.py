@@ -56,7 +56,11 @@ class MeshErrors:
     subdivide : int
         Pieces of each line that the structure then has.
     tolerance : float
-        Relative, a tenth of the narrowest half-bandwidth.
+        Relative, the least of `allowed`.
+    allowed : (n_judged,) float array
+        Relative: a tenth of each half-bandwidth, or the least deviation of measured modes where that is less.
+    is_by_deviation : bool
+        Whether it is that.
     """
 
     number: IntArray
@@ -69,6 +73,13 @@ class MeshErrors:
     n_elements: int
     subdivide: int
     tolerance: float
+    allowed: FloatArray
+    is_by_deviation: bool
+
+    @property
+    def worst(self) -> int:
+        """Position of the mode that is farthest off in parts of what is allowed."""
+        return int((np.abs(self.error) / self.allowed).argmax())
 
     @property
     def half_bandwidths(self) -> FloatArray:
@@ -84,11 +95,16 @@ class MeshErrors:
             listed = ", ".join(f"{value:.4g}" for value in self.passed_over[:3])
             found = f"with smaller elements the model has modes at {listed} Hz that it lacks with these"
         else:
-            worst = int(self.half_bandwidths.argmax())
+            worst = self.worst
             sense = "high" if self.error[worst] > 0 else "low"
+            off = (
+                f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
+                if self.is_by_deviation
+                else f"{self.half_bandwidths[worst]:.2g} half-bandwidths"
+            )
             found = (
                 f"mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is {100 * abs(self.error[worst]):.2g} % too"
-                f" {sense} with these elements, {self.half_bandwidths[worst]:.2g} half-bandwidths"
+                f" {sense} with these elements, {off}"
             )
         if not self.needed or self.needed > _MOST_PIECES:
             return f"{found}; refine the mesh, or take elements of higher order"
@@ -98,12 +114,16 @@ class MeshErrors:
             else f"cells 1/{self.needed} as long bring"
         )
         whom = (
-            "it" if not self.passed_over.size and np.count_nonzero(self.half_bandwidths > _PART) == 1 else "every mode"
+            "it"
+            if not self.passed_over.size and np.count_nonzero(np.abs(self.error) > self.allowed) == 1
+            else "every mode"
         )
         return f"{found}; {remedy} {whom} below {100 * self.tolerance:.2g} % ({self.n_elements} elements)"
 
 
-def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, float]) -> MeshErrors | str:
+def mesh_errors(
+    structure: Structure, values: FloatArray, band: tuple[float, float], deviation: float = np.inf
+) -> MeshErrors | str:
     """How far off the modes in `band` are, or in words why that is not known; "" where there is nothing to refine.
 
     The model is solved with elements a half and a quarter as long; what is left goes with a power of the length that the
@@ -116,6 +136,8 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
         Property values.
     band : (float, float)
         Hz.
+    deviation : float
+        Relative, the least of measured frequencies: what else a mode may be off by.
 
     References
     ----------
@@ -150,9 +172,10 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
     error = frequency[kept] / limit[kept] - 1
     ratio = own.damping_ratio[looked[kept]]
     damping = np.where(ratio > 0, np.maximum(ratio, LEAST_DAMPING), _USUAL_DAMPING)
-    tolerance = _PART * float(damping.min(initial=_USUAL_DAMPING))
+    allowed = np.minimum(_PART * damping, deviation)
+    tolerance = float(allowed.min(initial=min(_PART * _USUAL_DAMPING, deviation)))
     lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
-    is_off = bool((np.abs(error) > _PART * damping).any())
+    is_off = bool((np.abs(error) > allowed).any())
     needed = _pieces(np.abs(error), order[kept], tolerance) if is_off else 0
     has_cells = any(made.cells for made in structure.elements)
     return MeshErrors(
@@ -166,6 +189,8 @@ def mesh_errors(structure: Structure, values: FloatArray, band: tuple[float, flo
         n_elements=n_split(structure) * max(needed, 1) ** split_power(structure),
         subdivide=structure.subdivide * max(needed, 1),
         tolerance=tolerance,
+        allowed=allowed,
+        is_by_deviation=tolerance == deviation,
     )
 
 

@@ -90,7 +90,7 @@ def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) 
     """The fewest elements that hold half of the elastic energy of the mode that its mesh puts off most; None without one."""
     if not mesh.words or not mesh.number.size:
         return None
-    mode = int(mesh.number[mesh.half_bandwidths.argmax()])
+    mode = int(mesh.number[mesh.worst])
     shape = structure_modes(structure, values, min(mode + 8, structure.n_dofs)).mode_shapes[:, [mode]]
     energy: dict[str, FloatArray] = {}
     sets = {item.values.start: item.element for item in structure.properties}

@@ -7,6 +7,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
+from structid.solver.model import SolverModel
 from structid.structure import Structure
 
 #: Relative error of a frequency that is worth a word.
@@ -14,13 +15,17 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has none."""
+    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has none.
+
+    Of the modes of a solver, those alone: what else its model moves by holds their changes, and is no mode.
+    """
     if not structure.has_modes:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))
     mass, stiffness, damping, structural = (
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
-    return modes(mass, stiffness, damping, structural, n_modes)
+    own = sum(element.own_modes for element in structure.elements if isinstance(element, SolverModel))
+    return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes)
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:

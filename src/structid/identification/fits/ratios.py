@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,19 @@ import numpy as np
 from structid.arrays import FloatArray, locked
 from structid.estimation import Estimate, Problem
 from structid.estimation.uncertainty import relative_jacobian
+from structid.observation import FrfProblem
 
 _NULL = 1e-10
 _SEEN = 1e-6
-_SCALED = ("mass", "stiffness", "viscous_damping")
+#: Relative change of FRFs, and part of it by which that of the parameters may differ from it.
+_STEP, _ALIKE = 1e-6, 1e-4
+_INERTIAS = ("mass", "rotary_inertia")
+_SCALED = (*_INERTIAS, "stiffness", "viscous_damping")
+#: What that the scale is the force's means.
+ON_FORCE = (
+    "no known mass, stiffness or prior holds the scale of the values: an error of 1 % in the calibration of the force is one of"
+    " 1 % in every mass, stiffness and damping, beside their intervals"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +67,10 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     theta = np.asarray(found.theta)
     jacobian = relative_jacobian(problem, theta, problem.linearize(theta))
     scale = max(1.0, np.sqrt(found.chi_square_per_dof)) if found.covariance_basis == "model_error" else 1.0
-    members = common_scale(jacobian, np.array(found.kinds), scale)
+    members = common_scale(jacobian, found, scale)
     if members is None or found.identified[members].any():
         return None
-    reference = int(next(i for i in members if found.kinds[i] == "mass"))
+    reference = int(next(i for kind in _INERTIAS for i in members if found.kinds[i] == kind))
     others = np.array([i for i in members if i != reference])
     _, singular, rows = np.linalg.svd(jacobian, full_matrices=True)
     singular = np.concatenate([singular, np.zeros(len(rows) - len(singular))])
@@ -77,13 +87,40 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     )
 
 
-def common_scale(jacobian: FloatArray, kinds: np.ndarray, noise_scale: float = 1.0) -> np.ndarray | None:
+def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
+    """Whether the common scale of all masses, stiffnesses and dampings is that of the measured forces alone.
+
+    Making all of them larger by a part then makes every FRF smaller by it: no known mass or stiffness and no prior says more,
+    and an error of the load cell is one of all values.
+    """
+    for problem in problems:
+        if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.measures_force:
+            return False
+        theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
+        members = _scaled(problem)
+        if np.isfinite(problem.unknowns.prior_std[members]).any():
+            return False
+        frf = problem.predicted(theta)
+        gained = (problem.data_rows((1 + _STEP) * frf) - problem.data_rows(frf)) / _STEP
+        scaled = relative_jacobian(problem, theta, problem.linearize(theta))[:, members].sum(axis=1)
+        if np.linalg.norm(scaled + gained) > _ALIKE * np.linalg.norm(gained):
+            return False
+    return bool(problems)
+
+
+def common_scale(jacobian: FloatArray, named: Problem | Estimate, noise_scale: float = 1.0) -> np.ndarray | None:
     """All masses, stiffnesses and dampings where the data do not see their common scale; None where they do."""
-    members = np.flatnonzero(np.isin(kinds, _SCALED))
-    if not {"mass", "stiffness"} <= set(kinds[members]):
+    members = _scaled(named)
+    kinds = {named.kinds[i] for i in members}
+    if "stiffness" not in kinds or not kinds & set(_INERTIAS):
         return None
     change = np.linalg.norm(jacobian[:, members].sum(axis=1)) / np.sqrt(len(members))
     return members if change <= noise_scale else None
+
+
+def _scaled(named: Problem | Estimate) -> np.ndarray:
+    """Positions of the parameters that a common scale of mass, damping and stiffness changes."""
+    return np.flatnonzero(np.isin(named.kinds, _SCALED))
 
 
 def scale_words(names: list[str], reference: str = "") -> str:

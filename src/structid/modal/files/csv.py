@@ -19,6 +19,8 @@ from structid.modal.poles import modal_phase_collinearity
 from structid.records.io.csv.recognition import is_number
 
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
+#: Bytes that tell what a table holds.
+_HEAD = 16384
 _PARTS = ("real", "imaginary", "std")
 _COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr")
 _STD = r"(std|std dev|standard deviation|deviation)"
@@ -126,6 +128,28 @@ def _own_word(cell: str) -> tuple[str, float]:
     if quantity.startswith("damp"):
         return ("damping_std" if std else "damping_ratio"), 0.01 if match["unit"] in ("[%]", "(%)", "%") else 1.0
     return ("frequency_std_hz" if std else "frequency_hz"), 1.0
+
+
+def is_modes_table(path: Path) -> bool:
+    """Whether the head of a table names frequencies beside damping ratios or channels, in its first line or its first column."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
+    except OSError:
+        return False
+    separator = max((",", ";", "\t"), key=head[0].count) if head else ","
+    rows = [[_own_word(cell)[0] for cell in line.split(separator)] for line in head]
+    turned = any(row[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
+    words = [row[0] for row in rows] if turned else rows[0] if rows else []
+    return "frequency_hz" in words and ("damping_ratio" in words or any(map(_is_channel, words)))
+
+
+def _is_channel(word: str) -> bool:
+    try:
+        parse_dof(word)
+    except InputError:
+        return False
+    return True
 
 
 def read_modes_csv(path: Path) -> ModalRecord:

@@ -44,6 +44,7 @@ from structid.records import (
 from structid.records.io import how_read
 from structid.records.io.uff.blocks import dataset_lines
 from structid.records.io.uff.uff import SUFFIXES
+from structid.shown import file_names
 
 #: Name of the page that is written beside modes.json.
 MODES_PAGE = "report.html"
@@ -230,7 +231,7 @@ def modes_of_setups(
         As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
     """
     each = [_modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=False) for path in paths]
-    first, merging = each[0], merged_setups([one.modes for one in each])
+    first, merging = each[0], merged_setups([one.modes for one in each], names=file_names(paths))
     found = ModalIdentification(merging.modes, first.identification.method, options=first.identification.options)
     return replace(
         first,

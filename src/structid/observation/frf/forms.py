@@ -12,6 +12,9 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.observation.frf.products import Whitening
 
 Form = Literal["output", "log", "pole_free", "equation"]
+#: Values below so many deviations are compared as they are in ``log`` too: noise has no logarithm. Of the model's own values, what
+#: part of a deviation is the least.
+_IN_NOISE, _LEAST = 3.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,8 @@ class WhitenedFrf:
         if self.form == "output":
             return (h - m) / s
         if self.form == "log":
-            return _log(h * self._inverse) * self._weight
+            found = _log(h * self._inverse, _LEAST / np.maximum(self._weight, 1.0)) * self._weight
+            return np.where(self._in_noise, (h - m) / s, found) if self._in_noise.any() else found
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
@@ -45,7 +49,9 @@ class WhitenedFrf:
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]
         if self.form == "log":
-            return Whitening(weight / h)
+            s, size = self.deviation[lines], np.abs(h)
+            of_log = np.divide(weight, h, out=np.zeros_like(h), where=size > _LEAST * s)
+            return Whitening(np.where(self._in_noise[lines], 1 / s, of_log))
         size = np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2))
         turn = (h - m) * weight / (4 * size**3)
         return Whitening(weight / size - turn * np.conj(h), -turn * h)
@@ -56,12 +62,16 @@ class WhitenedFrf:
         return np.asarray(np.abs(self.measured) / self.deviation)
 
     @cached_property
+    def _in_noise(self) -> np.ndarray:
+        return np.asarray(np.abs(self.measured) < _IN_NOISE * self.deviation)
+
+    @cached_property
     def _inverse(self) -> ComplexArray:
-        return 1 / self.measured
+        return np.asarray(1 / np.where(self._in_noise, 1.0, self.measured))
 
 
-def _log(z: ComplexArray) -> ComplexArray:
-    """The principal logarithm: a complex one of NumPy's takes six times as long."""
+def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
+    """The principal logarithm of values of a least size: a complex one of NumPy's takes six times as long."""
     found = np.empty_like(z)
-    found.real, found.imag = np.log(np.abs(z)), np.angle(z)
+    found.real, found.imag = np.log(np.maximum(np.abs(z), least)), np.angle(z)
     return found

@@ -55,7 +55,8 @@ class FrfProblem(ResponseProblem):
 
     - ``output``: (h - m) / s. Maximum likelihood for additive noise.
     - ``log``: log(h / m) / (s / |m|), real part and phase. Maximum likelihood for errors in proportion to the
-      FRF, as model error is; plain relative weighting of h - m would favour small h, hence large masses.
+      FRF, as model error is; plain relative weighting of h - m would favour small h, hence large masses. Values m that
+      are noise, below 3 s, are compared as in ``output``.
     - ``pole_free``: (h - m) / sqrt((|h|^2 + |m|^2) / 2) / (s / |m|). Bounded near resonances, for poor starts.
     - ``equation``: L^-1 (h - m) with L L' = Y' conj(Y), Y = Z^-1 S: equation-error weighting of the measured
       outputs, which with full steps is the iteration of Norris (1986), Eqs. (4.17) and (4.26).

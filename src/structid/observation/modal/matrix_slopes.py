@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import FloatArray
 from structid.observation.sensitive import SensitiveElements, sensitive_elements, weight_slope
@@ -39,15 +41,36 @@ class MatrixSlopes:
         """
         shape = (x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params)
         found: dict[str, FloatArray] = {law: np.zeros(shape) for law in laws}
-        values = self.parameters.values(physical)
-        for group in self.elements:
+        weights = self._weight_slopes(physical)
+        for number, group in enumerate(self.elements):
             forms = np.moveaxis(group.blocks.bilinear(y, x), 1, -1)
             for member in group.members:
-                part = self.structure.contributions[member]
-                if part.law in found:
-                    slope = weight_slope(part, self.parameters, values)[group.rows]
-                    found[part.law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
+                law = self.structure.contributions[member].law
+                if law in found:
+                    slope = weights[number, member]
+                    found[law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
         return found
+
+    def _weight_slopes(self, physical: FloatArray) -> dict[tuple[int, int], sparse.csr_array]:
+        """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
+        key = physical.tobytes()
+        if key not in self._latest:
+            values = self.parameters.values(physical)
+            found = {
+                (number, member): weight_slope(self.structure.contributions[member], self.parameters, values)[
+                    group.rows
+                ]
+                for number, group in enumerate(self.elements)
+                for member in group.members
+            }
+            self._latest.clear()
+            self._latest[key] = found
+        return self._latest[key]
+
+    @cached_property
+    def _latest(self) -> dict[bytes, dict[tuple[int, int], sparse.csr_array]]:
+        """Slopes of the last point."""
+        return {}
 
 
 def matrix_slopes(structure: Structure, unknown: Parameters) -> MatrixSlopes:

@@ -20,6 +20,9 @@ from structid.observation.modal.output import GroupData
 from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
+#: Least singular value of shapes of norm 1 that are not the same.
+_DEPENDENT = 1e-9
+
 
 class FewSensorsError(InputError):
     """There are more modes that are not told apart than sensors that tell their shapes."""
@@ -48,13 +51,13 @@ class MeasuredModes:
             raise InputError(
                 "MACs are weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give it, as in 0.05"
             )
-        self._require_errors("its frequencies", self.frequency_std, "`frequency_error`, such as 0.005")
-        self._require_errors("its shapes", self._least_shape_std, "`shape_error`, such as 0.02")
+        self._require_errors("its frequencies", self.frequency_std, "frequency", " in Hz", "such as 0.005")
+        self._require_errors("its shapes", self._least_shape_std, "shape", "", "such as 0.02")
         if self.use_damping:
             value = self.record.damping_ratio[self.measured]
             if not (np.nan_to_num(value) > 0).any():
                 raise InputError("damping ratios need a value and a standard deviation each; the record has none")
-            self._require_errors("its damping ratios", self.damping_std, "`damping_error`, such as 0.1, and values")
+            self._require_errors("its damping ratios", self.damping_std, "damping", "", "such as 0.1, and values")
         short = [group for group in self.groups if len(group.members) > max(len(group.channels), 1)]
         if short:
             numbers, n_own = ", ".join(str(mode + 1) for mode in short[0].members.tolist()), len(short[0].channels)
@@ -64,16 +67,35 @@ class MeasuredModes:
                 f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
             )
 
-    def _require_errors(self, what: str, std: FloatArray, remedy: str) -> None:
+        for group in self.groups:
+            self._require_independent(group)
+
+    def _require_independent(self, group: GroupData) -> None:
+        """Refuse modes that are not told apart by frequency where their shapes span less than they are."""
+        size = np.linalg.norm(group.shapes, axis=0)
+        if len(group.members) < 2 or not group.shapes.size:
+            return
+        if np.linalg.svd(group.shapes / size, compute_uv=False)[-1] <= _DEPENDENT:
+            listed = ", ".join(f"{mode + 1} ({self.record.frequency[mode]:.6g} Hz)" for mode in group.members.tolist())
+            raise InputError(
+                f"modes {listed}{f' of {self.record.source}' if self.record.source else ''} are not told apart by frequency, and"
+                " their shapes are the same or sums of each other, as where a mode is listed twice; leave one out of the file or"
+                " with `use`, or give the shapes at more sensors"
+            )
+
+    def _require_errors(self, what: str, std: FloatArray, key: str, unit: str, usual: str) -> None:
         """Refuse modes whose standard deviation is zero or not known, by their numbers."""
         lost = self.measured[~(std > 0)]
         if lost.size == self.measured.size:
-            raise InputError(f"the record has no uncertainty of {what}; give {remedy}")
+            raise InputError(
+                f"the record has no uncertainty of {what}; give the scatter of the test by `{key}_std`{unit} in [record.modes], or"
+                f" `{key}_error`, {usual}"
+            )
         if lost.size:
             listed = ", ".join(str(mode + 1) for mode in lost.tolist())
             raise InputError(
                 f"the record has no uncertainty of {what}, or one of zero, at mode {listed}: a value without error would"
-                f" outweigh all others; correct it, or give {remedy}, which is added to all"
+                f" outweigh all others; correct it, or give `{key}_error`, {usual}, which is added to all"
             )
 
     @cached_property
@@ -113,7 +135,7 @@ class MeasuredModes:
         if self.record.changes is not None:
             count = np.maximum(self.known.sum(axis=0), 1)
             freed = np.broadcast_to(np.sqrt(np.sum(np.where(self.known, freed, 0.0) ** 2, axis=0) / count), freed.shape)
-        std = np.hypot(freed, self.shape_error)
+        std = np.hypot(np.nan_to_num(freed) if self.shape_error else freed, self.shape_error)
         fits = self.known.sum(axis=0) == 1  # one entry always does
         return np.where(fits & ~(std > 0), 1.0, std)
 

@@ -47,7 +47,8 @@ class ReadOptions:
     kind : str
         ``receptance``, ``mobility`` or ``accelerance`` of a bare FRF array.
     unit : str
-        Unit of a bare FRF array, such as ``g/lbf``; says the kind too. SI if not given.
+        Unit of a bare FRF array, or of a table of FRFs that says none, such as ``g/lbf``; says the kind too. Arrays are SI if not
+        given.
     coherence_array : str
         Name of an array of coherences of the same shape.
     averages : int, optional

@@ -12,8 +12,8 @@ from structid.records.transforms.spectra import window_weights
 
 #: Part of a peak that a window may take off; and part of the motion's power that segments may differ by, or end with.
 _LOWERED, _DIFFERS, _AT_REST = 0.05, 0.02, 0.01
-#: Points between two lines of a window's spectrum; times longer segments that are looked for.
-_FINE, _MOST = 8, 1e4
+#: Points between two lines of a window's spectrum; times longer segments that are looked for; segments that averages need.
+_FINE, _MOST, _SEGMENTS = 8, 1e4, 3
 #: Part of a segment at either end that shows whether it is at rest there.
 _END = 0.02
 
@@ -54,11 +54,16 @@ def leakage(
         return ""
     enough = next(k for k in 1.1 ** np.arange(200) if _lowered(power, float(lines[worst]) * k) <= _LOWERED or k > _MOST)
     needed = int(np.ceil(length * enough))
+    remedy = (
+        f"take segments of {needed} samples, or fit the histories by [record.time]"
+        if _SEGMENTS * needed <= len(record.values)
+        else f"fit the histories by [record.time], or record longer: {_SEGMENTS} segments of {needed} samples, and the record has"
+        f" {len(record.values)}"
+    )
     name = "no window, though segments neither repeat nor rest at their ends," if is_flat else f"window {window!r}"
     return (
         f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers"
-        f" that peak by about {100 * lowered:.2g} % and shows more damping; take segments of {needed} samples, or fit the"
-        " histories by [record.time]"
+        f" that peak by about {100 * lowered:.2g} % and shows more damping; {remedy}"
     )
 
 

@@ -267,8 +267,11 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
     steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
     weighed = (
-        (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}") if has_mass else (NOTHING, "no mass in kg")
+        (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
+        if has_mass
+        else (NOTHING, "no mass in kg")
     )
     return (
         ("Total mass", *weighed),

@@ -6,6 +6,7 @@ from structid.planning.planned import Plan
 from structid.report.figures.plan import plan_figures
 from structid.report.page import Page
 from structid.report.planning.text import (
+    assumption_lines,
     choice_lines,
     enough_lines,
     next_lines,
@@ -23,7 +24,7 @@ def plan_page(found: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page
         "determined": found.determined,
         "chosen_determines": found.chosen.determined,
         "options": options_text(found),
-        "lines": [*choice_lines(found), *enough_lines(found), *next_lines(found)],
+        "lines": [*assumption_lines(found), *choice_lines(found), *enough_lines(found), *next_lines(found)],
         "remarks": [
             *notes,
             *(f"the chosen test determines {d.words}" for d in found.identifiability.directions),

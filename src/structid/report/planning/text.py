@@ -23,7 +23,10 @@ def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[Renderabl
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(found)))
     parts.append(printed(test_table(found)))
-    parts += [Text(line) for line in (*choice_lines(found), *enough_lines(found), *next_lines(found))]
+    parts += [
+        Text(line)
+        for line in (*assumption_lines(found), *choice_lines(found), *enough_lines(found), *next_lines(found))
+    ]
     parts.append(printed(parameter_table(found)))
     parts += [Text(f"the chosen test determines {d.words}") for d in found.identifiability.directions]
     groups = found.identifiability.groups
@@ -37,16 +40,31 @@ def options_text(found: Plan) -> str:
     """What was chosen from, in one line."""
     options = found.options
     frequency = options.frequency
-    noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
-    noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
     return (
         f"candidates: {counted(len(options.sensors), 'sensor')}, {counted(len(options.loads), 'load')},"
         f" {counted(len(frequency), 'line')} from"
-        f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {' and '.join(noise)};"
+        f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {_noise_words(found)};"
         f" {options.criterion.upper()}-optimal{interest}; standard deviations are predicted at the initial values, relative"
         " to them"
     )
+
+
+def _noise_words(found: Plan) -> str:
+    options = found.options
+    noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
+    noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
+    return " and ".join(noise)
+
+
+def assumption_lines(found: Plan) -> list[str]:
+    """What makes the deviations of the table too small, where it does."""
+    if not found.is_undamped:
+        return []
+    return [
+        f"these std rest on noise of {_noise_words(found)} and on a model without any damping, whose resonances are endlessly high:"
+        " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]"
+    ]
 
 
 _HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")

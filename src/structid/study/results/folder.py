@@ -17,7 +17,7 @@ import numpy as np
 from structid.criticism.verdict import Criticism
 from structid.errors import FileError
 from structid.estimation.diagnostics.bounds import AtBound
-from structid.files import claimed
+from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
@@ -42,8 +42,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
         If writing fails (disk full, no permission, a file in the way).
     """
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; give another folder for the results with --out")
+    require_no_file(folder)
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -145,6 +144,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
         **record_summaries(found.fits),
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
+        "rests_on_force": found.rests_on_force,
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,

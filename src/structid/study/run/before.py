@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from structid.identification.before.aligned import ResonancePair
 from structid.identification.before.mesh import MeshErrors, mesh_errors
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.setups.setup import AnySetup, Look
-from structid.observation import RecordProblem
+from structid.observation import ModalProblem, RecordProblem
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts
@@ -24,6 +25,9 @@ from structid.study.schema.records.record import RecordSource, read_histories
 _HIDDEN = 0.1
 #: Averages from which on the chi-square that their coherence leads to is not worth a word.
 _MANY = 100
+#: Part of their frequencies by which modes of an initial model may be off, and degrees of freedom up to which the mesh of an
+#: answer is judged.
+_NEAR, _SMALL = 0.15, 600
 
 
 @dataclass(frozen=True)
@@ -88,11 +92,34 @@ def checked_record(
     return RecordCheck(title, _resonances(look, modes), tuple(warnings), (*read, *reduced, *_facts(setup)))
 
 
-def checked_mesh(setup: AnySetup, problem: RecordProblem) -> MeshErrors | str:
-    """The mesh of a set-up's structure, for the band of its record."""
-    axis: FloatArray = problem.frequency
-    values = setup.parameters.values(setup.parameters.start)
-    return mesh_errors(setup.structure, values, (float(axis.min()), float(axis.max())))
+def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
+    """The mesh of a set-up's structure, for the band of its record and the deviations of its modes; at the start by default.
+
+    Modes of the initial model are about as far from measured ones as the start is off.
+    """
+    low, high = float(problem.frequency.min()), float(problem.frequency.max())
+    values = setup.parameters.values(
+        setup.parameters.start if theta is None else problem.physical(theta)[: setup.parameters.n_params]
+    )
+    if not isinstance(problem, ModalProblem):
+        return mesh_errors(setup.structure, values, (low, high))
+    deviation = float((problem.data.frequency_std / problem.data.frequency).min())
+    return mesh_errors(setup.structure, values, ((1 - _NEAR) * low, (1 + _NEAR) * high), deviation)
+
+
+def mesh_warnings(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray]
+) -> tuple[str, ...]:
+    """Of an answer: modes that its elements put off by more than the deviations that its modes are fitted with.
+
+    FRFs and histories show that as a misfit; a few modes are followed by the parameters.
+    """
+    told = []
+    for setup, problem, own in zip(setups, problems, theta, strict=True):
+        if isinstance(problem, ModalProblem) and setup.structure.n_dofs <= _SMALL:
+            found = checked_mesh(setup, problem, own)
+            told.append("" if isinstance(found, str) else found.words)
+    return tuple(f"the values carry an error of the mesh: {words}" for words in dict.fromkeys(told) if words)
 
 
 def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:

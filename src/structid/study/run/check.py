@@ -326,7 +326,7 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
     """That modes alone give no kilograms, where they do not."""
-    members = common_scale(jacobian, np.array(problem.kinds))
+    members = common_scale(jacobian, problem)
     if members is None or identified[members].any():
         return []
     return [scale_words([problem.names[i] for i in members])]

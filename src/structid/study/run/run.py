@@ -10,7 +10,9 @@ from structid.errors import NoAnswerError, SingularModelError
 from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
+from structid.identification.together import places
 from structid.study.results.result import StudyResult, provenance
+from structid.study.run.before import mesh_warnings
 from structid.study.run.needs import require_room
 from structid.study.run.solver.rounds import about_answer, from_nominal, with_solver
 from structid.study.run.start import Start, started
@@ -70,7 +72,9 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
             " the band"
         ) from error
-    found = replace(found, warnings=(*ready.channel_warnings, *found.warnings))
+    own = [found.estimate.theta[places(found.estimate.names, one.names)] for one in found.problems]
+    off = mesh_warnings(ready.setups, found.problems, own)
+    found = replace(found, warnings=(*off, *ready.channel_warnings, *found.warnings))
     return StudyResult(study, found, provenance(study))
 
 

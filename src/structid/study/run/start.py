@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.errors import NoLinesError, SingularModelError
+from structid.dof import Dof
+from structid.errors import InputError, NoLinesError, SingularModelError
 from structid.identification.checks import require_sound_model
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
@@ -16,6 +17,8 @@ from structid.identification.setups.setup import AnySetup, Look, Prepared, prefi
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
+from structid.solver.model import SolverModel
+from structid.structure import Structure
 from structid.study.schema.records.record import load_histories, load_record
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
@@ -123,8 +126,21 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
-            structure.require_places(dofs, role == "input")
+            _require_places(structure, dofs, role == "input")
     return setup
+
+
+def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:
+    """See `Structure.require_places`; of a solver's model, what its nodes are is said too."""
+    try:
+        structure.require_places(dofs, inputs)
+    except InputError as error:
+        if not any(isinstance(element, SolverModel) for element in structure.elements):
+            raise
+        raise InputError(
+            f"{error}; nodes are those that the solver writes: of shells and beams CalculiX makes solids with nodes of their own,"
+            " but with *NODE FILE, OUTPUT=2D and modes"
+        ) from error
 
 
 def _channel_key(section: Section, key: str) -> str:

@@ -243,9 +243,15 @@ def _noise(
     elif declared.relative + declared.absolute > 0:
         relative, absolute, notes = declared.relative, declared.absolute, ()
     elif record is not None and record.variance is not None:
-        size = np.abs(record.values)
-        relative = float(np.median(np.sqrt(record.variance[size > 0]) / size[size > 0]))
+        size, std = np.abs(record.values), np.sqrt(record.variance)
+        seen = std < size if (std < size).any() else size > 0
+        relative = float(np.median(std[seen] / size[seen]))
         notes = (f"noise is that of the record in the median, {100 * relative:.2g} %",)
+        if not seen.all():
+            notes = (
+                f"{notes[0]}, of the {100 * seen.mean():.0f} % of its values that rise above their noise; the others, as at lines"
+                " where nothing drove it, are taken to be as good in the next test: give `band` to plan without them",
+            )
     elif model_error > 0:
         relative, notes = 0.0, ("no noise is given beside the model error",)
     if model_error > 0:

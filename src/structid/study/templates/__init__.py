@@ -3,7 +3,15 @@
 from structid.study.templates.frames import BeamTemplate, BridgeTemplate, FrameTemplate, ShearBuildingTemplate
 from structid.study.templates.mesh import MeshTemplate
 from structid.study.templates.others import OwnMatricesTemplate, PlateTemplate
-from structid.study.templates.template import Template, asked_of, template_with, write_study
+from structid.study.templates.template import (
+    Asked,
+    Template,
+    asked_of,
+    asked_value,
+    study_file,
+    template_with,
+    write_study,
+)
 
 #: Every template by the name that `structid init` takes.
 TEMPLATES: dict[str, type[Template]] = {
@@ -16,4 +24,14 @@ TEMPLATES: dict[str, type[Template]] = {
     "own-matrices": OwnMatricesTemplate,
 }
 
-__all__ = ["TEMPLATES", "MeshTemplate", "Template", "asked_of", "template_with", "write_study"]
+__all__ = [
+    "TEMPLATES",
+    "Asked",
+    "MeshTemplate",
+    "Template",
+    "asked_of",
+    "asked_value",
+    "study_file",
+    "template_with",
+    "write_study",
+]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from structid.errors import InputError
 from structid.study.templates.template import NO_RECORD, Template, asked, node_lines, number, unknown
 
 _SUPPORTS = {
@@ -42,11 +41,9 @@ class BeamTemplate(Template):
     elements: int = asked("elements along it", "", 12)
     mass: float = asked("mass", "kg/m", 0.81)
     bending_stiffness: float = asked("bending stiffness E I", "N m^2", 25.0)
-    support: str = asked("clamped, simple or free", "", "clamped")
+    support: str = asked("clamped, simple or free", "", "clamped", tuple(_SUPPORTS))
 
     def text(self, folder: Path) -> str:
-        if self.support not in _SUPPORTS:
-            raise InputError(f"support must be one of {', '.join(_SUPPORTS)}, got {self.support!r}")
         words, held = _SUPPORTS[self.support]
         last = self.elements + 1
         held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held

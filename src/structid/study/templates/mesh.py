@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from structid.errors import InputError
-from structid.structure.meshes import Mesh, read_mesh
+from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh
 from structid.structure.meshes.checks import orphan_nodes
 from structid.structure.meshes.mesh import CELL_DIMENSIONS
 from structid.study.templates.template import NO_RECORD, Template, asked, number, unknown
@@ -28,7 +28,7 @@ class MeshTemplate(Template):
 
     words: ClassVar[str] = "A mesh from a file: a flat one bends as a plate, others are shells or solids; a set a group"
     path: str = asked("file of the mesh", "", "mesh.msh")
-    length_unit: str = asked("unit of its coordinates: m, cm, mm, um, in or ft", "", "m")
+    length_unit: str = asked("unit of its coordinates: m, cm, mm, um, in or ft", "", "m", tuple(LENGTH_UNITS))
     held: str = asked("group that is held; none where it is free", "", _FREE)
     youngs_modulus: float = asked("Young's modulus", "Pa", 7.0e10)
     density: float = asked("density", "kg/m^3", 2700.0)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from structid.errors import InputError
 from structid.study.templates.template import NO_RECORD, Template, asked, node_lines, number, unknown
 
 _EDGES = ("one", "all", "none")
@@ -24,11 +23,9 @@ class PlateTemplate(Template):
     elements_across: int = asked("elements along Y", "", 6)
     youngs_modulus: float = asked("Young's modulus", "Pa", 7.0e10)
     density: float = asked("density", "kg/m^3", 2700.0)
-    clamped: str = asked("clamped edges: one (X = 0), all or none", "", "one")
+    clamped: str = asked("clamped edges: one (X = 0), all or none", "", "one", _EDGES)
 
     def text(self, folder: Path) -> str:
-        if self.clamped not in _EDGES:
-            raise InputError(f"clamped must be one of {', '.join(_EDGES)}, got {self.clamped!r}")
         nx, ny = self.elements_along, self.elements_across
         label = {(i, j): 1 + i * (ny + 1) + j for i in range(nx + 1) for j in range(ny + 1)}
         places = {n: [self.length * i / nx, self.width * j / ny] for (i, j), n in label.items()}

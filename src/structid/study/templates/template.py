@@ -30,9 +30,9 @@ class Template(ABC):
         """The study file, for `folder`, where the files are that it names."""
 
 
-def asked(words: str, unit: str, default: Any) -> Any:
-    """A field of a template: what it is, its unit, and the value that stands where none is given."""
-    return field(default=default, metadata={"words": words, "unit": unit, "default": default})
+def asked(words: str, unit: str, default: Any, choices: tuple[str, ...] = ()) -> Any:
+    """A field of a template: what it is, its unit, the value that stands where none is given, and all that it may be."""
+    return field(default=default, metadata={"words": words, "unit": unit, "default": default, "choices": choices})
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,13 @@ class Asked:
     words: str
     unit: str
     default: float | int | str
+    choices: tuple[str, ...]
 
 
 def asked_of(template: type[Template]) -> tuple[Asked, ...]:
     """What `template` asks for, in order."""
     found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
-    return tuple(Asked(one.name, one.metadata["words"], one.metadata["unit"], one.metadata["default"]) for one in found)
+    return tuple(Asked(one.name, **one.metadata) for one in found)
 
 
 def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
@@ -57,18 +58,28 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
     Raises
     ------
     InputError
-        If a name is unknown, or a value is no number, not positive or far too many pieces.
+        If a name is unknown, or a value cannot be used, see `asked_value`.
     """
     known = {one.name: one for one in asked_of(template)}
     values: dict[str, Any] = {}
     for name, value in given.items():
         if name not in known:
             raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(known)}")
-        values[name] = _value(known[name], str(value).strip())
+        values[name] = asked_value(known[name], str(value))
     return template(**values)
 
 
-def _value(one: Asked, text: str) -> float | int | str:
+def asked_value(one: Asked, given: str) -> float | int | str:
+    """What `given` stands for.
+
+    Raises
+    ------
+    InputError
+        If it is no number, not positive, far too many pieces, or none of the choices.
+    """
+    text = given.strip()
+    if one.choices and text not in one.choices:
+        raise InputError(f"{one.name} must be one of {', '.join(one.choices)}, got {text!r}")
     if isinstance(one.default, str):
         if not text or any(not letter.isprintable() or letter in '"\\' for letter in text):
             raise InputError(f"{one.name} must be a text without quotes, as in {one.default}, got {text!r}")
@@ -86,14 +97,20 @@ def _value(one: Asked, text: str) -> float | int | str:
     return number
 
 
+def study_file(path: Path) -> Path:
+    """`path` with the suffix by which studies are known."""
+    return path if path.suffix.lower() == ".toml" else path.with_name(f"{path.name}.toml")
+
+
 def write_study(template: Template, path: Path) -> Path:
-    """The study of `template` in a new file.
+    """The study of `template` in a new file, `path` with the suffix ``.toml``.
 
     Raises
     ------
     FileError
         If there is a file of that name already, it cannot be written, or a file that the template reads is damaged.
     """
+    path = study_file(path)
     if path.exists():
         raise FileError(f"{path}: is there already; give another name, or remove it first")
     text = template.text(path.parent)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +17,8 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, as_dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.records.io.bare import require_same_rotation
-from structid.records.io.csv.recognition import AXES, as_date
+from structid.records.io.csv.layout import CsvLayout
+from structid.records.io.csv.recognition import as_date, is_axis
 from structid.records.io.csv.table import Table
 from structid.records.io.gaps import sourced
 from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
@@ -24,9 +27,21 @@ from structid.records.io.selection import selected
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 from structid.units import FrfUnit, parse_frf_unit
 
+#: Words that headers have for parts of a response, and what structid calls them.
+_PART_WORDS = {
+    "re": "re", "real": "re", "real part": "re", "im": "im", "imag": "im", "imaginary": "im", "imaginary part": "im",
+    "magnitude": "magnitude", "mag": "magnitude", "abs": "magnitude", "amplitude": "magnitude", "ampl": "magnitude",
+    "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
+}  # fmt: skip
 _PAIR = re.compile(
-    r"^(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)\s*(\[(?P<unit>[^\[\]]*)\])?\s*(?P<part>re|im|coherence|std)$"
+    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)(\s*\[(?P<unit>[^\[\]]*)\])?"
+    rf"((?<=\])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
+    r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
+    re.IGNORECASE,
 )
+_PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
+#: Phases that reach beyond this are deg: of rad it were eight turns of an unwrapped phase.
+_MOST_RAD = 50.0
 #: Units of a number that has none.
 _RATIOS = ("1", "-")
 #: Unevenness of the time column allowed, as a part of the step.
@@ -57,7 +72,7 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
     axis = _time_column(table, options)
     keep = [j for j in range(count) if j != axis]
     clock = _clock(table, axis, options)
-    plain = axis == 0 and table.names[0].lower() in AXES and "commas, decimal points, names in line 1" in table.words
+    plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
     found = NamedChannels(
         path=table.path,
         names=tuple(table.names[j] for j in keep),
@@ -85,8 +100,9 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
     if options.sampling_rate is None:
         shown = ", ".join(table.names[:8])
         raise FileError(
-            f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first frequency_hz; the"
-            f" columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz)"
+            f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first as frequency, as in"
+            f" Frequency [Hz]; the columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz) of time"
+            ' histories, `frequency_unit = "Hz"` in [record.csv] of frequency responses'
         )
     return None
 
@@ -244,22 +260,51 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
     return ["time_s", *names], [record.time, *record.values.T]
 
 
+class _Head(NamedTuple):
+    """What the header of a column says, or the user in its place."""
+
+    output: str
+    input: str
+    unit: str
+    part: str
+
+
 class _Column(NamedTuple):
     output: Dof
     input: Dof
     unit: FrfUnit | None
     part: str
+    factor: float
 
 
-def _pairs(table: Table) -> list[re.Match[str]]:
-    """The headers of all columns but the axis, in their parts."""
+def _heads(table: Table, options: ReadOptions) -> list[_Head]:
+    """The headers of all columns but the axis, in their parts; by their order where `parts` are given."""
+    layout = options.csv or CsvLayout()
+    own = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
+    if layout.parts:
+        count = len(options.outputs) * len(options.inputs) * len(layout.parts)
+        if count != len(table.names) - 1:
+            raise InputError(
+                f"{table.path}: {len(table.names) - 1} columns follow the frequencies, but {len(options.outputs)} `outputs` x"
+                f" {len(options.inputs)} `inputs` x {len(layout.parts)} `parts` are {count}; give what each column is by these",
+                "outputs",
+            )
+        every = product(options.outputs, options.inputs, layout.parts)
+        return [_Head(a, b, own[j], part) for j, (a, b, part) in enumerate(every, start=1)]
     found = []
     for j, name in enumerate(table.names[1:], start=1):
-        match = _PAIR.match(name)
+        match = _PAIR.fullmatch(name)
         if match is None:
-            hint = "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, std, coherence)"
-            raise _column(table, j, text=hint)
-        found.append(match)
+            raise _column(table, j, text=(
+                "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
+                " coherence); or say what the columns are: `outputs`, `inputs` and `unit` in [record], and"
+                ' `parts = ["re", "im"]` in [record.csv], for every output and input in this order'
+            ))  # fmt: skip
+        unit = match["unit"] or match["own"] or table.units[j]
+        part = _PART_WORDS[match["part"].lower()]
+        found.append(
+            _Head(match["output"], match["input"], (match["own"] or table.units[j]) if part == "phase" else unit, part)
+        )
     return found
 
 
@@ -278,22 +323,43 @@ def _called(table: Table, option: str, names: list[str], given: tuple[str, ...])
     return dict(zip(distinct, given, strict=True))
 
 
-def _column_of(table: Table, j: int, match: re.Match[str], outputs: dict[str, str], inputs: dict[str, str]) -> _Column:
-    part = match["part"]
+def _column_of(
+    table: Table, j: int, head: _Head, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
+) -> _Column:
+    """The column in structid's terms, with what its numbers are multiplied by."""
     try:
-        output = parse_dof(outputs.get(match["output"], match["output"]))
-        load = parse_dof(inputs.get(match["input"], match["input"]))
-        unit = None if part == "coherence" else _unit_of(match["unit"] or "", output, load)
-        if unit is not None:
-            require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
-            require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
+        output = parse_dof(outputs.get(head.output, head.output))
+        load = parse_dof(inputs.get(head.input, head.input))
+        if head.part == "phase":
+            return _Column(
+                output, load, None, head.part, _phase_factor(table, j, head.unit, options.csv or CsvLayout())
+            )
+        if head.part == "coherence":
+            return _Column(output, load, None, head.part, 1.0)
+        if not (head.unit or options.unit):
+            raise InputError("has no unit; head it as in 12Z+/3Z+ [(m/s^2)/N] re, or give `unit` in [record]")
+        unit = _unit_of(head.unit or options.unit, output, load)
+        require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
+        require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
-        named = as_dof(match["output"]) and as_dof(match["input"])
+        named = as_dof(head.output) and as_dof(head.input)
         hint = (
             "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
         )
         raise _column(table, j, text=f"{error}{hint}") from error
-    return _Column(output, load, unit, part)
+    return _Column(output, load, unit, head.part, unit.factor)
+
+
+def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
+    """To rad: by the unit, or by numbers that are too large for rad."""
+    factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
+    if factor is None and np.abs(table.values[:, j]).max() > _MOST_RAD:
+        factor = _PHASE_UNITS["deg"]
+    if factor is None:
+        raise InputError(
+            'does not say whether its phases are deg or rad; give `phase_unit = "deg"` or "rad" in [record.csv]'
+        )
+    return factor
 
 
 def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
@@ -321,10 +387,15 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     InputError
         If `options` do not fit the table.
     """
-    matches = _pairs(table)
-    of_outputs = _called(table, "outputs", [match["output"] for match in matches], options.outputs)
-    of_inputs = _called(table, "inputs", [match["input"] for match in matches], options.inputs)
-    columns = [_column_of(table, j, match, of_outputs, of_inputs) for j, match in enumerate(matches, start=1)]
+    to_hertz = table.to_hertz
+    if to_hertz is None or np.isnan(to_hertz):
+        raise _column(
+            table, 0, text='says no unit of the frequencies; give `frequency_unit = "Hz"` in [record.csv] (or "rad/s")'
+        )
+    heads = _heads(table, options)
+    of_outputs = _called(table, "outputs", [head.output for head in heads], options.outputs)
+    of_inputs = _called(table, "inputs", [head.input for head in heads], options.inputs)
+    columns = [_column_of(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
     _require_unit(table, columns, options.unit)
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
@@ -335,12 +406,13 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         place = (slice(None), outputs.index(column.output), inputs.index(column.input))
         if not np.isnan(part[place]).all():
             raise _column(table, j, text="this pair and part is there twice; remove one")
-        part[place] = table.values[:, j] * (column.unit.factor if column.unit else 1.0)
-    _require_complete(table, parts, outputs, inputs)
+        part[place] = table.values[:, j] * column.factor
+    polar = "magnitude" in parts or "phase" in parts
+    _require_complete(table, parts, ("magnitude", "phase") if polar else ("re", "im"), outputs, inputs)
     _require_sound(table, columns)
     made = FrfRecord(
-        frequency=table.values[:, 0],
-        values=parts["re"] + 1j * parts["im"],
+        frequency=table.values[:, 0] * to_hertz,
+        values=parts["magnitude"] * np.exp(1j * parts["phase"]) if polar else parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
         kind=_kind(table, columns),
@@ -373,9 +445,13 @@ def _kind(table: Table, columns: list[_Column]) -> FrfKind:
 
 
 def _require_complete(
-    table: Table, parts: dict[str, FloatArray], outputs: tuple[Dof, ...], inputs: tuple[Dof, ...]
+    table: Table,
+    parts: dict[str, FloatArray],
+    needed: tuple[str, ...],
+    outputs: tuple[Dof, ...],
+    inputs: tuple[Dof, ...],
 ) -> None:
-    for part in ("re", "im", *(name for name in parts if name not in ("re", "im"))):
+    for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
             for b, load in enumerate(inputs):
                 if part not in parts or np.isnan(parts[part][:, a, b]).any():
@@ -396,7 +472,7 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
             f" {pair[0]:.9g} Hz followed by {pair[1]:.9g} Hz; sort the lines and remove repeated ones"
         )
     for j, column in enumerate(columns, start=1):
-        most = {"coherence": COHERENCE_MOST, "std": np.inf}.get(column.part)
+        most = {"coherence": COHERENCE_MOST, "std": np.inf, "magnitude": np.inf}.get(column.part)
         wrong = np.zeros(0) if most is None else (table.values[:, j] < 0) | (table.values[:, j] > most)
         if wrong.any():
             i, words = int(np.argmax(wrong)), "from 0 to 1" if column.part == "coherence" else "at least 0"

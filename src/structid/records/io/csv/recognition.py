@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from datetime import datetime
@@ -13,16 +14,24 @@ from structid.errors import FileError, InputError
 from structid.records.io.csv.layout import SEPARATORS, CsvLayout
 from structid.records.io.named_channels import TIME_UNITS
 from structid.shown import counted
-from structid.units import parse_unit
+from structid.units import parse_frf_unit, parse_unit
 
-#: Header of the first column, in small letters, and what it is.
-AXES = {
-    "time_s": "time", "time [s]": "time", "time (s)": "time",
-    "frequency_hz": "frequency", "frequency [hz]": "frequency", "frequency (hz)": "frequency",
-}  # fmt: skip
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+#: Headers of times, in small letters, as structid writes them and the like.
+_TIMES = ("time_s", "time [s]", "time (s)")
+_FREQUENCY = re.compile(
+    r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
+    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s*)[\[(]?(?P<of>hz|khz|rad/s|rad s-1|1/s)[\])]?)?",
+    re.IGNORECASE,
+)
+#: Units of frequencies, in Hz.
+FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 1 / (2 * math.pi), "rad s-1": 1 / (2 * math.pi)}
+_REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
+_NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_COMPLEX = re.compile(
+    rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
+)
 _POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
-_SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 12
+_SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
 
 
 class Grid(NamedTuple):
@@ -49,8 +58,37 @@ class Grid(NamedTuple):
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma."""
-    return _NUMBER.fullmatch(cell.strip()) is not None
+    """Whether a cell is a number, with a decimal point or comma, complex or not."""
+    return _NUMBER.fullmatch(cell.strip()) is not None or complex_parts(cell) is not None
+
+
+def complex_parts(cell: str) -> tuple[str, str] | None:
+    """Real and imaginary part of a cell such as ``1.5-2e-3i`` or ``(1,5 + 2j)``, as written; None where it is none."""
+    match = _COMPLEX.fullmatch(cell.strip()) if {"i", "j"} & set(cell.lower()) else None
+    return match and (match["re"], match["sign"] + match["im"])
+
+
+def frequency_factor(name: str, unit: str = "") -> float | None:
+    """What turns a column of frequencies headed so into Hz; NaN where no unit is said, None of other columns.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
+    unit : str
+        As it stands below the name.
+    """
+    match = _FREQUENCY.fullmatch(name.strip())
+    if match is None:
+        return None
+    factor = FREQUENCY_UNITS.get((match["of"] or unit).strip().lower())
+    is_short = match["name"].lower() in ("f", "omega", "ω")  # which a force may be called too
+    return factor if factor is not None or is_short else float("nan")
+
+
+def is_axis(name: str) -> bool:
+    """Whether a first column headed so holds times as structid writes them, or frequencies."""
+    return name.lower() in _TIMES or frequency_factor(name) is not None
 
 
 def as_date(cell: str) -> datetime | None:
@@ -65,15 +103,23 @@ def as_date(cell: str) -> datetime | None:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is the unit of a channel or of a time, in brackets or not."""
-    text = cell.strip().strip("[]()").strip()
-    if text.lower() in TIME_UNITS:
+    """Whether a cell is the unit of a channel, a time, a frequency or a frequency response, in brackets or not."""
+    text = bare_unit(cell)
+    if text.lower() in TIME_UNITS or text.lower() in FREQUENCY_UNITS or text == "°":
         return True
-    try:
-        parse_unit(text)
-    except InputError:
-        return False
-    return True
+    for parse in (parse_unit, parse_frf_unit):
+        try:
+            parse(text)
+        except InputError:
+            continue
+        return True
+    return False
+
+
+def bare_unit(cell: str) -> str:
+    """A unit without the brackets around it."""
+    text = cell.strip()
+    return text[1:-1].strip() if re.fullmatch(r"\[[^\[\]]*\]|\([^()]*\)", text) else text
 
 
 def _are_units(row: Sequence[str]) -> bool:
@@ -170,7 +216,7 @@ def _header_rows(path: Path, cells: Sequence[Sequence[str]], layout: CsvLayout) 
     named = [cell.strip() for cell in cells[0]] if cells else []
     if first == 2 and _are_units(cells[1]):
         return 2
-    if named and named[0].lower() in AXES:
+    if named and is_axis(named[0]):
         return 1  # and a line below cannot be read, which is told with its cell
     skip = layout.skip_rows
     if first is None:
@@ -178,11 +224,13 @@ def _header_rows(path: Path, cells: Sequence[Sequence[str]], layout: CsvLayout) 
             f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
             " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
         )
-    head = first - (2 if _are_units(cells[first - 1]) else 1)
+    units = _are_units(cells[first - 1])
+    head = first - (2 if units else 1)
     shown = ", ".join(cell.strip() for cell in cells[head][:6])
     raise FileError(
         f"{path}: lines {skip + 1} to {skip + first} stand above the numbers; where line {skip + head + 1} ({shown:.60}) names"
-        f" the columns, give `skip_rows = {skip + head}` in [record.csv], and `header_rows` where units follow in one more line"
+        f" the columns, give `skip_rows = {skip + head}` in [record.csv]"
+        + ("" if units else ", and `header_rows` where units follow in one more line")
     )
 
 

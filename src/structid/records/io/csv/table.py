@@ -13,7 +13,17 @@ from structid.arrays import FloatArray
 from structid.errors import FileError
 from structid.files import require_readable
 from structid.records.io.csv.layout import CsvLayout
-from structid.records.io.csv.recognition import AXES, Grid, as_date, is_number, recognised
+from structid.records.io.csv.recognition import (
+    FREQUENCY_UNITS,
+    Grid,
+    as_date,
+    bare_unit,
+    complex_parts,
+    frequency_factor,
+    is_axis,
+    is_number,
+    recognised,
+)
 
 _FEW = 20
 
@@ -36,6 +46,8 @@ class Table(NamedTuple):
         What the layout is.
     texts : list of list of str
         The cells.
+    to_hertz : float, optional
+        What the first column is multiplied by where it is an axis of frequencies; NaN where nothing says its unit.
     """
 
     path: Path
@@ -46,11 +58,12 @@ class Table(NamedTuple):
     first_line: int
     words: str
     texts: list[list[str]]
+    to_hertz: float | None = None
 
     @property
     def is_frequency(self) -> bool:
         """Whether the first column is an axis of frequencies."""
-        return AXES.get(self.names[0].lower()) == "frequency"
+        return self.to_hertz is not None
 
 
 def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
@@ -66,11 +79,42 @@ def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
     text = _text(path, layout)
     grid = recognised(path, text, layout)
     names = _names(path, grid)
-    units = [cell.strip().strip("[]()").strip() for cell in grid.header[1]] if len(grid.header) > 1 else []
-    gaps = AXES.get(names[0].lower()) != "frequency"
-    values = _numbers(path, grid, names, gaps)
+    units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
-    return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows)
+    to_hertz = FREQUENCY_UNITS.get(layout.frequency_unit.lower())
+    to_hertz = frequency_factor(names[0], below[0]) if to_hertz is None else to_hertz
+    if to_hertz is not None:
+        grid, names, below = _complex_apart(path, grid, names, below)
+    values = _numbers(path, grid, names, to_hertz is None)
+    return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
+
+
+def _complex_apart(
+    path: Path, grid: Grid, names: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[Grid, tuple[str, ...], tuple[str, ...]]:
+    """The table with columns of complex cells as two, headed by ``re`` and ``im``."""
+    split = [complex_parts(cell) is not None for cell in grid.rows[0][: len(names)]]
+    if not any(split):
+        return grid, names, units
+    rows = []
+    for i, row in enumerate(grid.rows):
+        cells: list[str] = []
+        for j, cell in enumerate(row):
+            parts = complex_parts(cell) if j < len(split) and split[j] else (cell,)
+            if parts is None:
+                raise FileError(
+                    f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) must be a complex number like those above, as"
+                    f" in 1.5-0.2i, got {cell!r:.60}"
+                )
+            cells += parts
+        rows.append(cells)
+    double = [
+        part
+        for name, two in zip(names, split, strict=True)
+        for part in ((f"{name} re", f"{name} im") if two else (name,))
+    ]
+    below = [unit for unit, two in zip(units, split, strict=True) for unit in ((unit, unit) if two else (unit,))]
+    return grid._replace(rows=rows), tuple(double), tuple(below)
 
 
 def _text(path: Path, layout: CsvLayout) -> str:
@@ -113,7 +157,7 @@ def _names(path: Path, grid: Grid) -> tuple[str, ...]:
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
             " column, or leave the line out with `skip_rows` and give `header_rows = 0` in [record.csv]"
         )
-    if len(names) < 2 and AXES.get(names[0].lower()):
+    if len(names) < 2 and is_axis(names[0]):
         raise FileError(
             f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
         )
@@ -168,8 +212,15 @@ def _where(grid: Grid) -> str:
 
 def _not_data(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
     """The error of a footer: few lines at the end, none of which is of numbers as those above."""
-    left = grid.rows[i:]
-    if i == 0 or len(left) > _FEW or any(len(_without_end(row)) == count and _is_whole(row) for row in left):
+    left, rest = grid.rows[i:], len(grid.rows) - i
+    while left and not any(cell.strip() for cell in left[0]):
+        left = left[1:]
+    if (
+        i == 0
+        or not left
+        or len(left) > _FEW
+        or any(len(_without_end(row)) == count and _is_whole(row) for row in left)
+    ):
         return None
     if not any(re.search(r"[A-Za-z]", cell) and not is_number(cell) for cell in left[0]):
         return None
@@ -177,8 +228,8 @@ def _not_data(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
         return None  # a line of numbers with one bad cell
     shown = ", ".join(cell.strip() for cell in left[0][:4])
     return FileError(
-        f"{path}: line {grid.first_line + i} ({shown:.60}) ends the numbers: a footer? Leave it out with `footer_rows ="
-        f" {len(left)}` in [record.csv] (--csv-footer-rows {len(left)} on the command line)"
+        f"{path}: line {grid.first_line + len(grid.rows) - len(left)} ({shown:.60}) ends the numbers: a footer? Leave it out with"
+        f" `footer_rows = {rest}` in [record.csv] (--csv-footer-rows {rest} on the command line)"
     )
 
 

@@ -188,7 +188,7 @@ def read_structure(
         section, nodes, elements, ties, [*fixed, *held], bases, [] if aims else components, measured, given
     )
     if record is not None and aims:
-        aimed = read_sensors(record, nodes, structure.elements, structure.active or ())
+        aimed = read_sensors(record, nodes, structure)
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))

@@ -47,12 +47,19 @@ class ModeDeviations:
         n = record.n_modes
         given = {name: self._each(name, n) for name in (item.name for item in fields(self))}
         frequency, damping, shape = (given[name] for name in ("frequency_std", "damping_std", "shape_std"))
+        own = record.std.reshape(2, n)
+        for what, std, there, other in (
+            ("frequencies", frequency, own[0], "frequency_error"),
+            ("damping ratios", damping, own[1], "damping_error"),
+        ):
+            self._require_none(f"standard deviations of {what}", std is not None and not np.isnan(there).all(), other)
         if frequency is not None or damping is not None:
-            self._require_none("covariance of frequencies and damping ratios", record.covariance, "frequency_error")
-            stds = [np.full(n, np.nan) if own is None else own for own in (frequency, damping)]
-            record = replace(record, covariance=independent_errors(np.concatenate(stds)))
+            stds = np.concatenate(
+                [there if std is None else std for std, there in zip((frequency, damping), own, strict=True)]
+            )
+            record = replace(record, covariance=independent_errors(stds))
         if shape is not None:
-            self._require_none("standard deviations of shapes", record.shape_std, "shape_error")
+            self._require_none("standard deviations of shapes", record.shape_std is not None, "shape_error")
             each = np.broadcast_to(shape * largest_entries(record.mode_shapes), record.mode_shapes.shape)
             record = replace(record, shape_std=each)
         return record
@@ -64,8 +71,8 @@ class ModeDeviations:
         return np.broadcast_to(np.asarray(values, float), (n,)) if values else None
 
     @staticmethod
-    def _require_none(what: str, own: object, other: str) -> None:
-        if own is not None:
+    def _require_none(what: str, is_there: bool, other: str) -> None:
+        if is_there:
             raise InputError(f"the file has {what} of its own; leave them out, or add a stated error with `{other}`")
 
 

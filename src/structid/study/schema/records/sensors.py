@@ -11,6 +11,7 @@ import numpy as np
 from structid.declared import Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
+from structid.structure import Structure
 from structid.structure.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
 from structid.structure.elements import ElementSet
 from structid.study.schema.kinds import POSITION, VECTOR, Kind, as_list
@@ -45,7 +46,7 @@ SENSORS = Key(
 
 
 def read_sensors(
-    record: Section, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet], active: Sequence[str]
+    record: Section, nodes: Mapping[int, Sequence[float]], structure: Structure
 ) -> list[tuple[Section, AimedSensor]]:
     """The sensors that ``[record.sensors]`` of a record declares, each with its place in the study.
 
@@ -54,15 +55,14 @@ def read_sensors(
     record : Section
     nodes : mapping of int to position
         Of the structure.
-    elements : sequence of ElementSet
-        Only nodes that they use can be nearest.
-    active : sequence of str
-        Directions in which the structure can move.
+    structure : Structure
+        Without these sensors. Only nodes that its elements use can be nearest.
 
     Raises
     ------
     StudyError
-        If a channel or its node cannot be used, a direction has no length, or a point is far from every node.
+        If a channel or its node cannot be used, a direction has no length or is one in which its node does not move, or a
+        point is far from every node.
     """
     section = record.section("sensors")
     if section is None:
@@ -73,7 +73,7 @@ def read_sensors(
     with section.located():
         own = [parse_dof(name) for name in names]
     fresh = max([*nodes, *(dof.node for dof in own)]) + 1
-    moves = [d for d in DIRECTIONS[:3] if d in active]
+    moves = [d for d in DIRECTIONS[:3] if d in (structure.active or ())]
     found = []
     for channel, dof in zip(section.table, own, strict=True):
         entry = _entry(section, channel)
@@ -81,8 +81,9 @@ def read_sensors(
         if dof.is_rotation or not moves:
             raise section.error("must be a translation, of a structure that has some; leave it out", channel)
         with section.located(channel):
-            node, distance = _node(given, dof.node, nodes, elements)
-            direction = unit_direction(_AXES[dof.axis] if given.direction is None else given.direction)
+            node, distance = _node(given, dof.node, nodes, structure.elements)
+            whole = unit_direction(_AXES[dof.axis] if given.direction is None else given.direction)
+            direction = _in_which_it_moves(whole, node, structure)
         label, seen = dof.node, dof.direction
         if label in nodes or seen not in moves:
             label, seen, fresh = fresh, moves[0], fresh + 1
@@ -111,6 +112,21 @@ def _node(
     if node not in nodes:
         raise InputError(f"node {node} does not exist; give `node` of the structure, or `point = [x, y, z]` in m")
     return node, 0.0
+
+
+def _in_which_it_moves(
+    direction: tuple[float, float, float], node: int, structure: Structure
+) -> tuple[float, float, float]:
+    """The parts of `direction` in which elements or ties use a node."""
+    moves = structure.numbering.directions(node)
+    x, y, z = (part if one in moves else 0.0 for part, one in zip(direction, DIRECTIONS, strict=False))
+    if not (x or y or z):
+        way = ", ".join(f"{part:g}" for part in direction)
+        raise InputError(
+            f"points along ({way}), where node {node} does not move; it moves in {', '.join(moves) or 'nothing'}: give"
+            " one of these as `direction`"
+        )
+    return x, y, z
 
 
 def is_load(name: str) -> bool:

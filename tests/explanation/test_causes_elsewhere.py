@@ -1,0 +1,140 @@
+"""Causes in structures that neither bend nor stand like the portal frame: made with matrices of the tests' own."""
+
+import numpy as np
+import pytest
+
+from structid.explanation.answer import criticized
+from structid.records import FrfRecord
+from structid.records.io import write_record
+from structid.study.run.run import run_started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
+
+TAIL = """
+[record]
+path = "frf.npz"
+
+[record.noise]
+relative = 0.01
+absolute = {floor}
+
+[method]
+restarts = 0
+"""
+
+
+def answered(folder, text, frequency, receptance, outputs, inputs, seed=3):
+    """Causes of a study whose record are receptances (n_lines, n_outputs, 1) with 1 % noise and a floor."""
+    floor = 1e-3 * float(np.sqrt((np.abs(receptance) ** 2).mean()))
+    rng = np.random.default_rng(seed)
+    noise = (rng.standard_normal(receptance.shape) + 1j * rng.standard_normal(receptance.shape)) / np.sqrt(2)
+    values = receptance + noise * np.hypot(0.01 * np.abs(receptance), floor)
+    write_record(folder / "frf.npz", FrfRecord(frequency, values, outputs, inputs, "receptance"))
+    (folder / "study.toml").write_text(text + TAIL.format(floor=floor), encoding="utf-8")
+    ready = started(load_study(folder / "study.toml"))
+    return criticized(ready, run_started(ready))[0].criticism
+
+
+def chain(inertia, stiffness, swinging=0.0, frequency=0.0):
+    """Mass and complex stiffness of a free chain of discs, with one more that swings on the last."""
+    n = len(inertia)
+    m, k = np.diag([*inertia, swinging][: n + (swinging > 0)]).astype(float), np.zeros((n + 1, n + 1), complex)
+    for i, c in enumerate(stiffness):
+        k[i : i + 2, i : i + 2] += c * (1 + 0.02j) * np.array([[1, -1], [-1, 1]])
+    if swinging:
+        k[n - 1 :, n - 1 :] += swinging * (2 * np.pi * frequency) ** 2 * (1 + 0.05j) * np.array([[1, -1], [-1, 1]])
+    return m, k[: len(m), : len(m)]
+
+
+def test_what_swings_of_its_own_on_a_drive_train_is_named_first(tmp_path):
+    """A damper of torsional vibration that the model lacks."""
+    inertia, stiffness = [0.8, 0.12, 0.3, 0.4, 0.9], [6000.0, 9000.0, 9000.0, 7000.0]
+    discs = "".join(
+        f'[[structure.rotary_inertia]]\nname = "disc {i}"\nnodes = [{i}]\nrotary_inertia = {j}\ndirection = "RX"\n\n'
+        for i, j in enumerate(inertia, 1)
+    )
+    springs = "".join(
+        f'[[structure.spring]]\nname = "shaft {i}"\nfirst = "{i}RX"\nsecond = "{i + 1}RX"\nstiffness = {c}\nloss_factor = 0.02\n\n'
+        for i, c in enumerate([5800.0, 9400.0, 8800.0, 7200.0], 1)
+    )
+    nodes = "".join(f"{i} = [{float(i)}]\n" for i in range(1, 6))
+    unknown = "".join(f'[[unknown]]\nproperty = "stiffness"\nelements = "shaft {i}"\n\n' for i in range(1, 5))
+    text = f'[structure]\nactive = ["RX"]\n\n[structure.nodes]\n{nodes}\n{discs}{springs}{unknown}'
+    mass, k = chain(inertia, stiffness, 0.03, 24.0)
+    frequency = np.linspace(2.0, 60.0, 150)
+    omega = 2 * np.pi * frequency[:, None, None]
+    receptance = np.linalg.inv(k - omega**2 * mass)[:, :5, :1]
+    found = answered(tmp_path, text, frequency, receptance, [f"{i}RX" for i in range(1, 6)], ["1RX"])
+    first, *_ = found.causes
+    assert (first.kind, first.where) == ("appendage", ("5RX",))
+    assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
+    values = {name.partition("[")[0]: value for name, value, _ in first.found}
+    assert values["rotary_inertia"] == pytest.approx(0.03, rel=0.05)
+
+
+def beam(stiffness, mass, length, n):
+    """Mass and stiffness of a beam of n equal parts that is free at both ends, by cubic shape functions."""
+    h, m, k = length / n, np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, 2 * n + 2))
+    bending = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2]])
+    bending = np.vstack([bending, -bending[0], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]) * stiffness / h**3
+    inertia = np.array([
+        [156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+        [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+    ]) * mass * h / 420  # fmt: skip
+    for i in range(n):
+        own = slice(2 * i, 2 * i + 4)
+        m[own, own] += inertia
+        k[own, own] += bending
+    return m, k
+
+
+@pytest.mark.parametrize("turning", [3e3, 1e9])
+def test_a_pin_that_is_a_clamp_or_half_of_one_is_named_first(tmp_path, turning):
+    """A girder over two spans whose first end is drawn free to turn; neighbours held instead explain much of it."""
+    nodes = "".join(f"{i} = {0.5 * i}\n" for i in range(9))
+    text = f"""
+[structure]
+active = ["Y", "RZ"]
+fixed = ["0Y", "4Y", "8Y"]
+
+[structure.nodes]
+{nodes}
+[[structure.beam]]
+name = "left"
+nodes = [[0, 1], [1, 2], [2, 3], [3, 4]]
+mass = 30.0
+bending_stiffness = 2200.0
+loss_factor = 0.02
+
+[[structure.beam]]
+name = "right"
+nodes = [[4, 5], [5, 6], [6, 7], [7, 8]]
+mass = 30.0
+bending_stiffness = 1850.0
+loss_factor = 0.02
+
+[[unknown]]
+property = "bending_stiffness"
+elements = "left"
+
+[[unknown]]
+property = "bending_stiffness"
+elements = "right"
+
+[[unknown]]
+property = "mass"
+elements = ["left", "right"]
+"""
+    mass, k = beam(2000.0, 30.0, 4.0, 8)
+    k[1, 1] += turning / (1 + 0.02j).real
+    free = [i for i in range(18) if i not in (0, 8, 16)]
+    frequency = np.linspace(1.0, 60.0, 200)
+    omega = 2 * np.pi * frequency[:, None, None]
+    whole = np.linalg.inv(k[np.ix_(free, free)] * (1 + 0.02j) - omega**2 * mass[np.ix_(free, free)])
+    places = [free.index(2 * i) for i in (1, 2, 3, 5, 6, 7)]
+    found = answered(
+        tmp_path, text, frequency, whole[:, places][:, :, [places[1]]], ["1Y", "2Y", "3Y", "5Y", "6Y", "7Y"], ["2Y"]
+    )
+    first, *_ = found.causes
+    assert (first.kind, first.where) == ("spring", ("0RZ",))
+    assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
