@@ -123,8 +123,7 @@ def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
     sigma, n = _noise(parts), len(poles)
     found = np.zeros(n)
     for p in parts:
-        inverse = linalg.inv(p.triangle)
-        gram, scaled = inverse @ inverse.T, p.coefficients / sigma
+        gram, scaled = _inverse_gram(p), p.coefficients / sigma
         for k in range(n):
             own = scaled[[k, n + k]]
             found[k] += np.sum(own * linalg.solve(gram[np.ix_([k, n + k], [k, n + k])], own))
@@ -167,6 +166,16 @@ def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> F
     return found / (2 * len(sigma) * len(parts))
 
 
+def is_left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> bool:
+    """Whether one of `candidates` would stand out beside `poles`."""
+    return bool((left_over(data, poles, candidates) > noise_strength(data)).any())
+
+
+def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
+    """Whether each of `poles` is still the mode that its search began at."""
+    return bool((np.abs(poles - start) <= _FAR * np.abs(start)).all())
+
+
 def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
     found = []
     for y in data.series:
@@ -188,6 +197,12 @@ def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
             )
         )
     return found
+
+
+def _inverse_gram(part: _Projected) -> FloatArray:
+    """Covariance of the coefficients for unit noise, (2 n_modes, 2 n_modes)."""
+    inverse = linalg.solve_triangular(part.triangle, np.eye(len(part.triangle)))
+    return np.asarray(inverse @ inverse.T)
 
 
 def _noise(parts: Sequence[_Projected]) -> FloatArray:
@@ -263,10 +278,12 @@ def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]
     n = len(poles)
     level = _noise(parts)
     matrix, _, _ = _normal(parts, level)
+    scale = np.sqrt(np.diag(matrix))
     try:
-        inverse = linalg.inv(matrix)
-    except np.linalg.LinAlgError:
+        factors = linalg.cho_factor(matrix / np.outer(scale, scale))
+    except np.linalg.LinAlgError:  # two poles in one
         return None
+    inverse = linalg.cho_solve(factors, np.eye(2 * n)) / np.outer(scale, scale)
     local = np.sqrt(_local_noise(data, poles, parts, level))
     factor = np.tile(local, 2)
     slopes, spreads, amplitudes = [], [], []
@@ -275,9 +292,7 @@ def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]
         # the basis takes up what its own slope holds: coefficients move by -inside S_i
         moved = -(p.inside @ _directions(p.coefficients))
         slopes.append(moved[:, :n] - 1j * moved[:, n:])
-        gram = linalg.inv(p.triangle)
-        gram = gram @ gram.T
-        mode = np.arange(n)
+        gram, mode = _inverse_gram(p), np.arange(n)
         rows = np.stack([mode, n + mode], axis=1)
         block = gram[rows[:, :, None], rows[:, None, :]]
         spreads.append(block * np.array([[1, -1], [-1, 1]]))  # Im a = -beta
@@ -369,7 +384,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     poles = modes.poles
     strong = np.flatnonzero(stands_out(data, poles))
     fit = decay_fit(data, poles[strong]) if len(strong) else None
-    if fit is None or (np.abs(fit.poles - poles[strong]) > _FAR * np.abs(poles[strong])).any():
+    if fit is None or not is_near(fit.poles, poles[strong]):
         return modes
     s = fit.poles
     _, merge = displacement_rows(data, s)

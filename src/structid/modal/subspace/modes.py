@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
@@ -19,11 +19,12 @@ from structid.modal.subspace.decay_fit import (
     decay_fit,
     decay_modes,
     energy_shares,
+    is_left_over,
+    is_near,
     left_over,
     noise_strength,
     schwarz,
     stands_out,
-    strength,
 )
 from structid.modal.subspace.kernel import Subspace, poles_of_orders
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
@@ -44,17 +45,20 @@ _BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
-_APART = 0.05  # of its size: a pole that maximum likelihood moves further may be another mode
-_NO_BETTER = 6  # orders in a row that explain a free decay no better, after which no more are tried
+_TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
 _ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
 def subspace_modes(
-    records: TimeRecord | Sequence[TimeRecord] | Outputs, options: ModalOptions, method: str
+    records: TimeRecord | Sequence[TimeRecord], options: ModalOptions, method: str
 ) -> ModalIdentification:
     """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
-    data = outputs(records)
+    return _modes(outputs(records), options, method)
+
+
+def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = False) -> ModalIdentification:
+    """The same, of records that are known to be free decays, or may be anything."""
     rows = _block_rows(data, options.block_rows)
     wanted = _orders(data, rows, options.orders)
     subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
@@ -67,18 +71,18 @@ def subspace_modes(
             "`block_rows` or the greatest order, or measure longer"
         )
     motion = free_decay(data, _poles(sweep, picked))
-    shorter = _until_noise(data, motion, 8 * rows) if motion.explains_most else None
+    shorter = _until_noise(data, motion, 8 * rows) if motion.explains_most and not is_decay else None
     if shorter is not None:
-        result = subspace_modes(shorter, options, method)
+        result = _modes(shorter, options, method, is_decay=True)
         words = f"after {shorter.duration:.3g} s the free decay is lost in the noise: modes are from the time before (`stop`)"
         return replace(result, modes=replace(result.modes, warnings=(words, *result.modes.warnings)))
-    if method in _REFINED and options.refine and found and options.frequencies is None and motion.explains_most:
+    automatic = bool(found) and options.frequencies is None
+    if automatic and method in _REFINED and options.refine and (is_decay or motion.explains_most):
         picked, found, motion = _with_left_over(data, sweep, picked, found, motion, options, notes)
     if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
         picked, found, notes = _damped(sweep, data.scale, options, _poles(sweep, picked))
         motion = free_decay(data, _poles(sweep, picked))
-    automatic = bool(found) and options.frequencies is None
     if automatic and motion.explains_all:
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
     modes = _modal_record(subspace, sweep, picked, motion, notes)
@@ -111,52 +115,57 @@ def _with_left_over(
     data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
     options: ModalOptions, notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
-    """The same where they leave nothing but noise of a free decay; else the modes of the order that explains it best.
+    """The same where they leave nothing but noise of a free decay; else with the modes that were missing.
 
-    Modes of high damping scatter over the orders, and their clusters are too small to be taken for modes. Of each order,
-    the poles that stand out start a maximum-likelihood fit; Schwarz's criterion chooses among those that stay near.
+    Modes of high damping scatter over the orders, and their clusters are too small to be taken for modes.
     """
     every = clusters(sweep, data.scale, options.criteria, keep_all=True)
     candidates = np.array([sweep[c.number[c.chosen]].poles[c.index[c.chosen]] for c in every if c.size > 1])
-    fit = decay_fit(data, _poles(sweep, picked))
-    poles = _poles(sweep, picked) if fit is None else fit.poles
-    if fit is not None and left_over(data, poles, candidates).max(initial=0.0) <= noise_strength(data):
+    start = _poles(sweep, picked)
+    fit = decay_fit(data, start)
+    poles = start if fit is None else fit.poles
+    if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
         return picked, found, motion
-    least, best, behind = schwarz(data, poles), None, 0
-    for k in range(len(sweep)):
-        trial = _standing_fit(data, sweep[k].poles, options.criteria.indices(sweep[k]))
-        price = np.inf if trial is None else schwarz(data, trial[1])
-        behind = 0 if price < least else behind + 1
-        if trial is not None and price < least:
-            least, best = price, (k, *trial)
-        elif best is not None and behind == _NO_BETTER:
-            break
-    wider = None if best is None else free_decay(data, best[2])
-    if best is None or wider is None or not wider.explains_all:
+    poles = _pursued(data, poles, candidates)
+    wider = free_decay(data, poles)
+    if not wider.explains_all or is_left_over(data, poles, candidates):
         notes.append(
             "the free decay holds more than these modes and white noise: modes may be missing, and standard deviations too "
             "small. Read the part that is free motion (`start`, `stop`), or give `orders` or `frequencies`"
         )
         return picked, found, motion
-    k, index, _ = best
-    chosen = [(k, int(i)) for i in index]
+    chosen = _nearest(sweep, poles)
     return chosen, tuple(_around(sweep, every, *place) for place in chosen), wider
 
 
-def _standing_fit(data: Outputs, poles: ComplexArray, index: IntArray) -> tuple[IntArray, ComplexArray] | None:
-    """Those of `poles[index]` that stand out of the noise together, and where maximum likelihood puts them nearby."""
-    while len(index):
-        force = strength(data, poles[index])
-        if force.min() > noise_strength(data):
-            fit = decay_fit(data, poles[index])
-            if fit is None or (np.abs(fit.poles - poles[index]) > _APART * np.abs(poles[index])).any():
-                return None
-            force = strength(data, fit.poles)
-            if force.min() > noise_strength(data):
-                return index, fit.poles
-        weak = np.argsort(force)[: max(int(np.sum(force <= noise_strength(data))) // 2, 1)]
-        index = np.delete(index, weak)
-    return None
+def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
+    """`poles` with those of `candidates` that lower Schwarz's criterion, the strongest of what is left first.
+
+    All poles are refined by maximum likelihood each time, and those that no longer stand out are left out.
+    """
+    price, tries = schwarz(data, poles), 0
+    while tries < _TRIES:
+        strength_left = left_over(data, poles, candidates)
+        k = int(np.argsort(-strength_left)[tries]) if tries < len(candidates) else -1
+        if k < 0 or strength_left[k] <= noise_strength(data):
+            break
+        fit = decay_fit(data, np.append(poles, candidates[k]))
+        kept = None if fit is None else fit.poles[stands_out(data, fit.poles)]
+        if kept is not None and len(kept) and schwarz(data, kept) < price:
+            poles, price, tries = kept, schwarz(data, kept), 0
+        else:
+            tries += 1
+    return poles
+
+
+def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:
+    """The place in the sweep of the pole nearest to each of `poles`, no place twice."""
+    places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
+    values, chosen = np.concatenate([one.poles for one in sweep]), []
+    for pole in poles:
+        nearest = next(int(j) for j in np.argsort(np.abs(values - pole)) if places[j] not in chosen)
+        chosen.append(places[nearest])
+    return chosen
 
 
 def _around(sweep: Sequence[Poles], every: Sequence[Cluster], number: int, index: int) -> Cluster:
