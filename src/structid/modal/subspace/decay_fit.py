@@ -28,6 +28,7 @@ from structid.modal.poles import frequency_damping_slope
 
 _MAX_STEPS = 50
 _SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up
+_FASTEST = 1.0  # nepers a sample: a faster decay is one sample
 _FAR = 0.05  # of its size: a pole that moves further has left its mode
 _GROWTH = 20.0  # exponent that a growing pole may reach
 _ROUNDING = 1e-10  # residual, as a part of the rms, below which there is no noise to average
@@ -256,12 +257,13 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
         if float(step @ scaled @ step) < 1e-10:  # in units of the standard deviation
             return poles, parts
         trial = poles + (step / scale)[:n] + 1j * (step / scale)[n:]
-        if (trial.imag <= 0).any() or (trial.real * data.duration > _GROWTH).any():
+        fastest = -float(trial.real.min()) / data.sampling_rate
+        if (trial.imag <= 0).any() or (trial.real * data.duration > _GROWTH).any() or fastest > _FASTEST:
             damping = max(10 * damping, 1e-4)
             continue
         try:
             tried = _projected(data, trial)
-        except np.linalg.LinAlgError:  # a decay within a sample, or two poles in one
+        except np.linalg.LinAlgError:  # two poles in one
             damping = max(10 * damping, 1e-4)
             continue
         new_matrix, new_gradient, new_cost = _normal(tried, sigma)
