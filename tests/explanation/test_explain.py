@@ -458,3 +458,19 @@ def test_a_wrong_sense_beside_another_fault_is_not_called_a_noisy_sensor(tmp_pat
     assert second.chi_square_per_dof < 1.1
     assert "polarity" in second.study
     assert "mass" in second.study
+
+
+def test_a_channel_that_its_history_shows_to_be_clipped_is_said_and_named(tmp_path):
+    """A linear look does not promise much of leaving it out: the model has bent to it."""
+    path = written_histories(tmp_path, of_histories(off()))
+    record = read_record(tmp_path / "time.npz")
+    values = np.array(record.values)
+    limit = 0.4 * np.abs(values[:, 3]).max()
+    values[:, 3] = np.clip(values[:, 3], -limit, limit)
+    write_record(tmp_path / "time.npz", replace(record, values=values))
+    result, _ = answered(path)
+    assert "channel 4Y+ acceleration is clipped" in result.identification.warnings[0]
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("channel", ("4Y",))
+    assert first.share > 0.9

@@ -91,7 +91,7 @@ class Shortlist(NamedTuple):
     """What came of the looks.
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
-    those of them that promise most at the fit; `tried` is how many there were.
+    those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were.
     """
 
     rows: list[Screened]
@@ -111,7 +111,8 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     """
     points = screening_points(base)
     names = titles(base.trial.setups)
-    told = _told(base, points)
+    faulty = _faulty(base)
+    told = faulty | _told(base, points)
     answers = work.map(name, _looked, tuple(points), range(len(points)))
     held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
@@ -149,7 +150,8 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
         rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name)
     rows = rows[:_REFITTED]
     at_fit = [best[key][1] for key in here if key in best]
-    return Shortlist(rows, [row for row in at_fit if row in rows][:_AT_FIT], tried)
+    sure = [row for row in rows if _key(row.candidate) in faulty]
+    return Shortlist(rows, [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]], tried)
 
 
 def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
@@ -163,6 +165,15 @@ def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
     )
     rows = point.screened(list(exchanges(point.records)))
     return {_key(row.candidate) for row in rows if row.left < _TOLD * point.left}
+
+
+def _faulty(base: Fitted) -> set[_Key]:
+    """Channels whose histories show by themselves that they did not measure their motion."""
+    return {
+        ("channel", (parse_dof(fault.channel.split()[0]).place,), number)
+        for number, setup in enumerate(base.trial.setups)
+        for fault in setup.faults
+    }
 
 
 def _family(candidate: Candidate, held: Collection[int]) -> str:

@@ -20,6 +20,7 @@ from structid.observation import ChannelUnknown, FrfProblem, Models, measures_ev
 from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.channel_unknowns import channel_errors
 from structid.records import FrfRecord
+from structid.records.quality.findings import Finding
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -46,6 +47,8 @@ class Setup(RecordSetup[FrfProblem]):
     name : str
     models : Models
         What its problems have in common, and those of other records of the same structure.
+    faults : tuple of Finding
+        What the histories behind the record show by themselves of single channels.
     """
 
     structure: Structure
@@ -55,6 +58,7 @@ class Setup(RecordSetup[FrfProblem]):
     name: str = ""
     time: InitVar[object] = None
     models: Models = field(default_factory=Models, repr=False)
+    faults: tuple[Finding, ...] = ()
 
     def __post_init__(self, time: object) -> None:
         if time is not None:
@@ -105,7 +109,7 @@ class Setup(RecordSetup[FrfProblem]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> Setup:
-        return Setup(structure, parameters, self.record, channel_unknowns, self.name)
+        return Setup(structure, parameters, self.record, channel_unknowns, self.name, faults=self.faults)
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:

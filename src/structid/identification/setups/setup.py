@@ -22,6 +22,7 @@ from structid.identification.fits.record_fit import Own, RecordFit
 from structid.identification.options import IdentifyOptions
 from structid.observation import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.observation.channel_errors import Measured
+from structid.records.quality.findings import Finding
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -63,11 +64,14 @@ class RecordSetup(ABC, Generic[P]):
         Those of this structure; names shared with other set-ups are the same unknowns.
     name : str
         What reports call it.
+    faults : tuple of Finding
+        What its histories show by themselves of single channels.
     """
 
     structure: Structure
     parameters: Parameters
     name: str
+    faults: tuple[Finding, ...] = ()
 
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:

@@ -35,6 +35,7 @@ from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.time.options import Hold, Initial, TimeMethod
 from structid.observation.time.spectra import NO_WINDOW, transient_order
 from structid.records import FrfRecord, TimeRecord, frf_from_time
+from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.structure import Structure
@@ -132,6 +133,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         four segments of the record. They have no part in the fit.
     models : Models
         What its problems have in common, and those of other records of the same structure.
+    faults : tuple of Finding
+        What the record shows by itself of single channels.
     """
 
     structure: Structure
@@ -142,6 +145,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     name: str = ""
     shown: FrfRecord | None = None
     models: Models = field(default_factory=Models, repr=False)
+    faults: tuple[Finding, ...] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
         """Finite spectra of the lines that `options` choose, or all samples for output error.

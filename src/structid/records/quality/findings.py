@@ -8,6 +8,8 @@ from typing import Literal
 from structid.records.record import TimeRecord
 
 Severity = Literal["note", "warning", "unusable"]
+#: Kinds that say that one channel did not measure its motion.
+CHANNEL_FAULTS = ("dead", "constant", "clipped", "drop_out", "spikes")
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
         ) from error
     own = [found.estimate.theta[places(found.estimate.names, one.names)] for one in found.problems]
     off = mesh_warnings(ready.setups, found.problems, own)
-    found = replace(found, warnings=(*off, *ready.channel_warnings, *found.warnings))
+    found = replace(found, warnings=(*ready.fault_warnings, *off, *ready.channel_warnings, *found.warnings))
     return StudyResult(study, found, provenance(study))
 
 

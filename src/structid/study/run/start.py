@@ -17,9 +17,10 @@ from structid.identification.setups.setup import AnySetup, Look, Prepared, prefi
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.observation import Models, RecordProblem
+from structid.records import FrfRecord, TimeRecord
 from structid.solver.model import SolverModel
 from structid.structure import Structure
-from structid.study.schema.records.record import load_histories, load_record
+from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
 from structid.study.schema.study import Study
@@ -56,6 +57,11 @@ class Start:
     def sensor_warnings(self) -> tuple[str, ...]:
         """Those of them that a sound answer proves wrong."""
         return self._titled(look.warnings.of_sensors for look in self.looks)
+
+    @property
+    def fault_warnings(self) -> tuple[str, ...]:
+        """What histories show by themselves."""
+        return self._titled(tuple(one.words for one in setup.faults) for setup in self.setups)
 
     def _titled(self, of_each: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
         """Warnings of each record with its name before them, where there are several."""
@@ -115,19 +121,26 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
     elif source.record.modes is not None:
         modes = source.record.modes
         setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
-    elif source.record.time is not None:
-        time = source.record.time
-        shown = None if source.record.frf is None else load_record(source.record)
-        histories = load_histories(source.record, time)
-        setup = TimeSetup(structure, parameters, histories, time.settings, source.channel_unknowns, name, shown, models)
     else:
-        setup = Setup(structure, parameters, load_record(source.record), source.channel_unknowns, name, models=models)
+        setup = _measured_setup(source, read_files(source.record), models)
     if measured is None:
         source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
             _require_places(structure, dofs, role == "input")
     return setup
+
+
+def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], models: Models) -> AnySetup:
+    """The set-up of histories or FRFs, as `read` from its files."""
+    record, time, told = source.record, source.record.time, faults(read)
+    common = (source.structure, source.parameters)
+    if time is None:
+        frfs = load_record(record, read)
+        return Setup(*common, frfs, source.channel_unknowns, source.name, models=models, faults=told)
+    shown = None if record.frf is None else load_record(record, read)
+    histories = load_histories(record, time, read)
+    return TimeSetup(*common, histories, time.settings, source.channel_unknowns, source.name, shown, models, told)
 
 
 def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TypeVar
@@ -15,6 +15,8 @@ from structid.errors import InputError
 from structid.identification.setups.time import averaged_frfs
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
+from structid.records.quality.findings import CHANNEL_FAULTS, Finding
+from structid.records.quality.signal_checks import signal_checks
 from structid.records.record import LOADS, Quantity
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
@@ -208,8 +210,27 @@ def _noise(section: Section, repeats: bool) -> NoiseSource:
     return noise
 
 
-def load_record(source: RecordSource) -> FrfRecord:
-    """The frequency response functions of a source, their noise and used sensors chosen.
+def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
+    """The records of a source as they are in its files, one a file.
+
+    Raises
+    ------
+    StudyError
+        If a file is damaged, or holds what cannot be used.
+    """
+    with source.section.located("path" if "path" in source.section.table else "repeats"):
+        return _read(source)
+
+
+def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
+    """What single channels of histories show by themselves: dead, constant, clipped, with drop-outs or spikes."""
+    histories = [record for record in records if isinstance(record, TimeRecord)]
+    found = [one for record in histories for one in signal_checks(record)]
+    return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
+
+
+def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | None = None) -> FrfRecord:
+    """The frequency response functions of a source, their noise and used sensors chosen; of its files as `read`, if given.
 
     Raises
     ------
@@ -217,7 +238,7 @@ def load_record(source: RecordSource) -> FrfRecord:
         If a file is damaged, holds what cannot be used, or lacks what the study asks for.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
-        record = _as_frf(_read(source), source)
+        record = _as_frf(_read(source) if read is None else read, source)
     with (source.section.section("noise") or source.section).located():
         record = _with_noise(record, source.noise)
     if source.window_decay is not None:
@@ -239,8 +260,10 @@ def _segment(record: FrfRecord) -> float:
     return float(1 / gaps.mean())
 
 
-def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
-    """The time record of a source that is fitted itself, with its noise and the used sensors.
+def load_histories(
+    source: RecordSource, time: TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
+) -> TimeRecord:
+    """The time record of a source that is fitted itself, with its noise and the used sensors; of its files as `read`, if given.
 
     Raises
     ------
@@ -248,7 +271,7 @@ def load_histories(source: RecordSource, time: TimeSource) -> TimeRecord:
         As `load_record`, or if the record holds frequency response functions.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
-        histories = [record for record in _read(source) if isinstance(record, TimeRecord)]
+        histories = [record for record in (_read(source) if read is None else read) if isinstance(record, TimeRecord)]
         if not histories:
             raise time.section.error("the record holds frequency response functions; leave this section out")
         record = time.with_noise(histories)
@@ -326,7 +349,7 @@ def _relabelled(record: R, names: Mapping[str, str]) -> R:
     return replace(record, channels=tuple(next(right if load else left) for load in is_load))
 
 
-def _as_frf(records: list[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
+def _as_frf(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
     """One record of frequency response functions from one file or from repeats."""
     responses = [record for record in records if isinstance(record, FrfRecord)]
     histories = [record for record in records if isinstance(record, TimeRecord)]
