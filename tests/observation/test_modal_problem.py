@@ -109,6 +109,18 @@ def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
     require_exact_slope(problem, theta)
 
 
+def test_slopes_of_weights_are_the_same_for_models_of_any_size(monkeypatch):
+    """Full arrays for a few elements, sparse ones for many."""
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(0))
+    problem = ModalProblem(structure, unknown, record)
+    jacobian = problem.linearize(problem.theta_start).jacobian
+    monkeypatch.setattr("structid.observation.modal.matrix_slopes._SMALL", 0)
+    again = ModalProblem(structure, unknown, record)
+    assert again.linearize(again.theta_start).jacobian == pytest.approx(jacobian, rel=1e-12, abs=1e-12)
+
+
 def test_modes_in_their_order_are_paired_by_it_whatever_their_shapes():
     structure = chain()
     unknown = stiffnesses(structure)

@@ -8,6 +8,7 @@ from scipy import sparse
 
 from structid import Blocks, InputError
 from structid.structure import MatrixBlocks
+from structid.structure.blocks import pattern
 
 
 def random_family(seed, kind):
@@ -35,6 +36,10 @@ def test_operations_equal_dense_sums(seed, kind):
     x = rng.standard_normal((4, 7, 2)) + 1j * rng.standard_normal((4, 7, 2))
     y = rng.standard_normal((4, 7, 3)) + 1j * rng.standard_normal((4, 7, 3))
     assert family.assemble(weights).toarray() == pytest.approx(np.einsum("e,eij->ij", weights, dense), abs=1e-12)
+    both = pattern([family, family.take(np.array([4, 1]))]).summed(np.append(weights, [2.0, -weights[1]]))
+    expected = np.einsum("e,eij->ij", weights * [1, 0, 1, 1, 1], dense) + 2 * dense[4]
+    assert both.toarray() == pytest.approx(expected, abs=1e-12)
+    assert both.nnz == np.count_nonzero(both.toarray())
     assert family.apply(x[0, :, 0]).toarray() == pytest.approx(np.einsum("eij,j->ie", dense, x[0, :, 0]), abs=1e-12)
     expected = np.einsum("fia,eij,fjb->feab", y, dense, x)
     assert family.bilinear(y, x) == pytest.approx(expected, abs=1e-11)

@@ -137,6 +137,37 @@ class Blocks:
 
 
 @dataclass(frozen=True, eq=False)
+class Pattern:
+    """Where the entries of several families of element matrices go in their weighted sum; made by `pattern`."""
+
+    indices: IntArray
+    starts: IntArray
+    place: IntArray  # in the sum, of each entry
+    element: IntArray
+    value: FloatArray
+
+    def summed(self, weights: np.ndarray) -> sparse.csc_array:
+        """The sum of weights[e] B_e over all families, elements in their order, (n_dofs, n_dofs)."""
+        data = np.bincount(self.place, self.value * weights[self.element], len(self.indices))
+        size = len(self.starts) - 1
+        found = sparse.csc_array((data, self.indices.copy(), self.starts.copy()), (size, size))
+        found.eliminate_zeros()
+        return found
+
+
+def pattern(families: Sequence[ElementMatrices]) -> Pattern:
+    """The `Pattern` of the sum of `families`, one or more."""
+    parts, n = [family.entries() for family in families], families[0].n_dofs
+    row, column, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
+    firsts = np.cumsum([0, *(family.n_elements for family in families)])
+    element = np.concatenate([first + part[2] for first, part in zip(firsts, parts, strict=False)])
+    places, place = np.unique(column * n + row, return_inverse=True)
+    starts = np.searchsorted(places // n, np.arange(n + 1))
+    kind = index_kind(len(places))
+    return Pattern((places % n).astype(kind), starts.astype(kind), place.ravel(), element, value)
+
+
+@dataclass(frozen=True, eq=False)
 class MatrixBlocks:
     """Whole sparse matrices as elements: groups of a model from another finite element code.
 

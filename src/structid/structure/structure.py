@@ -16,6 +16,7 @@ from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.plotting import StructurePlots
 from structid.shown import Overview, Shown, counted, listed
+from structid.structure.blocks import Pattern, pattern
 from structid.structure.component import Component, Reduction, reductions
 from structid.structure.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.elements import ElementSet, MatrixGroup
@@ -29,6 +30,8 @@ from structid.structure.supports import Base, Equations, RigidLink, Tie, tie_equ
 
 #: Into which one element may be cut; its matrices are dense.
 MOST_PIECES = 100
+#: Degrees of freedom up to which the places of the entries of its matrices are kept.
+_SMALL = 600
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
 
 
@@ -346,11 +349,23 @@ class Structure(Shown, StructurePlots):
             Property values; the nominal ones by default.
         """
         given = self.values if values is None else values
+        own = [part for part in self.contributions if part.law == law]
+        if own and self.n_dofs <= _SMALL:
+            return self._pattern(law).summed(np.concatenate([part.weights(given) for part in own]))
         total = sparse.csc_array((self.n_dofs, self.n_dofs))
-        for part in self.contributions:
-            if part.law == law:
-                total = total + part.blocks.assemble(part.weights(given))
+        for part in own:
+            total = total + part.blocks.assemble(part.weights(given))
         return total
+
+    def _pattern(self, law: str) -> Pattern:
+        if law not in self._patterns:
+            self._patterns[law] = pattern([part.blocks for part in self.contributions if part.law == law])
+        return self._patterns[law]
+
+    @cached_property
+    def _patterns(self) -> dict[str, Pattern]:
+        """Where the entries of element matrices go, by law; of small models, whose matrices are made thousands of times."""
+        return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:
         """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`).

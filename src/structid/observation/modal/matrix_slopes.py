@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -13,6 +14,13 @@ from structid.arrays import FloatArray
 from structid.observation.sensitive import SensitiveElements, sensitive_elements, weight_slope
 from structid.structure import Structure
 from structid.unknowns import Parameters
+
+#: Derivative of the weights of some elements, (n_elements, n_params).
+Slope: TypeAlias = sparse.csr_array | FloatArray
+#: Number of a group of elements, and of a contribution.
+_Member: TypeAlias = tuple[int, int]
+#: Places of values in a weight, and entries, up to which slopes are full arrays.
+_FEW, _SMALL = 6, 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,24 +59,39 @@ class MatrixSlopes:
                     found[law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
         return found
 
-    def _weight_slopes(self, physical: FloatArray) -> dict[tuple[int, int], sparse.csr_array]:
+    def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
         """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
         key = physical.tobytes()
         if key not in self._latest:
             values = self.parameters.values(physical)
-            found = {
-                (number, member): weight_slope(self.structure.contributions[member], self.parameters, values)[
-                    group.rows
-                ]
-                for number, group in enumerate(self.elements)
-                for member in group.members
-            }
+            found = {member: self._weight_slope(*member, values) for member in self._designs}
             self._latest.clear()
             self._latest[key] = found
         return self._latest[key]
 
+    def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
+        part, rows = self.structure.contributions[member], self.elements[number].rows
+        designs = self._designs[number, member]
+        if not designs:
+            return weight_slope(part, self.parameters, values)[rows]
+        pieces = [part.slope(values, place)[rows, None] * own for place, own in designs.items()]
+        slope: FloatArray = np.sum(pieces, axis=0)
+        return slope
+
     @cached_property
-    def _latest(self) -> dict[bytes, dict[tuple[int, int], sparse.csr_array]]:
+    def _designs(self) -> dict[_Member, dict[int, FloatArray]]:
+        """Of small groups, how the values at each place of a member's weights change with the parameters; empty of others."""
+        design, found = self.parameters.design.tocsr(), {}
+        for number, group in enumerate(self.elements):
+            for member in group.members:
+                places = self.structure.contributions[member].places
+                is_small = len(places) <= _FEW and len(group.rows) * design.shape[1] <= _SMALL
+                own = [design[place][group.rows].toarray() for place in places] if is_small else []
+                found[number, member] = {k: piece for k, piece in enumerate(own) if piece.any()}
+        return found
+
+    @cached_property
+    def _latest(self) -> dict[bytes, dict[_Member, Slope]]:
         """Slopes of the last point."""
         return {}
 

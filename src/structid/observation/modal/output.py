@@ -45,7 +45,7 @@ class GroupData:
 
 @dataclass(frozen=True, eq=False)
 class GroupFit:
-    """One group of modes as the model has it; derivatives have the parameters last, or are None.
+    """One group of modes as the model has it; derivatives have the parameters last.
 
     Attributes
     ----------
@@ -97,8 +97,8 @@ class ModelState:
     readings: FloatArray
 
 
-def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit:
-    """The group as the model's modes `chosen` show it, `state` having the group's sensors.
+def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
+    """The group as the model's modes `chosen` show it, `state` having the group's sensors; slopes of no parameter if not wanted.
 
     With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
     from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
@@ -116,6 +116,10 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit
     eigenvalues = omega**2
     m = len(chosen)
     loss = _loss_force(state, phi, omega) if m == 1 else np.zeros((len(phi), 0))
+    weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
+    if not with_slopes:
+        none = np.zeros((*weights.shape, 0)), np.zeros((m, m, 0)), np.zeros(0), np.zeros(0)
+        return _fitted(state, group, phi, eigenvalues, weights, *none)
     adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
     x = phi.T[:, :, None]
     y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
@@ -124,19 +128,28 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray) -> GroupFit
     d_mass, d_stiffness = forms["inertia"][:, :, 0], forms["elastic"][:, :, 0]  # (m, n_y + m, n_params), mode first
     outside = -(d_stiffness[:, :n_y] - eigenvalues[:, None, None] * d_mass[:, :n_y])
     inside = d_mass[:, n_y:]  # phi_l' dM phi_k at [k, l]
-    weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
     change = np.moveaxis(outside, 0, 1) - 0.5 * np.einsum("yl,klp->ykp", weights, inside)
     mean = 0.5 * (eigenvalues[:, None] + eigenvalues[None, :])
     d_lambda = d_stiffness[:, n_y:] - mean[:, :, None] * inside
     n_channels, n_params = state.readings.shape[0], change.shape[2]
     seen, values = _widened(state, change), _widened(state, d_lambda)
     seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
+    viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
+    return _fitted(state, group, phi, eigenvalues, weights, seen, values, viscous, structural)
+
+
+def _fitted(
+    state: ModelState, group: GroupData, phi: FloatArray, eigenvalues: FloatArray, weights: FloatArray,
+    seen: FloatArray, values: FloatArray, viscous: FloatArray, structural: FloatArray,
+) -> GroupFit:  # fmt: skip
+    """From the slopes of what is `seen` (n_y, m, n_params), of the eigenvalues (m, m, n_params), and of the losses (n_params,)."""
+    n_channels, m = state.readings.shape[0], len(eigenvalues)
     shape, d_shape, a, d_a = _projected(weights[:n_channels], seen[:n_channels], group.shapes)
     frequency, d_frequency, mixing, d_mixing = _turned(eigenvalues, values, a, d_a, group)
     ratio, d_ratio = np.full(m, np.nan), np.full((m, values.shape[2]), np.nan)
     if m == 1:
-        viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
-        ratio, d_ratio = _damping(state, phi[:, 0], omega[0], values[0, 0], seen[-1, 0], viscous, structural)
+        omega = float(np.sqrt(eigenvalues[0]))
+        ratio, d_ratio = _damping(state, phi[:, 0], omega, values[0, 0], seen[-1, 0], viscous, structural)
     return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
 
 

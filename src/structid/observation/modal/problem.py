@@ -213,6 +213,18 @@ class ModalProblem(MeasuredProblem):
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
+        key = physical.tobytes()
+        if key not in self._latest_state:
+            found = self._state_at(physical)
+            self._latest_state.clear()
+            self._latest_state[key] = found
+        return self._latest_state[key]
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the model at the last point, which another process has no use for."""
+        return {name: value for name, value in self.__dict__.items() if name != "_latest_state"}
+
+    def _state_at(self, physical: FloatArray) -> ModelState:
         own, values = physical[: self.parameters.n_params], self.property_values(physical)
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
@@ -253,7 +265,11 @@ class ModalProblem(MeasuredProblem):
         return use[assigned(worth)[1]]
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self.linearize(theta).residual
+        if self.form == "dynamic" or theta.tobytes() in self._latest:
+            return self.linearize(theta).residual
+        data, _, eliminated = self._output(self.physical(theta), with_slopes=False)
+        none = np.zeros((len(data), len(theta)))
+        return self._linearized(theta, data, none, eliminated).residual
 
     def shape_residual(self, theta: FloatArray) -> FloatArray:
         """The rows of shape values in the residual of form ``output``, in standard deviations."""
@@ -290,7 +306,12 @@ class ModalProblem(MeasuredProblem):
 
     @cached_property
     def _latest(self) -> dict[bytes, Linearization]:
-        """The last linearization: a step is tried and made at one point, and the residual costs as much as all of it."""
+        """The last linearization: the same point is asked for by searches, tests and intervals."""
+        return {}
+
+    @cached_property
+    def _latest_state(self) -> dict[bytes, ModelState]:
+        """The model at the last point: a step is tried and made there."""
         return {}
 
     def linearize(self, theta: FloatArray) -> Linearization:
@@ -341,16 +362,18 @@ class ModalProblem(MeasuredProblem):
             found.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
         return found
 
-    def _output(self, physical: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+    def _output(self, physical: FloatArray, with_slopes: bool = True) -> tuple[FloatArray, FloatArray, int]:
+        """Data rows of form ``output``, their slopes by physical values, and how many rows stand for what is eliminated."""
         fits: list[GroupFit] = []
         rows: list[FloatArray] = []
         slopes: list[FloatArray] = []
         eliminated = 0
-        n_params = self.unknowns.n_params
+        n_params = self.unknowns.n_params if with_slopes else 0
         for state, group, chosen in self._groups_at(physical):
-            fit = group_fit(state, group, chosen)
+            fit = group_fit(state, group, chosen, with_slopes)
             rows += [fit.shape_residual.ravel(), fit.mixing.ravel()]
-            slopes += [fit.shape_slope.reshape(-1, n_params), fit.mixing_slope.reshape(-1, n_params)]
+            slopes += [fit.shape_slope.reshape(fit.shape_residual.size, n_params)]
+            slopes += [fit.mixing_slope.reshape(fit.mixing.size, n_params)]
             n_mixing = len(chosen) ** 2 if len(group.channels) else 0
             eliminated += n_mixing + len(chosen)  # A, and the mixing's empty diagonal
             fits.append(fit)
