@@ -210,10 +210,23 @@ def test_a_mode_without_a_shape_may_be_one_that_no_sensor_sees():
     assert np.isfinite(modal_view(problem, problem.theta_start).problem.record.values).all()
 
 
+def test_frequencies_alone_give_what_they_determine():
+    """With a file of no shape column, or shapes that are all unknown; masses are known."""
+    record = measured(lost=0)
+    bare = replace(record, mode_shapes=np.zeros((0, 4)), channels=(), shape_std=None)
+    unknown = replace(record, mode_shapes=np.full((5, 4), np.nan))
+    theta = problem_of(bare, shape_error=0.02).theta_start
+    require_exact_slope(problem_of(bare), theta)
+    assert problem_of(bare).residual(theta) == pytest.approx(problem_of(unknown).residual(theta))
+
+
 def test_what_cannot_do_without_more_entries_says_so():
     record = measured(lost=0)
-    with pytest.raises(InputError, match="no known entry of a mode shape"):
-        problem_of(replace(record, mode_shapes=np.full((5, 4), np.nan)))
+    bare = replace(record, mode_shapes=np.full((5, 4), np.nan))
+    with pytest.raises(InputError, match="MACs are of shapes"):
+        problem_of(bare, shape_form="mac", shape_error=0.05)
+    with pytest.raises(InputError, match="form 'dynamic' needs a known shape entry"):
+        replace(problem_of(bare), form="dynamic")
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
         InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"

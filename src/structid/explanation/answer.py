@@ -38,6 +38,7 @@ from structid.study.run.workers import threads_for
 _MOST, _MOST_ALIKE = 4, 4
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
+_NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
 #: Whose first added parameter says how large the cause is.
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
@@ -75,6 +76,8 @@ def criticized(
         return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
     if not ready.study.structure.has_matrices:
         return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
+    if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
+        return _without_causes(result, _NO_PLACES)
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)

@@ -53,7 +53,7 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     shapes = problem.data.shapes[:, problem.data.measured]
     seen = state.sensors.T @ state.modes.mode_shapes
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
-    angle, moves = np.full(len(number), np.nan), np.abs(seen).max(axis=0) > 0
+    angle, moves = np.full(len(number), np.nan), np.abs(seen).max(axis=0, initial=0.0) > 0
     for group in problem.data.groups:
         own = np.array([position[int(mode)] for mode in group.members])
         if len(group.channels):

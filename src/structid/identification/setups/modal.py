@@ -27,6 +27,10 @@ _BY_MAC = (
     "shapes count by their MAC, which has no noise model: intervals and verdict are those of the weight `shape_error`; leave"
     " `shape_form` out to judge the answer"
 )
+_BARE = (
+    "no shape entry is known: modes are paired by frequency alone, and one that the test missed, or that the model has"
+    " elsewhere, moves all values; one shape entry at one sensor helps"
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,8 @@ class ModalSetup(RecordSetup[ModalProblem]):
         errors = self.channel_errors(self.channel_unknowns)
         problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings), channels=errors)
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
-        return Prepared(problem, (*self.record.warnings, *weighed))
+        bare = () if problem.data.has_shapes else (_BARE,)
+        return Prepared(problem, (*self.record.warnings, *weighed, *bare))
 
     @property
     def measured(self) -> object:

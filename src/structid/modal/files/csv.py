@@ -237,8 +237,6 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
         if part and part not in _PARTS:
             raise FileError(f"{path}: column {name!r} must end in {', '.join(_PARTS)}, or name the channel only")
         found[dof] = None
-    if not found:
-        raise FileError(f"{path}: has no column of a mode shape; name one after each channel, as in 1X+")
     return tuple(found)
 
 
@@ -257,7 +255,8 @@ def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NDArray[np.inexact], 
         if halves.size:
             where = table.place(int(halves[0]), names.get((dof, "real"), f"{dof} real"))
             raise FileError(f"{table.path}: {where} is empty beside an imaginary part; give both, or neither")
-    real, imaginary, std = (np.array(rows[part]) for part in _PARTS)
+    n_modes = len(_column(table, "-"))
+    real, imaginary, std = (np.array(rows[part]).reshape(-1, n_modes) for part in _PARTS)
     shapes: NDArray[np.inexact] = real
     if not np.isnan(imaginary).all():
         shapes = real.astype(np.complex128)

@@ -43,16 +43,13 @@ class MeasuredModes:
     def __post_init__(self) -> None:
         if not self.measured.size:
             raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
-        if not self.known[:, self.measured].any():
+        if self.shape_form == "mac" and not (self.has_shapes and self.shape_error > 0):
             raise InputError(
-                "the record has no known entry of a mode shape; they are needed to pair modes, at one sensor at least"
-            )
-        if self.shape_form == "mac" and not self.shape_error > 0:
-            raise InputError(
-                "MACs are weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give it, as in 0.05"
+                "MACs are of shapes, and weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give both, as in 0.05"
             )
         self._require_errors("its frequencies", self.frequency_std, "frequency", " in Hz", "such as 0.005")
-        self._require_errors("its shapes", self._least_shape_std, "shape", "", "such as 0.02")
+        if self.has_shapes:
+            self._require_errors("its shapes", self._least_shape_std, "shape", "", "such as 0.02")
         if self.use_damping:
             value = self.record.damping_ratio[self.measured]
             if not (np.nan_to_num(value) > 0).any():
@@ -69,6 +66,11 @@ class MeasuredModes:
 
         for group in self.groups:
             self._require_independent(group)
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether any entry of a shape is known; without, modes are paired by frequency alone."""
+        return bool(self.known[:, self.measured].any())
 
     def _require_independent(self, group: GroupData) -> None:
         """Refuse modes that are not told apart by frequency where their shapes span less than they are."""
@@ -190,7 +192,7 @@ class MeasuredModes:
         breaks = np.flatnonzero(np.diff(frequency[shown]) > reach) + 1
         parts = [*np.split(shown, breaks), *np.flatnonzero(~has_shape)[:, None]]
         made = []
-        for places in sorted(parts, key=lambda part: int(part[0])):
+        for places in sorted((part for part in parts if part.size), key=lambda part: int(part[0])):
             members = self.measured[places]
             channels = np.flatnonzero(self.known[:, members].all(axis=1))
             shapes = self.shapes[np.ix_(channels, members)] / self._std_of(channels, members)[:, None]

@@ -126,6 +126,8 @@ class ModalProblem(MeasuredProblem):
     def __post_init__(self) -> None:
         self.structure.require_modes("modes")
         _ = self.data, self._sensors
+        if self.form == "dynamic" and not self.data.has_shapes:
+            raise InputError("form 'dynamic' needs a known shape entry, of one mode at least; use form 'output'")
         if self.channels is not None:
             self._require_sound_channels(self.channels)
 
@@ -207,7 +209,7 @@ class ModalProblem(MeasuredProblem):
         with suppress(FewSensorsError):  # errors so wide leave more modes together than the sensors tell
             ordered = replace(near, form="output", frequency_error=frequency, shape_error=shape, in_order=True)
             ways.append((("modes in their order", ordered),))
-        if self.structure.n_dofs <= _DENSE_UP_TO and self.channels is None:
+        if self.data.has_shapes and self.structure.n_dofs <= _DENSE_UP_TO and self.channels is None:
             ways.append((("modal dynamic residual", replace(near, form="dynamic")),))
         return ways
 
@@ -249,7 +251,7 @@ class ModalProblem(MeasuredProblem):
         """
         frequency, found, shapes = self.data.frequency, state.modes, self.data.shapes[:, self.data.measured]
         seen = state.sensors.T @ found.mode_shapes
-        motion = np.abs(seen).max(axis=0)
+        motion = np.abs(seen).max(axis=0, initial=0.0)
         counts = (motion > 0) | np.isnan(shapes).all(axis=0).any()
         use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & counts)
         if len(use) < len(self.data.measured):
@@ -258,7 +260,7 @@ class ModalProblem(MeasuredProblem):
                 " refine the model, or leave modes out"
             )
         if self.in_order:
-            clear = use[motion[use] > _SEEN * motion[use].max()]
+            clear = use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
             return (clear if len(clear) >= len(self.data.measured) else use)[np.argsort(np.argsort(frequency))]
         likeness = likenesses(shapes, seen[:, use], motion[use] > 0)
         worth = pairing_worth(likeness, frequency, found.frequency[use], self.frequency_guard)

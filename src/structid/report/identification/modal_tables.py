@@ -101,14 +101,13 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
         max(float(np.abs(model.frequency / f - 1).max()) for model, f in zip(models, measured, strict=True))
         for models in (after, before)
     )
-    least, least_before = (
-        float(np.nanmin(np.concatenate([model.mac for model in models]))) for models in (after, before)
-    )
     difference, initial = (percent(value, 3, signed=False) for value in (worst, worst_before))
-    return (
-        ("Largest frequency difference", difference, f"initial {initial}"),
-        ("Least MAC of a pair", f"{least:.3f}", f"initial {least_before:.3f}"),
-    )
+    tiles = (("Largest frequency difference", difference, f"initial {initial}"),)
+    macs = [np.concatenate([model.mac for model in models]) for models in (after, before)]
+    if np.isnan(macs).all():
+        return tiles
+    least, least_before = (float(np.nanmin(mac)) for mac in macs)
+    return (*tiles, ("Least MAC of a pair", f"{least:.3f}", f"initial {least_before:.3f}"))
 
 
 def ratio_table(identification: Identification) -> Table | None:
