@@ -11,7 +11,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.observation.contraction import WeightedElements
 from structid.structure import Contribution, Structure
-from structid.structure.blocks import ElementMatrices
+from structid.structure.matrices.blocks import ElementMatrices
 from structid.unknowns import Parameters
 
 
