@@ -156,6 +156,8 @@ def test_no_mesh_or_file_of_modes_outside_is_read(bench, name):
         "/static/..%2Fserver.py",
         "/static/../server.py",
         "/static/%2e%2e/server.py",
+        "/static/steps/..%2F..%2Fserver.py",
+        "/static/steps/../../server.py",
     ],
 )
 def test_only_results_and_studies_are_given_out(bench, path):
@@ -238,7 +240,8 @@ def test_titles_and_names_are_told_as_texts(bench):
     assert EVIL in [one["title"] for one in json.loads(body)["studies"]]
     from importlib.resources import files
 
-    for path in (files("structid.app") / "static").iterdir():
+    static = Path(str(files("structid.app") / "static"))
+    for path in (path for path in static.rglob("*") if path.is_file()):
         text = path.read_text(encoding="utf-8")
         for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "http://", "https://"):
             assert word not in text, (path.name, word)

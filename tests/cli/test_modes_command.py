@@ -14,7 +14,7 @@ from structid.cli import app as cli
 from structid.errors import InputError
 from structid.modal import METHODS, ModalIdentification, ModalRecord, Poles
 from structid.modal.files.files import read_modes
-from structid.modal.stabilization import Cluster
+from structid.modal.poles.stabilization import Cluster
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.modal.survey.survey import modes_of_file, record_geometry

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from structid.modal import identify_modes
 from structid.modal.correlations import displacement_rows, outputs
-from structid.modal.poles import frequency_damping_slope
+from structid.modal.poles.poles import frequency_damping_slope
 from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (

@@ -7,7 +7,7 @@ from modal_cases import ambient_chain, beam_decay, decay
 from structid import InputError
 from structid.modal import HardCriteria, Poles, stationary_values
 from structid.modal.correlations import outputs, pieces, window_hankels
-from structid.modal.poles import state_poles
+from structid.modal.poles.poles import state_poles
 from structid.modal.subspace.kernel import poles_of_orders
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 

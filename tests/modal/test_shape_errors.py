@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from structid.modal.shape_errors import unscaled_shape_std
+from structid.modal.modal_record import unscaled_shape_std
 
 
 def test_unscaled_shape_std_gives_back_the_errors_before_scaling():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from structid.modal.poles import Poles
-from structid.modal.stabilization import _two_means_boundary, clusters, pole_distance
+from structid.modal.poles.poles import Poles
+from structid.modal.poles.stabilization import _two_means_boundary, clusters, pole_distance
 
 
 def sweep_of(seed=0, modes=(2.0, 2.01, 5.0), spread=1e-3, n_spurious=6, n_orders=15, same_shapes=False):

@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 import structid as sid
-from structid.structure.assembly import assembly
-from structid.structure.blocks import index_kind
+from structid.structure.matrices.assembly import assembly
+from structid.structure.matrices.blocks import index_kind
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import solid

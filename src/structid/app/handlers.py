@@ -78,9 +78,13 @@ async def _file(_: Workbench, request: Request) -> Response:
     return _static(request.path_params["name"])
 
 
-def _static(name: str) -> Response:
+async def _step(_: Workbench, request: Request) -> Response:
+    return _static(request.path_params["name"], "steps")
+
+
+def _static(name: str, folder: str = "") -> Response:
     """A file of the page; names have no slash, so that none leads elsewhere."""
-    own = files("structid.app") / "static" / name
+    own = files("structid.app") / "static" / folder / name
     path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else own
     if not path.is_file() or Path(name).suffix not in _TYPES:
         return PlainTextResponse("There is no such file.", 404)
@@ -330,6 +334,7 @@ def _archive(folder: Path, target: Path) -> None:
 ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/", _index),
     ("GET", "/static/{name}", _file),
+    ("GET", "/static/steps/{name}", _step),
     ("GET", "/view/{name:path}", _view),
     ("GET", "/api/folder", _folder),
     ("GET", "/api/templates", _templates),

@@ -7,7 +7,7 @@ from scipy import special
 
 from structid.arrays import FloatArray, IntArray
 from structid.estimation.averaging import expected_square, few_averages, square_variance
-from structid.estimation.linearization import Linearization
+from structid.estimation.linearization import Linearization, triangle_of
 from structid.estimation.problem import Problem
 
 _FEWEST_BLOCKS = 10
@@ -27,7 +27,7 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     if not np.isfinite(jacobian).all():
         return np.full((n_params, n_params), np.nan)
     safe = np.where(scale > 0, scale, 1.0)
-    _, singular, rows = np.linalg.svd(np.linalg.qr(jacobian / safe, mode="r"))
+    _, singular, rows = np.linalg.svd(triangle_of(jacobian / safe))
     singular = np.concatenate([singular, np.zeros(n_params - len(singular))])
     sound = singular > 1e-10 * singular.max(initial=0.0)
     covariance = (rows[sound].T / singular[sound] ** 2) @ rows[sound] / np.outer(safe, safe)

@@ -58,6 +58,13 @@ def criticized(
     work : Work
         Where candidates are looked at and refitted.
     """
+    with threads_for(result.identification.problems):
+        return _criticized(ready, result, explain, work)
+
+
+def _criticized(
+    ready: Start, result: StudyResult, explain: bool | None, work: Work
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
     found = result.identification
     if is_sound(found):
         found = replace(found, warnings=tuple(one for one in found.warnings if one not in ready.sensor_warnings))
@@ -81,8 +88,7 @@ def criticized(
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
-        with threads_for(found.problems):
-            explanation = explained(base, work)
+        explanation = explained(base, work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}")
     if explanation.better is not None:

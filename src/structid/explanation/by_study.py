@@ -12,9 +12,9 @@ from structid.explanation.trial import Trial
 from structid.observation import FrfProblem
 from structid.observation.scatter import scatter_problems
 from structid.structure import Spring, Structure
-from structid.structure.contribution import Property
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
+from structid.structure.matrices.contribution import Property
 from structid.unknowns import Parameters
 from structid.unknowns.varying import BEGUN
 

@@ -10,11 +10,11 @@ from structid.modal.merging import merged_setups as merged_setups
 from structid.modal.method import ModalIdentification as ModalIdentification
 from structid.modal.method import ModalOptions as ModalOptions
 from structid.modal.modal_record import ModalRecord as ModalRecord
-from structid.modal.poles import HardCriteria as HardCriteria
-from structid.modal.poles import Poles as Poles
+from structid.modal.poles.poles import HardCriteria as HardCriteria
+from structid.modal.poles.poles import Poles as Poles
+from structid.modal.poles.window_damping import without_window_damping as without_window_damping
 from structid.modal.rayleigh.pseudo_rayleigh import StationaryValues as StationaryValues
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
 from structid.modal.rayleigh.pseudo_rayleigh import stationary_values as stationary_values
 from structid.modal.spectral.bayesian_fft import bayesian_fft as bayesian_fft
 from structid.modal.spectral.fdd import fdd as fdd
-from structid.modal.window_damping import without_window_damping as without_window_damping

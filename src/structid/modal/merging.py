@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
-from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries
-from structid.modal.shape_errors import unscaled_shape_std
+from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
 from structid.shown import listed
 from structid.similarity import mac
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from structid.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
-from structid.modal.poles import HardCriteria, Poles
-from structid.modal.stabilization import Cluster
+from structid.modal.poles.poles import HardCriteria, Poles
+from structid.modal.poles.stabilization import Cluster
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.structure import Structure
-from structid.structure.blocks import Blocks, ElementMatrices, index_kind
+from structid.structure.matrices.blocks import Blocks, ElementMatrices, index_kind
 
 #: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
 _CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536

@@ -11,7 +11,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.observation.contraction import WeightedElements
 from structid.structure import Contribution, Structure
-from structid.structure.blocks import ElementMatrices
+from structid.structure.matrices.blocks import ElementMatrices
 from structid.unknowns import Parameters
 
 
@@ -43,6 +43,22 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
             raise InputError(
                 f"{item.label} must be known here, where equations of motion are linear in the parameters; {remedy}, or"
                 f" identify the {item.term.property.replace('_', ' ')} from FRFs, spectra or output error"
+            )
+
+
+def require_laws_in_time(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where friction or loss factors take part, which have no linear equation in time."""
+    touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
+    for part in structure.contributions:
+        if part.law.startswith("friction:") and touched[part.value].any():
+            raise InputError(
+                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
+                " from FRFs with `identify`"
+            )
+        if part.factor is not None and touched[part.factor].any():
+            raise InputError(
+                "loss factors have no equation in time (structural damping is defined for harmonic motion only); set them to 0"
+                " and use viscous damping, or identify them from FRFs with `identify`"
             )
 
 

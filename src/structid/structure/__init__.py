@@ -1,8 +1,6 @@
 """What a structure is: nodes, elements, supports; it gives element matrices, never data."""
 
-from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.structure.component import Component
-from structid.structure.contribution import Contribution, Property
 from structid.structure.elements import (
     ELEMENT_TYPES,
     Bar,
@@ -21,6 +19,8 @@ from structid.structure.elements import (
     SpaceBeam,
     Spring,
 )
+from structid.structure.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.structure.matrices.contribution import Contribution, Property
 from structid.structure.measured import MeasuredComponent
 from structid.structure.structure import Structure, from_matrices
 from structid.structure.supports import Base, Constraint, RigidLink

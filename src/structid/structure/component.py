@@ -15,9 +15,9 @@ from structid.dof import Dof, parse_dofs
 from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.modes import modes
 from structid.errors import InputError
-from structid.structure.contribution import Property, weighed
 from structid.structure.elements import MatrixGroup
 from structid.structure.elements.element import Layer, Power, Term, dof_code, dof_of_code, joined_codes
+from structid.structure.matrices.contribution import Property, weighed
 from structid.structure.numbering import Numbering, free_blocks
 from structid.structure.supports import Equations, Following
 

@@ -11,9 +11,9 @@ from scipy import linalg, sparse
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError, SingularModelError
-from structid.structure.blocks import Blocks
-from structid.structure.contribution import Contribution, Factor
 from structid.structure.elements.element import Term
+from structid.structure.matrices.blocks import Blocks
+from structid.structure.matrices.contribution import Contribution, Factor
 
 #: What stands for the modes where properties name element sets.
 ALL_MODES = "all modes"

@@ -12,8 +12,8 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray
 from structid.dof import Dof
 from structid.errors import InputError
-from structid.structure.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.structure.elements.element import Layer, dof_code, dof_of_code
+from structid.structure.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.structure.supports import Equations, Following
 
 #: Part of a map to free degrees of freedom from which on it is full.

@@ -85,7 +85,7 @@ async function show() {
   try {
     if (!app.folder) { await app.reload(); select.value = study; }
     if (study) { await app.read(); } else { app.now = null; }
-    const view = await import(`./${step}.js`);
+    const view = await import(`./steps/${step}.js`);
     if (turn !== app.shown) { return; }
     const box = h("div", {"data-step": step});
     fill(main, box);

@@ -14,7 +14,7 @@ from structid.correlation.modes import correlated_modes
 from structid.dof import parse_dofs, renamed
 from structid.errors import InputError
 from structid.modal import ModalRecord
-from structid.structure.aimed_sensor import AimedSensor
+from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.results.values import stored_values
 from structid.study.schema.records.sensors import channel_names, used_names
 from structid.study.schema.unknowns import read_parameters

@@ -16,10 +16,10 @@ from structid.dof import Dof, parse_dof, parse_dofs
 from structid.identification.before.places import PlacedFinding, structure_findings
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
-from structid.structure.aimed_sensor import AimedSensor
 from structid.structure.elements import ElementSet
-from structid.structure.mesh_point import MeshPoint
 from structid.structure.meshes import read_mesh
+from structid.structure.places.aimed_sensor import AimedSensor
+from structid.structure.places.mesh_point import MeshPoint
 from structid.structure.supports import RigidLink
 from structid.study.schema.kinds import as_list
 

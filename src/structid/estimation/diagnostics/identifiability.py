@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation.diagnostics.collinearity import CollinearGroup, collinear_groups
+from structid.estimation.linearization import triangle_of
 
 #: Most parameters that the words on a direction name.
 _MOST_NAMED = 12
@@ -84,6 +85,8 @@ def identifiability(
         Parameters that count; all by default.
     """
     counted = np.arange(len(names)) if free is None else np.flatnonzero(free)
+    if len(jacobian) and np.isfinite(jacobian).all():
+        jacobian = triangle_of(jacobian)  # says the same of every direction
     n_params = len(counted)
     singular = np.zeros(n_params)
     if jacobian.shape[0] and n_params:

@@ -14,7 +14,7 @@ from structid.identification.before.mesh import MeshErrors
 from structid.identification.fits.model_modes import structure_modes
 from structid.shown import listed
 from structid.structure import Structure
-from structid.structure.assembly import structure_laws
+from structid.structure.matrices.assembly import structure_laws
 
 #: Energy of a rigid motion, in parts of what the stiffness could take, below which nothing holds against it.
 _ROUNDING = 1e-9

@@ -39,7 +39,7 @@ from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.structure import Structure
-from structid.structure.joint_force import together, with_joint_forces
+from structid.structure.places.joint_force import together, with_joint_forces
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]
@@ -268,7 +268,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     @cached_property
     def _force_parts(self) -> FloatArray | None:
-        """Of forces that are never apart, what each is made of; see `structid.structure.joint_force.together`."""
+        """Of forces that are never apart, what each is made of; see `structid.structure.places.joint_force.together`."""
         return together(self.record.values[:, self._is_force])
 
     @property

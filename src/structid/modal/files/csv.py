@@ -15,7 +15,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
-from structid.modal.poles import modal_phase_collinearity
+from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.io.csv.recognition import is_number
 
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")

@@ -15,7 +15,7 @@ from structid.modal.files.csv import modes_csv, read_modes_csv
 from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
 from structid.modal.files.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
-from structid.modal.poles import modal_phase_collinearity
+from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.io import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")

@@ -29,7 +29,7 @@ from scipy import linalg
 from structid.arrays import ComplexArray, FloatArray
 from structid.errors import InputError
 from structid.modal.frf.residues import residue_shapes
-from structid.modal.poles import HardCriteria, Poles
+from structid.modal.poles.poles import HardCriteria, Poles
 from structid.records.record import DERIVATIVES, FrfRecord
 
 _MAX_POLYNOMIAL = 60

@@ -22,8 +22,8 @@ from structid.modal.frf.spread import (
 )
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, by_frequency, joined
-from structid.modal.poles import Poles
-from structid.modal.stabilization import Cluster
+from structid.modal.poles.poles import Poles
+from structid.modal.poles.stabilization import Cluster
 from structid.modal.subspace.modes import picked_poles
 from structid.records.record import FrfRecord
 

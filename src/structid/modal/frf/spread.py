@@ -19,7 +19,7 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks, residuals
-from structid.modal.poles import frequency_damping_slope
+from structid.modal.poles.poles import frequency_damping_slope
 
 _WHITE = 4.0  # standard deviations of a sum of correlations of white noise, above which a residual is not white
 

@@ -24,7 +24,7 @@ from scipy import linalg
 from structid.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency
-from structid.modal.poles import frequency_damping_slope
+from structid.modal.poles.poles import frequency_damping_slope
 
 _MAX_STEPS = 50
 _SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up

@@ -21,7 +21,7 @@ from scipy import linalg
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.modal.correlations import Outputs, Piece
-from structid.modal.poles import Poles, state_poles
+from structid.modal.poles.poles import Poles, state_poles
 
 _LARGE = 400  # rows or columns from which on Lanczos bidiagonalization is tried
 Parts = Callable[[Outputs, Sequence[Piece]], Iterator[FloatArray]]

@@ -12,8 +12,8 @@ from structid.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord
-from structid.modal.poles import Poles, frequency_damping_slope, modal_phase_collinearity
-from structid.modal.stabilization import Cluster, clusters
+from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
+from structid.modal.poles.stabilization import Cluster, clusters
 from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,

@@ -22,7 +22,7 @@ from scipy import special
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, Piece
-from structid.modal.poles import oscillating
+from structid.modal.poles.poles import oscillating
 from structid.modal.subspace.kernel import Subspace
 
 _PEAK = 4.0  # peak over median of the residual's spectrum from which motion counts as forced

@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.modal.method import ModalOptions
-from structid.modal.poles import HardCriteria
+from structid.modal.poles.poles import HardCriteria
 
 
 @dataclass(frozen=True)

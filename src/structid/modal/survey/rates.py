@@ -14,9 +14,9 @@ from structid.modal.correlations import outputs
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.modal_record import joined as joined_modes
-from structid.modal.poles import Poles
+from structid.modal.poles.poles import Poles
+from structid.modal.poles.stabilization import Cluster
 from structid.modal.spectral.peaks import singular_spectrum
-from structid.modal.stabilization import Cluster
 from structid.records import TimeRecord
 
 _FEW_SAMPLES = 20  # a period of a mode that the record shows and the model at its own rate hardly does

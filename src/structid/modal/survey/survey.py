@@ -22,10 +22,10 @@ from structid.modal.identification import modal_identification
 from structid.modal.merging import merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
+from structid.modal.poles.window_damping import without_window_damping
 from structid.modal.spectral.peaks import singular_spectrum
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
-from structid.modal.window_damping import without_window_damping
 from structid.plotting import ModesPlots
 from structid.provenance import Provenance
 from structid.records import (

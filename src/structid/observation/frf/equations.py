@@ -11,7 +11,7 @@ from structid.observation.frf.laws import law_coefficients
 from structid.observation.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.structure import Structure
-from structid.structure.assembly import structure_laws
+from structid.structure.matrices.assembly import structure_laws
 from structid.unknowns import Parameters
 
 _MOST_ITERATIONS = 20

@@ -30,7 +30,7 @@ from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.solver.frfs.model import SolverFrfs
 from structid.structure import Base, Structure
-from structid.structure.assembly import assembly
+from structid.structure.matrices.assembly import assembly
 from structid.structure.measured import joined_receptance
 from structid.unknowns import Parameters
 

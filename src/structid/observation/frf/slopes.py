@@ -18,7 +18,7 @@ from structid.observation.sensitive import (
     weighted_elements,
 )
 from structid.structure import Structure
-from structid.structure.assembly import Assembly
+from structid.structure.matrices.assembly import Assembly
 from structid.unknowns import Parameters
 
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.modal import ModalRecord
-from structid.modal.modal_record import largest_entries
-from structid.modal.shape_errors import unscaled_shape_std
+from structid.modal.modal_record import largest_entries, unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.output import GroupData
 from structid.shown import counted

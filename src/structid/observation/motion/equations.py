@@ -18,7 +18,7 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray, locked, require_shape
 from structid.errors import InputError
 from structid.observation.motion.motion import MOTION_QUANTITIES, Motion
-from structid.observation.sensitive import require_linear_weights
+from structid.observation.sensitive import require_laws_in_time, require_linear_weights
 from structid.structure import Contribution, Structure
 from structid.unknowns import Parameters
 
@@ -172,18 +172,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
     require_linear_weights(structure, unknown)
-    touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
-    for part in structure.contributions:
-        if part.law.startswith("friction:") and touched[part.value].any():
-            raise InputError(
-                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion, and identification from"
-                " motion is; take it out, or identify it from FRFs with `identify`"
-            )
-        if part.factor is not None and touched[part.factor].any():
-            raise InputError(
-                "loss factors have no equation at an instant (structural damping is defined for harmonic motion only);"
-                " set them to 0 and use viscous damping, or identify them from FRFs with `identify`"
-            )
+    require_laws_in_time(structure, unknown)
     if unknown.has_priors:
         raise InputError(
             "priors need a known noise level, which identification from motion takes from its residual;"

@@ -13,7 +13,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.dof import Dof
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.errors import InputError, SingularModelError
-from structid.observation.sensitive import weight_slope
+from structid.observation.sensitive import require_laws_in_time, weight_slope
 from structid.observation.time.options import Hold, Oscillation
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -340,15 +340,4 @@ class LinearSystem:
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
     structure.require_modes("histories")
-    touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
-    for part in structure.contributions:
-        if part.law.startswith("friction:") and touched[part.value].any():
-            raise InputError(
-                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
-                " from FRFs with `identify`"
-            )
-        if part.factor is not None and touched[part.factor].any():
-            raise InputError(
-                "loss factors must be 0 in the time domain, since structural damping is defined for harmonic motion only;"
-                " use viscous damping, or identify them from FRFs with `identify`"
-            )
+    require_laws_in_time(structure, unknown)

@@ -13,7 +13,7 @@ from structid.report.drawing import palette
 from structid.report.rendering import plot
 from structid.report.text import exact, percent, with_unit
 from structid.structure import Structure
-from structid.structure.contribution import Property
+from structid.structure.matrices.contribution import Property
 
 #: Shadings of a structure, and the kinds of property that each shows.
 KINDS: dict[str, tuple[str, ...]] = {

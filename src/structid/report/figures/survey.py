@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
-from structid.modal.poles import modal_phase_collinearity
+from structid.modal.poles.poles import modal_phase_collinearity
 from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord
 from structid.report.drawing import palette, symbols

@@ -20,7 +20,7 @@ from structid.planning.planned import PlanOptions
 from structid.records import FrfRecord
 from structid.shown import listed
 from structid.structure import Structure
-from structid.structure.aimed_sensor import AimedSensor
+from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure

@@ -138,8 +138,3 @@ def ordinate_is_ratio(dataset: dict[str, Any]) -> bool:
     except InputError:
         return False
     return True
-
-
-def without_labels(dataset: dict[str, Any]) -> dict[str, Any]:
-    """`dataset` with its unit labels left out, so that data types and dataset 164 decide."""
-    return {**dataset, "ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}

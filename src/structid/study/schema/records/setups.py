@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from structid.identification.setups.setup import AnySetup
 from structid.observation import ChannelUnknown
 from structid.structure import Structure
-from structid.structure.aimed_sensor import AimedSensor
+from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names

@@ -1,8 +1,8 @@
 // Runs: processes of their own that go on without this page; stages, sum of squares and values as they move.
-import {get, post} from "./api.js";
-import {chart, colours} from "./charts.js";
-import {bytes, clock, field, fill, h, quantity, table} from "./dom.js";
-import {resultsName} from "./recorded.js";
+import {get, post} from "../api.js";
+import {chart, colours} from "../charts.js";
+import {bytes, clock, field, fill, h, quantity, table} from "../dom.js";
+import {resultsName} from "../recorded.js";
 
 export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
 const LIVE = ["running", "paused", "stopping"];

@@ -1,7 +1,7 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
-import {get, link, view} from "./api.js";
-import {bytes, field, fill, h, number, options, percent, quantity, table} from "./dom.js";
-import {resultsName} from "./recorded.js";
+import {get, link, view} from "../api.js";
+import {bytes, field, fill, h, number, options, percent, quantity, table} from "../dom.js";
+import {resultsName} from "../recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
-from structid.structure.blocks import Blocks, ElementMatrices, index_kind
+from structid.structure.matrices.blocks import Blocks, ElementMatrices, index_kind
 from structid.structure.structure import Structure
 
 BASIC_LAWS = ("inertia", "viscous", "elastic", "structural")

@@ -1,10 +1,10 @@
 // Modes of a record: the stabilization diagram, poles taken and left by a click, saved as a record of modes.
-import {post, view} from "./api.js";
-import {besideCard} from "./beside.js";
-import {chart, colours} from "./charts.js";
-import {bandIn, field, fill, h, number, numberIn, options, table, unpacked, writing} from "./dom.js";
-import {mergeCard} from "./merge.js";
-import {besideStudy, givenOptions, readingFields, recordEdits, records} from "./recorded.js";
+import {post, view} from "../api.js";
+import {besideCard} from "../beside.js";
+import {chart, colours} from "../charts.js";
+import {bandIn, field, fill, h, number, numberIn, options, table, unpacked, writing} from "../dom.js";
+import {mergeCard} from "../merge.js";
+import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 
 const KINDS = [["outside the criteria", "circle", 3], ["not in a cluster", "x-thin-open", 6], ["in the cluster of a mode", "circle-open", 7], ["the mode itself", "diamond", 10]];
 

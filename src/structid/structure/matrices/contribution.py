@@ -12,8 +12,8 @@ from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
 from structid.dof import DIRECTIONS
-from structid.structure.blocks import ElementMatrices
 from structid.structure.elements.element import Layer, Term, shear_share
+from structid.structure.matrices.blocks import ElementMatrices
 from structid.structure.sliding import Lengthening
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}

@@ -1,6 +1,6 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
-import {get} from "./api.js";
-import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "./dom.js";
+import {get} from "../api.js";
+import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
 
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}), list = h("section", {class: "card", id: "unknowns"}), predicted = h("section", {class: "card", id: "predicted"}), plan = h("section", {class: "card"});

@@ -1,8 +1,8 @@
 // The structure in space, its sensors, and what `check` says of it.
-import {get, post} from "./api.js";
-import {field, fill, h, number, options, quantity, table, toml} from "./dom.js";
-import {recordPath, recordPicker, records} from "./recorded.js";
-import {Scene} from "./scene.js";
+import {get, post} from "../api.js";
+import {field, fill, h, number, options, quantity, table, toml} from "../dom.js";
+import {recordPath, recordPicker, records} from "../recorded.js";
+import {Scene} from "../scene.js";
 
 const WAYS = [["+X", [1, 0, 0]], ["−X", [-1, 0, 0]], ["+Y", [0, 1, 0]], ["−Y", [0, -1, 0]], ["+Z", [0, 0, 1]], ["−Z", [0, 0, -1]]];
 

@@ -9,7 +9,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency
-from structid.modal.poles import frequency_damping_slope
+from structid.modal.poles.poles import frequency_damping_slope
 
 
 def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:

@@ -1,6 +1,6 @@
 // The study file itself, with what is wrong at its line; nothing typed is lost when it changes elsewhere.
-import {get, post} from "./api.js";
-import {fill, h} from "./dom.js";
+import {get, post} from "../api.js";
+import {fill, h} from "../dom.js";
 
 export async function show(box, app) {
   const study = app.study, draft = app.drafts.get(study);

@@ -1,8 +1,8 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
-import {get, post} from "./api.js";
-import {chart, colours} from "./charts.js";
-import {bandIn, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "./dom.js";
-import {fileOf, givenOptions, recordName, recordPath, records} from "./recorded.js";
+import {get, post} from "../api.js";
+import {chart, colours} from "../charts.js";
+import {bandIn, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
+import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
 import {facts, use} from "./start.js";
 import {priorWords, priorWritten} from "./unknowns.js";
 

@@ -1,7 +1,7 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
-import {get, post, put} from "./api.js";
-import {bytes, field, fill, h, number, numberIn, options, table} from "./dom.js";
-import {besideStudy, givenOptions, readingFields, recordEdits, records} from "./recorded.js";
+import {get, post, put} from "../api.js";
+import {bytes, field, fill, h, number, numberIn, options, table} from "../dom.js";
+import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 
 export async function show(box, app) {
   await app.reload();
