@@ -8,7 +8,7 @@ from scipy import sparse
 
 from structid import Blocks, InputError
 from structid.structure import MatrixBlocks
-from structid.structure.blocks import pattern
+from structid.structure.matrices.blocks import pattern
 
 
 def random_family(seed, kind):

@@ -16,11 +16,11 @@ from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.plotting import StructurePlots
 from structid.shown import Overview, Shown, counted, listed
-from structid.structure.blocks import Pattern, pattern
 from structid.structure.component import Component, Reduction, reductions
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.structure.inside import NumberedTerms, is_divisible, numbered_terms
+from structid.structure.matrices.blocks import Pattern, pattern
 from structid.structure.matrices.contribution import Contribution, Property, rigid_mass, weighed
 from structid.structure.measured import MeasuredComponent
 from structid.structure.modal_damping import ALL_MODES, damping_term, modal_damping
