@@ -6,7 +6,7 @@ from scipy.signal import find_peaks
 
 from structid import FrfRecord, TimeRecord
 from structid.identification.fits.resonances import prominent, resonances
-from structid.identification.setups.time import averaged_frfs
+from structid.identification.setups.histories_as_frfs import frfs_of
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 
@@ -50,7 +50,7 @@ def test_averaged_responses_end_where_the_force_sinks_into_its_noise(noise):
     values = clean + 0.01 * rng.standard_normal(clean.shape)
     variance = None if noise is None else np.full(2, noise**2)
     record = TimeRecord(rate, values, ("1X+", "2X+"), ("force", "acceleration"), variance=variance)
-    shown = averaged_frfs(record).frequency
+    shown = frfs_of(record).frequency
     if noise is None:
         assert shown[-1] == 50
     else:

@@ -17,7 +17,7 @@ from wrong_models.study_files import MODES_COMMAND, Case, written
 from wrong_models.telling_apart import can_look_into, told_apart
 
 from structid.cli import app as cli
-from structid.identification.setups.time import averaged_frfs
+from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.modal.files.files import read_modes
 from structid.observation import simulated_record
 from structid.records.io import ReadOptions, read_record
@@ -44,7 +44,7 @@ def test_structid_finds_the_same_responses_at_the_true_values(tmp_path, rig, rec
     [setup] = started(load_study(tmp_path / "study.toml")).setups
     assert list(truth) == list(setup.parameters.names)
     at_truth = setup.parameters.started_at(np.array(list(truth.values())))
-    read = setup.record if record in ("frf2", "shaken") else averaged_frfs(setup.record)
+    read = setup.record if record in ("frf2", "shaken") else frfs_of(setup.record)
     found = simulated_record(setup.structure, at_truth, read).values
     loads = [str(dof).rstrip("+") for dof in read.inputs]
     system = assembled(shaken(made.table) if "base" in made.table else made.table)

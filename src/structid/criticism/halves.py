@@ -20,6 +20,8 @@ _RISK = 0.001
 #: Relative difference below which nobody minds.
 _MATTERS = 0.03
 _FEWEST_LINES = 16
+#: Ratio of two values of one parameter, and their distance in standard deviations, from which they contradict each other.
+_MANIFOLD, _FAR_APART = 3.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,12 @@ class Disagreement:
     values: tuple[float, float]
     distance: float
     share: float
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
+        low, high = sorted(np.abs(self.values))
+        return bool(high > _MANIFOLD * low and self.distance > _FAR_APART)
 
 
 def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple[Disagreement, ...]:

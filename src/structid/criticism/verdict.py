@@ -35,7 +35,7 @@ _LEAVES = 4.0
 #: length that is drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
 _FAR_BEYOND = 9.0
 #: Part of the responses, and of shapes, that the errors must be for that (root mean square); of frequencies a tenth of it.
-_LARGE = 0.05
+_LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
 #: Part of a misfit that one named change removes from where on it is the cause.
@@ -335,9 +335,10 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
+    is_far = estimate.chi_square_per_dof > _FAR_BEYOND * expected_misfit(found)
     if away:
-        if estimate.status is Status.CONVERGED or off:
-            words = f"Wrong model: {away[0]}, and {misfit}: do not use the values. {_searched(n_tried)}"
+        if estimate.status is Status.CONVERGED or off or is_far:
+            words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
             return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
         return Judgement(
             "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
@@ -358,17 +359,17 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement("wrong_model", words, (*off, *pushed))
     if estimate.status is not Status.CONVERGED:
         return Judgement(
-            "undetermined", f"Undetermined: the search did not end ({estimate.message}); {misfit}.", (misfit,)
+            "undetermined", f"Undetermined: {misfit}, and the search did not end ({estimate.message}).", (misfit,)
         )
     if any(one.is_far for one in found.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
-    if any(one.share > _CONTRADICTS for one in apart):
-        apart = tuple(sorted(apart, key=lambda one: -one.share))
+    if any(one.share > _CONTRADICTS or one.is_gross for one in apart):
+        apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
-    if estimate.chi_square_per_dof > _FAR_BEYOND * expected_misfit(found) and _is_large(found):
+    if is_far and _is_large(found):
         words = (
             f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
             f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"

@@ -261,7 +261,7 @@ def _unit(size: float, units: Sequence[tuple[float, str, str]]) -> str:
 
 def _decade_remedy(decades: int) -> str:
     if decades == 3:
-        cause = "The record may be in mm (or per kN), or the model's masses in t and stiffnesses in kN/m"
+        cause = "The record may be in mm (or per kN), or the model's nodes in mm, or its masses in t and stiffnesses in kN/m"
     elif decades == -3:
         cause = "The record may be per mN or in km, or the model's stiffnesses in N/mm entered as N/m times 10^6"
     else:

@@ -19,6 +19,7 @@ from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import inside, used_lines
+from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.observation import (
     ChannelUnknown,
@@ -34,7 +35,7 @@ from structid.observation import (
 from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.observation.time.options import Hold, Initial, TimeMethod
 from structid.observation.time.spectra import NO_WINDOW, transient_order
-from structid.records import FrfRecord, TimeRecord, frf_from_time
+from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
@@ -45,11 +46,6 @@ from structid.unknowns import Parameters
 TimeWay = Literal["spectra", TimeMethod]
 TimeHold = Literal["band_limited", Hold]
 
-#: A record is cut into so many segments for the FRFs that show its fit.
-_SEGMENTS = 4
-#: Power of a force over that of its noise from which it drives a line; noise alone in four segments never has it.
-_ABOVE_NOISE = 8.0
-_FEWEST = 16
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
 _FORCE: Quantity = "force"
@@ -264,7 +260,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     @cached_property
     def _averaged(self) -> FrfRecord:
-        return self.shown or averaged_frfs(self._with_joint_forces)
+        return self.shown or frfs_of(self._with_joint_forces)
 
     @cached_property
     def _force_parts(self) -> FloatArray | None:
@@ -312,36 +308,3 @@ class TimeSetup(RecordSetup[RecordProblem]):
         if self._force_parts is not None:
             structure = with_joint_forces(structure, used.inputs, self._loads, self._force_parts)
         return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, models=self.models)
-
-
-def averaged_frfs(record: TimeRecord) -> FrfRecord:
-    """FRFs of estimator Hv from four segments, of all forces and motions, as the kind that most channels hold.
-
-    They begin and end where a force rises above its noise: beyond, no peak is a resonance.
-    """
-    pairs = list(zip(record.channels, record.quantities, strict=True))
-    loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
-    motions = [(dof, quantity) for dof, quantity in pairs if quantity not in LOADS]
-    if _SUPPORT in record.quantities:  # per motion of a support
-        motions = [one for one in motions if one[1] == "acceleration"]
-    kinds = [quantity for _, quantity in motions]
-    most: Quantity = max(dict.fromkeys(kinds), key=kinds.count, default="acceleration")
-    places = [dof for dof, _ in motions]
-    sensors = [dof for dof in dict.fromkeys(places) if (dof, most) in motions or places.count(dof) == 1]
-    length = max(len(record.values) // _SEGMENTS, 1)
-    made = frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
-    driven = _driven(record, length)
-    return made.lines((made.frequency >= driven[0]) & (made.frequency <= driven[-1])) if driven.size else made
-
-
-def _driven(record: TimeRecord, length: int) -> FloatArray:
-    """Lines of segments of `length` samples at which some force has much more power than its noise, Hz."""
-    frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
-    is_force = [quantity in LOADS for quantity in record.quantities]
-    if record.variance is None or length < _FEWEST:
-        return frequency
-    window = np.hanning(length + 1)[:-1, None]
-    count = len(record.values) // length
-    parts = record.values[: count * length, is_force].reshape(count, length, -1)
-    power = (np.abs(np.fft.rfft(parts * window, axis=1)) ** 2).mean(axis=0)
-    return frequency[(power > _ABOVE_NOISE * record.variance[is_force] * (window**2).sum()).any(axis=1)]

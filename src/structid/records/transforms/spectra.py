@@ -15,7 +15,8 @@ from structid.records.repeats import require_shared
 
 Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]
-_KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
+#: Kind of the FRFs of motions, by quantity.
+KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 #: Largest condition number of the input spectra (each input scaled to 1) that counts as separable.
 _SEPARABLE = 1e8
 
@@ -114,7 +115,7 @@ def frf_from_time(
     if estimator != "H1":
         _require_moving(spectra, sensors, frequency)
     values, coherence, variance = estimated(spectra, estimator, averages)
-    orders = [DERIVATIVES[_KINDS[most]] - DERIVATIVES[_KINDS[one]] for one in measured]
+    orders = [DERIVATIVES[KINDS[most]] - DERIVATIVES[KINDS[one]] for one in measured]
     if any(orders):
         factor = (2j * np.pi * frequency[:, None, None]) ** np.array(orders)[:, None]
         values, variance = values * factor, None if variance is None else variance * np.abs(factor) ** 2
@@ -123,7 +124,7 @@ def frf_from_time(
         values=values,
         outputs=sensors,
         inputs=loads,
-        kind="transmissibility" if driven else _KINDS[most],
+        kind="transmissibility" if driven else KINDS[most],
         variance=variance,
         coherence=coherence,
         averages=max(round(averages), 1),
@@ -145,12 +146,12 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
     """The quantity that each output has, other than force; the one that is wanted where it has several."""
     if not outputs:
         raise InputError("`outputs` must name at least one channel, got none")
-    if wanted is not None and wanted not in _KINDS:
-        raise InputError(f"`quantity` must be one of {', '.join(_KINDS)}, got {wanted!r}")
+    if wanted is not None and wanted not in KINDS:
+        raise InputError(f"`quantity` must be one of {', '.join(KINDS)}, got {wanted!r}")
     found: list[Quantity] = []
     for output in outputs:
         pairs = zip(record.channels, record.quantities, strict=True)
-        own = [quantity for dof, quantity in pairs if dof == output and quantity in _KINDS]
+        own = [quantity for dof, quantity in pairs if dof == output and quantity in KINDS]
         if not own:
             has = ", ".join(f"{dof} {q}" for dof, q in zip(record.channels, record.quantities, strict=True))
             raise InputError(f"`outputs` must be motion channels, and {output} is none; the record has {has}")

@@ -21,9 +21,9 @@ from structid.records.io.uff.scales import (
     unit_factors,
 )
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
+from structid.records.transforms.spectra import KINDS
 from structid.units import parse_frf_unit
 
-_KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 AVERAGES = re.compile(r"\baverages[ =:]+(?P<count>\d+)\b", re.IGNORECASE)
 
 Pair = tuple[Dof, Dof]
@@ -139,7 +139,7 @@ def _frf_scale(
             f"{path}: the FRF of {pair[0]}/{pair[1]} is {quantity} per {load}, not a motion per force or per the same motion; "
             "leave it out of the export"
         )
-    return _KINDS[quantity], above_factor / below_factor
+    return KINDS[quantity], above_factor / below_factor
 
 
 def _split(dataset: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

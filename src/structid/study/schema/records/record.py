@@ -12,7 +12,7 @@ import numpy as np
 from structid.declared import Count, NotNegative, Positive
 from structid.dof import Dof, parse_dofs, renamed
 from structid.errors import InputError
-from structid.identification.setups.time import averaged_frfs
+from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
@@ -362,7 +362,7 @@ def _as_frf(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> 
         if source.frf is not None:
             return spectral_frf(histories, source.frf)
         if source.time is not None:
-            return averaged_frfs(histories[0])
+            return frfs_of(histories[0])
         fit = ", or [record.time] to fit them as they are" if source.section.path[0] == "record" else ""
         raise source.section.error(
             f'the record holds time histories; add [{source.section.joined("frf")}], as in estimator = "H1", segment_length = 2048'

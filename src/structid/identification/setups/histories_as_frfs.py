@@ -1,0 +1,121 @@
+"""FRFs of time histories, which show a fit, and which causes of a misfit are looked for on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.arrays import FloatArray
+from structid.dof import Dof
+from structid.records import FrfRecord, TimeRecord, frf_from_time
+from structid.records.record import LOADS, Quantity
+from structid.records.transforms.spectra import KINDS
+
+#: A record is cut into so many segments.
+_SEGMENTS = 4
+#: Power of a force over that of its noise from which it drives a line; noise alone in four segments never has it.
+_ABOVE_NOISE = 8.0
+_FEWEST = 16
+#: A hit: force beyond this part of its peak, and so many deviations of its noise, for less than this part of the record; the
+#: structure is at rest before it where it has less than this part of the motion's power.
+_PEAK, _DEVIATIONS, _SHORT, _AT_REST = 0.02, 5.0, 0.1, 1e-3
+#: Motion at the end of a record of a hit, in parts of its largest: an exponential window takes it off.
+_GONE = 0.003
+#: Power of a hit, in parts of its largest, below which it drives no line.
+_DRIVES = 1e-4
+
+
+class _Hit(NamedTuple):
+    """One blow on a structure at rest: the number of its channel, and its first and last samples."""
+
+    column: int
+    first: int
+    last: int
+
+
+def frfs_of(record: TimeRecord) -> FrfRecord:
+    """FRFs of all forces and motions, as the kind that most channels hold.
+
+    Of one hit those of the whole record, with an exponential window where the motion has not died out: averaging by
+    segments would take the hit off. Else those of estimator Hv from four segments. They begin and end where a force rises
+    above its noise: beyond, no peak is a resonance.
+    """
+    pairs = list(zip(record.channels, record.quantities, strict=True))
+    loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
+    motions = [(dof, quantity) for dof, quantity in pairs if quantity not in LOADS]
+    if "support_acceleration" in record.quantities:  # per motion of a support
+        motions = [one for one in motions if one[1] == "acceleration"]
+    kinds = [quantity for _, quantity in motions]
+    most: Quantity = max(dict.fromkeys(kinds), key=kinds.count, default="acceleration")
+    places = [dof for dof, _ in motions]
+    sensors = [dof for dof in dict.fromkeys(places) if (dof, most) in motions or places.count(dof) == 1]
+    hit = _hit(record)
+    if hit is not None and set(kinds) == {most} and len(sensors) == len(motions):
+        return _of_hit(record, hit, sensors)
+    length = max(len(record.values) // _SEGMENTS, 1)
+    made = frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
+    driven = _driven(record, length)
+    return made.lines((made.frequency >= driven[0]) & (made.frequency <= driven[-1])) if driven.size else made
+
+
+def _hit(record: TimeRecord) -> _Hit | None:
+    """The only blow of the record, None where there are others, other loads, or motion before it."""
+    columns = [k for k, quantity in enumerate(record.quantities) if quantity in LOADS]
+    if len(columns) != 1 or record.quantities[columns[0]] != "force":
+        return None
+    [column], force = columns, np.abs(record.values[:, columns[0]])
+    noise = 0.0 if record.variance is None else float(np.sqrt(record.variance[column]))
+    beyond = np.flatnonzero(force > max(_PEAK * force.max(), _DEVIATIONS * noise))
+    if not len(beyond):
+        return None
+    first, last = max(int(beyond[0]) - 2, 0), int(beyond[-1]) + 2
+    motion = np.delete(record.values, column, axis=1)
+    before = float(np.sum(motion[:first] ** 2))
+    is_short = last - first < _SHORT * (len(force) - first)
+    return _Hit(column, first, last) if is_short and before <= _AT_REST * float(np.sum(motion**2)) else None
+
+
+def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord:
+    """Transforms of motions over that of the force, at decay + i omega, with the variance that the channels' noise leads to."""
+    values = np.array(record.values[hit.first :])
+    count, rate = len(values), record.sampling_rate
+    values[hit.last - hit.first :, hit.column] = 0.0
+    level = np.sqrt(np.square(values).mean(axis=0)) * np.sqrt(count)
+    end = np.sqrt(np.square(values[-max(count // 20, 1) :]).mean(axis=0) * count)
+    left = float(np.max(np.delete(end, hit.column) / np.delete(level, hit.column), initial=0.0))
+    decay = max(np.log(left / _GONE), 0.0) * rate / count
+    window = np.exp(-decay * np.arange(count) / rate)
+    spectra = np.fft.rfft(values * window[:, None], axis=0)[1:]
+    force, others = spectra[:, hit.column], [k for k in range(values.shape[1]) if k != hit.column]
+    h, power = spectra[:, others] / force[:, None], np.abs(force) ** 2
+    variance, threshold = None, _DRIVES * power.max()
+    if record.variance is not None:
+        noise = record.variance[others] * np.sum(window**2)
+        of_force = record.variance[hit.column] * np.sum(window[: hit.last - hit.first] ** 2)
+        variance = (noise + np.abs(h) ** 2 * of_force) / power[:, None]
+        threshold = max(threshold, _ABOVE_NOISE * of_force)
+    frequency = np.fft.rfftfreq(count, 1 / rate)[1:]
+    driven = np.flatnonzero(power > threshold)
+    gaps = np.flatnonzero(np.diff(driven) > _FEWEST)
+    driven = driven[: gaps[0] + 1] if len(gaps) else driven  # up to where the hit has no power
+    made = FrfRecord(
+        frequency, h[:, :, None], sensors, [record.channels[hit.column]], KINDS[record.quantities[others[0]]],
+        variance=None if variance is None else variance[:, :, None],
+        noise_source="unknown" if variance is None else "declared", source=record.source,
+        decay=np.full(len(frequency), decay) if decay else None,
+    )  # fmt: skip
+    return made.lines(np.arange(driven[0], driven[-1] + 1)) if len(driven) else made
+
+
+def _driven(record: TimeRecord, length: int) -> FloatArray:
+    """Lines of segments of `length` samples at which some force has much more power than its noise, Hz."""
+    frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
+    is_force = [quantity in LOADS for quantity in record.quantities]
+    if record.variance is None or length < _FEWEST:
+        return frequency
+    window = np.hanning(length + 1)[:-1, None]
+    count = len(record.values) // length
+    parts = record.values[: count * length, is_force].reshape(count, length, -1)
+    power = (np.abs(np.fft.rfft(parts * window, axis=1)) ** 2).mean(axis=0)
+    return frequency[(power > _ABOVE_NOISE * record.variance[is_force] * (window**2).sum()).any(axis=1)]
