@@ -50,6 +50,8 @@ _LEAST_SHARE, _RISK = 0.10, 0.01
 _FAR = 3.0
 #: By how much the misfit of what is left out exceeds that of the rest, value by value.
 _TELLING = 2.0
+#: Ratio of delays up to which they are one.
+_SAME_TIME = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +209,11 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
     few = [*of_study(base, work, f"{which}changes of the study"), *(Screened(one, 1.0, base.cost) for one in data)]
     tried = shortlist.tried + len(few)
-    looked = [*few, *shortlist.rows]
+    cards = _of_one_card(shortlist.rows)
+    looked = [*few, *cards, *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]
-    alike = [*range(len(few)), *(len(few) + k for k in _first_alike(shortlist.rows))]
+    first = len(looked) - len(shortlist.rows)
+    alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
     near = _mapped(approached, base, changes, alike, work, f"{which}causes")
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
@@ -227,6 +231,24 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
     return _weighed(base, fits, tried)
+
+
+def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
+    """Sensors that are late by about the same time, the most telling two, three and so on: they share a card or a cable."""
+    late = [row for row in rows if row.candidate.kind == "delay"]
+    alike = [
+        row
+        for row in late
+        if row.candidate.record == late[0].candidate.record
+        and 1 / _SAME_TIME < row.strength / late[0].strength < _SAME_TIME
+    ]
+    found = []
+    for count in range(2, len(alike) + 1):
+        places = tuple(row.candidate.where[0] for row in alike[:count])
+        strength = float(np.median([row.strength for row in alike[:count]]))
+        shared = replace(late[0].candidate, where=places)
+        found.append(Screened(shared, strength, late[0].left))
+    return found
 
 
 def _beside(first: Fitted, work: Work, which: str) -> Explanation:

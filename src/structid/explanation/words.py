@@ -62,7 +62,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "varies": f"{first} differs from record to record",
         "window": "the records were windowed, which adds damping",
         "leakage": "resonances leak into the lines beside them: averages of segments of random motion under a Hann window",
-        "delay": f"sensor {first} is late",
+        "delay": f"sensors {listed(where)} are late by one time, as of one card" if len(where) > 1 else f"sensor {first} is late",
         "load_delay": f"the drive at {first} is late",
         "polarity": f"sensor {first} reads with the opposite sense",
         "load_polarity": f"the drive at {first} acts with the opposite sense",
