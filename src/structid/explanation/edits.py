@@ -85,12 +85,13 @@ def _sprung(study: Tables, kind: str, entry: Tables, candidate: Candidate) -> No
 
 
 def _support(study: Tables, candidate: Candidate, strength: float) -> None:
-    dof = parse_dof(candidate.where[0])
-    ends = {"first": candidate.where[0], **_driving_end(study, candidate, dof)}
-    freed = [_freed(place, dof) for place in _holding(study)]
-    if not any(freed):
-        raise NoEditError(f"{candidate.where[0]} is held by a group of a mesh; hold it by `fixed` to let it give way")
-    name = _named(study, f"support {candidate.where[0]}")
+    first, *others = candidate.where
+    ends = {"first": [first, *others] if others else first, **_driving_end(study, candidate, parse_dof(first))}
+    for text in candidate.where:
+        freed = [_freed(place, parse_dof(text)) for place in _holding(study)]
+        if not any(freed):
+            raise NoEditError(f"{text} is held by a group of a mesh; hold it by `fixed` to let it give way")
+    name = _named(study, f"support {first}")
     _sprung(study, "spring", {"name": name, **ends, "stiffness": _round(1 / strength)}, candidate)
 
 

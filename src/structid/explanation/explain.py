@@ -50,8 +50,8 @@ _LEAST_SHARE, _RISK = 0.10, 0.01
 _FAR = 3.0
 #: By how much the misfit of what is left out exceeds that of the rest, value by value.
 _TELLING = 2.0
-#: Ratio of delays up to which they are one.
-_SAME_TIME = 1.5
+#: Ratio of delays up to which they are one, and factors on a lever that is looked at.
+_SAME_TIME, _OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +209,8 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
     few = [*of_study(base, work, f"{which}changes of the study"), *(Screened(one, 1.0, base.cost) for one in data)]
     tried = shortlist.tried + len(few)
-    cards = _of_one_card(shortlist.rows)
-    looked = [*few, *cards, *shortlist.rows]
+    kindred = [*_of_one_card(shortlist.rows), *_off_otherwise(shortlist.rows), *shortlist.feet]
+    looked = [*few, *kindred, *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
@@ -249,6 +249,12 @@ def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
         shared = replace(late[0].candidate, where=places)
         found.append(Screened(shared, strength, late[0].left))
     return found
+
+
+def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
+    """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
+    off = [row for row in rows if row.candidate.kind == "offset"]
+    return [replace(row, strength=factor * row.strength) for row in off for factor in _OTHER_LEVERS]
 
 
 def _beside(first: Fitted, work: Work, which: str) -> Explanation:

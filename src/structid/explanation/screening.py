@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,6 +27,8 @@ _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 34
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
 _AT_FIT = 2
 _LEAST_DROP = 0.02
+#: Supports at most that are let go in all rotations.
+_FEET = 8
 #: Part of the misfit of the initial model that an exchange leaves at most where it is fitted whatever else is seen.
 _TOLD = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
@@ -91,12 +94,14 @@ class Shortlist(NamedTuple):
     """What came of the looks.
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
-    those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were.
+    those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were; `feet`
+    are supports that give way in all rotations at once, which no linear look is taken at.
     """
 
     rows: list[Screened]
     at_fit: list[Screened]
     tried: int
+    feet: list[Screened]
 
 
 def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
@@ -151,7 +156,26 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     rows = rows[:_REFITTED]
     at_fit = [best[key][1] for key in here if key in best]
     sure = [row for row in rows if _key(row.candidate) in faulty]
-    return Shortlist(rows, [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]], tried)
+    return Shortlist(
+        rows,
+        [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]],
+        tried,
+        _feet(pool(points[0].records), base.cost),
+    )
+
+
+def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
+    """Supports that hold several rotations, giving way in all of them, as a loose bolt lets them."""
+    of_node: dict[int, list[Candidate]] = {}
+    for one in candidates:
+        dof = parse_dof(one.where[0]) if one.kind == "support" else None
+        if dof is not None and dof.is_rotation and not one.driven:
+            of_node.setdefault(dof.node, []).append(one)
+    several = [own for own in of_node.values() if len(own) > 1][:_FEET]
+    return [
+        Screened(replace(own[0], where=tuple(one.where[0] for one in own)), float(np.median(own[0].strengths)), left)
+        for own in several
+    ]
 
 
 def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:

@@ -44,7 +44,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
     first = where[0]
     lack = "missing in the model" if value is None or value > 0 else "too much in the model"
     words = {
-        "support": f"the support {first} gives way",
+        "support": f"the supports {listed(where)} give way together" if len(where) > 1 else f"the support {first} gives way",
         "spring": f"something holds {first}: a spring to the ground",
         "dashpot": f"a damper acts {'between' if len(where) > 1 else 'at'} {' and '.join(where)}",
         "friction": f"something rubs at {first}",

@@ -1,0 +1,132 @@
+"""Causes that several candidates share: sensors of one card, a foot that lets go of all rotations, a mass on the other side."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from frame_cases import off, written
+from test_explain import answered
+
+from structid.criticism.candidate import Candidate
+from structid.criticism.screen import Screened
+from structid.explanation.explain import _of_one_card, _off_otherwise
+from structid.explanation.words import cause_words
+from structid.records import FrfRecord
+from structid.records.io import read_record, write_record
+from structid.study.run.start import study_problems
+from structid.study.schema.study import load_study
+
+SPACE = """\
+title = "Portal in space"
+
+[structure]
+fixed = ["1", "5"]
+
+[structure.nodes]
+1 = [0.0, 0.0, 0.0]
+2 = [0.0, 0.0, 1.0]
+3 = [0.4, 0.0, 1.1]
+4 = [0.8, 0.0, 1.0]
+5 = [0.8, 0.3, 0.0]
+
+[[structure.space_beam]]
+name = "legs"
+nodes = [[1, 2], [5, 4]]
+mass = 1.2
+polar_inertia = 1e-4
+bending_stiffness_y = 300.0
+bending_stiffness_z = 300.0
+axial_stiffness = 2e5
+torsional_stiffness = 230.0
+loss_factor = 0.02
+
+[[structure.space_beam]]
+name = "girder"
+nodes = [[2, 3], [3, 4]]
+mass = 2.0
+polar_inertia = 2e-4
+bending_stiffness_y = 500.0
+bending_stiffness_z = 400.0
+axial_stiffness = 3e5
+torsional_stiffness = 300.0
+loss_factor = 0.02
+
+[[unknown]]
+property = "mass"
+elements = "legs"
+
+[[unknown]]
+property = "mass"
+elements = "girder"
+
+[record]
+path = "frf.npz"
+
+[record.noise]
+relative = 0.01
+absolute = 1e-7
+
+[method]
+restarts = 0
+"""
+
+
+def written_in_space(folder, truth):
+    outputs, frequency = ["2X", "2Y", "3Z", "4X", "4Y"], np.linspace(2.0, 80.0, 150)
+    record = partial(FrfRecord, frequency, outputs=outputs, inputs=["3X", "3Y"], kind="receptance")
+    write_record(folder / "frf.npz", record(np.ones((150, 5, 2), complex)))
+    path = folder / "study.toml"
+    path.write_text(truth, encoding="utf-8")
+    [problem] = study_problems(load_study(path))
+    values, rng = problem.predicted(problem.theta_start), np.random.default_rng(2)
+    noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
+    write_record(folder / "frf.npz", record(values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-7)))
+    path.write_text(SPACE, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("late", [["2X", "5Y"], ["2X", "3X", "5Y"]])
+def test_sensors_of_one_late_card_are_named_together(tmp_path, late):
+    path = written(tmp_path, off())
+    record = read_record(tmp_path / "frf.npz")
+    is_late = np.array([f"{dof}".rstrip("+") in late for dof in record.outputs])
+    values = record.values * np.exp(-2j * np.pi * record.frequency[:, None, None] * 2e-3 * is_late[:, None])
+    write_record(tmp_path / "frf.npz", replace(record, values=values))
+    result, _ = answered(path)
+    first = result.criticism.causes[0]
+    assert (first.kind, sorted(first.where)) == ("delay", late)
+    assert first.chi_square_per_dof < 1.2
+    [(_, value, unit)] = first.found
+    assert unit == "s"
+    assert value == pytest.approx(2e-3, rel=0.05)
+    assert "+ [[record.channel_error]]" in first.lines
+
+
+def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
+    path = written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
+    result, _ = answered(path)
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("support", ("1RX", "1RY", "1RZ"))
+    assert first.chi_square_per_dof < 1.2
+    assert "the supports 1RX, 1RY, 1RZ give way together" in first.words
+    assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
+    assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
+
+
+def test_a_mass_off_its_node_is_looked_at_on_both_sides_and_nearer():
+    row = Screened(Candidate("offset", ("box:1", "Z")), -0.08, 10.0)
+    other = Screened(Candidate("mass", ("3",)), 1.0, 5.0)
+    assert [one.strength for one in _off_otherwise([other, row])] == pytest.approx([0.08, -0.02, 0.02])
+
+
+def test_only_delays_of_one_record_and_about_one_time_go_together():
+    def late(where, strength, record=0):
+        return Screened(Candidate("delay", (where,), record=record), strength, 1.0)
+
+    rows = [late("1X", 2e-3), late("2X", -2e-3), late("3X", 1.8e-3), late("4X", 9e-3), late("5X", 2e-3, record=1)]
+    [found] = _of_one_card(rows)
+    assert (found.candidate.where, found.strength) == (("1X", "3X"), pytest.approx(1.9e-3))
+    assert _of_one_card(rows[:2]) == []
+    assert cause_words(found.candidate, None) == "sensors 1X, 3X are late by one time, as of one card"
