@@ -60,7 +60,8 @@ def candidates(trial):
 
 def test_every_kind_that_is_written_is_tried(trial):
     kinds = {one.kind for one in candidates(trial)[1]}
-    every = set(_EDITS) - {"load_swap", "load_polarity", "offset"}  # one load has none to be exchanged with
+    # one load has none to be exchanged with, and no linear look is taken at other places
+    every = set(_EDITS) - {"load_swap", "load_polarity", "offset", "place", "load_place"}
     assert kinds | BY_STUDY >= every - untold(trial)
 
 

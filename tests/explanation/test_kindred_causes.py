@@ -5,12 +5,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from frame_cases import off, written
+from frame_cases import FREQUENCY, off, written, written_modes
 from test_explain import answered
 
 from structid.criticism.candidate import Candidate
 from structid.criticism.screen import Screened
-from structid.explanation.explain import _of_one_card, _off_otherwise
+from structid.explanation.kindred import _of_one_card, _off_otherwise
 from structid.explanation.words import cause_words
 from structid.records import FrfRecord
 from structid.records.io import read_record, write_record
@@ -130,3 +130,32 @@ def test_only_delays_of_one_record_and_about_one_time_go_together():
     assert (found.candidate.where, found.strength) == (("1X", "3X"), pytest.approx(1.9e-3))
     assert _of_one_card(rows[:2]) == []
     assert cause_words(found.candidate, None) == "sensors 1X, 3X are late by one time, as of one card"
+
+
+@pytest.mark.parametrize(("kind", "where"), [("place", ("2X", "3X")), ("load_place", ("4Y", "5Y"))])
+def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
+    """The record says 2X for the sensor at 3X, or 4Y for the load at 5Y."""
+    outputs, inputs = ["2X", "4Y", "5Y"], ["4Y"]
+    seen = [where[1] if kind == "place" and one == where[0] else one for one in outputs]
+    driven = [where[1] if kind == "load_place" else one for one in inputs]
+    path, rng = written(tmp_path), np.random.default_rng(3)
+    blank = np.ones((len(FREQUENCY), 3, 1), complex)
+    write_record(tmp_path / "frf.npz", FrfRecord(FREQUENCY, blank, seen, driven, "receptance"))
+    [problem] = study_problems(load_study(path))
+    values = problem.predicted(problem.theta_start)
+    noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
+    values = values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-6)
+    write_record(tmp_path / "frf.npz", FrfRecord(FREQUENCY, values, outputs, inputs, "receptance"))
+    path.write_text(off(), encoding="utf-8")
+    result, _ = answered(path)
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == (kind, where)
+    assert first.chi_square_per_dof < 1.2
+    assert "relabel" in " ".join(first.lines)
+
+
+def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
+    result, _ = answered(written_modes(tmp_path, {"4X": -1.0}))
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("polarity", ("4X",))
+    assert first.chi_square_per_dof < 1.2

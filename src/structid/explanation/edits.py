@@ -293,11 +293,13 @@ def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float],
 
 
 def _relabel(study: Tables, candidate: Candidate, strength: float) -> None:
-    """Channels by other names: turned round or exchanged."""
+    """Channels by other names: turned round, elsewhere, or exchanged."""
     record, names = _record(study, candidate), candidate.where
     of = "load " if candidate.kind.startswith("load") else ""
     if candidate.kind.endswith("polarity"):
         changes = {of + names[0]: f"{names[0]}-"}
+    elif candidate.kind.endswith("place"):
+        changes = {of + names[0]: names[1]}
     else:
         changes = {of + names[0]: names[1], of + names[1]: names[0]}
     _rename(record, changes)
@@ -485,6 +487,6 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "tone": _tones,
     "record": _without_record,
     "extra_mode": _other_modes,
-    **dict.fromkeys(("polarity", "load_polarity", "swap", "load_swap"), _relabel),
+    **dict.fromkeys(("polarity", "load_polarity", "place", "load_place", "swap", "load_swap"), _relabel),
     "direction": _aimed,
 }

@@ -19,6 +19,7 @@ from structid.errors import StructidError
 from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
+from structid.explanation.kindred import kindred
 from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
@@ -50,8 +51,6 @@ _LEAST_SHARE, _RISK = 0.10, 0.01
 _FAR = 3.0
 #: By how much the misfit of what is left out exceeds that of the rest, value by value.
 _TELLING = 2.0
-#: Ratio of delays up to which they are one, and factors on a lever that is looked at.
-_SAME_TIME, _OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +208,7 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
     few = [*of_study(base, work, f"{which}changes of the study"), *(Screened(one, 1.0, base.cost) for one in data)]
     tried = shortlist.tried + len(few)
-    kindred = [*_of_one_card(shortlist.rows), *_off_otherwise(shortlist.rows), *shortlist.feet]
-    looked = [*few, *kindred, *shortlist.rows]
+    looked = [*few, *kindred(base, shortlist), *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
@@ -231,30 +229,6 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
     return _weighed(base, fits, tried)
-
-
-def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
-    """Sensors that are late by about the same time, the most telling two, three and so on: they share a card or a cable."""
-    late = [row for row in rows if row.candidate.kind == "delay"]
-    alike = [
-        row
-        for row in late
-        if row.candidate.record == late[0].candidate.record
-        and 1 / _SAME_TIME < row.strength / late[0].strength < _SAME_TIME
-    ]
-    found = []
-    for count in range(2, len(alike) + 1):
-        places = tuple(row.candidate.where[0] for row in alike[:count])
-        strength = float(np.median([row.strength for row in alike[:count]]))
-        shared = replace(late[0].candidate, where=places)
-        found.append(Screened(shared, strength, late[0].left))
-    return found
-
-
-def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
-    """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
-    off = [row for row in rows if row.candidate.kind == "offset"]
-    return [replace(row, strength=factor * row.strength) for row in off for factor in _OTHER_LEVERS]
 
 
 def _beside(first: Fitted, work: Work, which: str) -> Explanation:

@@ -66,6 +66,8 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "load_delay": f"the drive at {first} is late",
         "polarity": f"sensor {first} reads with the opposite sense",
         "load_polarity": f"the drive at {first} acts with the opposite sense",
+        "place": f"sensor {first} sits at {where[-1]}",
+        "load_place": f"the drive at {first} acts at {where[-1]}",
         "swap": f"the cables of {' and '.join(where)} are exchanged",
         "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",
