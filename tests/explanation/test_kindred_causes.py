@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from frame_cases import FREQUENCY, off, written, written_modes
+from frame_cases import FREQUENCY, STUDY, off, written, written_modes
 from test_explain import answered
 
 from structid.criticism.candidate import Candidate
@@ -159,3 +159,27 @@ def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     first = result.criticism.causes[0]
     assert (first.kind, first.where) == ("polarity", ("4X",))
     assert first.chi_square_per_dof < 1.2
+
+
+def test_a_material_that_is_wrong_in_all_sets_is_named_as_one(tmp_path):
+    """All beams are 12 % heavier than the study says, which holds their masses; each alone explains a part."""
+    mass = STUDY[STUDY.rindex("[[unknown]]") : STUDY.index("# how the test")]
+    truth = STUDY.replace("mass = 4.0", "mass = 4.48").replace("mass = 3.0", "mass = 3.36")
+    result, _ = answered(written(tmp_path, off(STUDY.replace(mass, "")), truth))
+    first = result.criticism.causes[0]
+    assert (first.kind, set(first.where)) == ("untied", {"mass[left]", "mass[girder]", "mass[right]"})
+    [(_, factor, unit)] = first.found
+    assert (factor, unit) == (pytest.approx(1.12, rel=0.01), "1")
+    assert "are off by one factor" in first.words
+
+
+def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
+    """It reads noise alone: a gain near 0 would leave it out as well."""
+    path = written(tmp_path, off())
+    record = read_record(tmp_path / "frf.npz")
+    values, rng = np.array(record.values), np.random.default_rng(5)
+    values[:, 1] = 0.3 * np.abs(values[:, 1]).max() * rng.standard_normal(values[:, 1].shape)
+    write_record(tmp_path / "frf.npz", replace(record, values=values))
+    result, _ = answered(path)
+    assert (result.criticism.causes[0].kind, result.criticism.causes[0].where) == ("channel", ("3X",))
+    assert "sensor_gain" not in {one.kind for one in result.criticism.causes}

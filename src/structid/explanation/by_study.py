@@ -52,10 +52,15 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     if len(viscous) > 1:
         sets = (*(one.where[0] for one in viscous), "viscous")
         yield replace(viscous[0], where=sets, strengths=np.median([one.strengths for one in viscous], axis=0))
+    held: dict[str, list[str]] = {}
     for item in structure.properties:
         values = item.term.values
         if item.term.kind in _ELASTIC and values.any() and not _acts(unknown, item.values):
-            yield _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
+            held.setdefault(item.term.property, []).append(f"{item.term.property}[{item.element}]")
+    for names in held.values():
+        yield from (_candidate("held", (name,), 1.0) for name in names)
+        if len(names) > 1:  # of one material
+            yield _candidate("held", tuple(names), 1.0)
     yield from _varying(trial)
     responses = [p for p in trial.problems if isinstance(p, FrfProblem)]
     if len(responses) == len(trial.problems):

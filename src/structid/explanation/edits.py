@@ -405,8 +405,13 @@ def _dashpots(study: Tables, name: str, strength: float) -> None:
 
 
 def _held(study: Tables, candidate: Candidate, strength: float) -> None:
-    prop, _, name = candidate.where[0].rstrip("]").partition("[")
-    _unknown(study, prop, name)
+    """What the study holds, of one set, or of several by one factor."""
+    prop = candidate.where[0].partition("[")[0]
+    names = [text.rstrip("]").partition("[")[2] for text in candidate.where]
+    if len(names) == 1:
+        _unknown(study, prop, names[0])
+    else:
+        _unknown(study, prop, names, factor=True)
 
 
 def _varies(study: Tables, candidate: Candidate, strength: float) -> None:

@@ -19,6 +19,7 @@ from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.work import Task, Tools
 from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import FINAL, Trial
+from structid.explanation.words import unit_of
 from structid.identification.together import places, together
 from structid.observation import FrfProblem, SpectraProblem
 
@@ -29,6 +30,8 @@ _MOST_PASSES = 4
 _OF_ITS_OWN = 2.0
 #: Part of a misfit below which a difference is one of rounding.
 _ALIKE = 1e-9
+#: Factor by which a channel's calibration may be off.
+_MOST_GAIN = 30.0
 #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
 _OF_NUMBERS = (1.6, 1.25, 1.1, 1.04, 1.015)
 _OTHER_STRENGTHS = {"direction": _OF_NUMBERS, "offset": (*_OF_NUMBERS, 1.005, 1.002), "friction": (3.0, 2.0)}
@@ -86,9 +89,16 @@ def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Too
     try:
         if candidate.kind == "record" and not _fits_alone(base, candidate):
             return {}
-        return _stored(_finally(base, base.trial.changed(candidate, strength), theta))
+        found = _finally(base, base.trial.changed(candidate, strength), theta)
+        return {} if candidate.kind in ("sensor_gain", "load_gain") and _is_no_gain(base, found) else _stored(found)
     except (StructidError, np.linalg.LinAlgError):
         return {}
+
+
+def _is_no_gain(base: Fitted, found: Fitted) -> bool:
+    """Whether a factor is so far from 1 that it only leaves the channel out, and is that of no unit."""
+    added = [value for name, value in found.values.items() if name not in base.values]
+    return any(abs(np.log(value)) > np.log(_MOST_GAIN) and not unit_of(value) for value in added if value > 0)
 
 
 def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Tools) -> dict[str, Any]:

@@ -58,7 +58,8 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "mesh": "elements are too long for the highest frequencies",
         "shear": f"{first} shears: it is no slender beam",
         "damping_law": f"damping of {listed(where[:-1])} is {where[-1]}",
-        "held": f"{first}, which the study holds, is not what the model says",
+        "held": f"{listed(where)}, which the study holds, "
+        + ("are off by one factor" if len(where) > 1 else "is not what the model says"),
         "varies": f"{first} differs from record to record",
         "window": "the records were windowed, which adds damping",
         "leakage": "resonances leak into the lines beside them: averages of segments of random motion under a Hann window",
