@@ -19,6 +19,8 @@ Tables = MutableMapping[str, Any]
 #: Tables that hold places together: no elements.
 _TIES = ("rigid_link", "constraint")
 _DIGITS = 6
+#: Logarithm of a gain that a linear look may ask for, at most.
+_LARGEST_LOG = 20.0
 #: Angle, rad, within which a sensor that is turned stands at right angles.
 _SQUARE = 0.03
 
@@ -285,7 +287,7 @@ def _channel_error(side: str, prop: str) -> Callable[[Tables, Candidate, float],
             raise NoEditError("of errors of channels, modes show the gains of sensors only")
         if record.get("time", {}).get("fit", "spectra") != "spectra":
             raise NoEditError("errors of channels are parameters of histories only where they are fitted as spectra")
-        start = np.exp(strength) if prop == "gain" else strength
+        start = np.exp(np.clip(strength, -_LARGEST_LOG, _LARGEST_LOG)) if prop == "gain" else strength
         start = start if side == "outputs" else (1 / start if prop == "gain" else -start)
         _append(record, "channel_error", {"property": prop, side: list(candidate.where), "start": _round(float(start))})
 
