@@ -122,11 +122,15 @@ def test_all_files_that_readers_know_are_listed_and_taken(folder):
     (folder / "notes.txt").write_text("Measured on 3 May 2024 by 2 people\n", encoding="utf-8")
     (folder / "modes.csv").write_text("Frequency [Hz];Damping [%];1X\n3,1;1;1\n", encoding="utf-8")
     (folder / "frf.csv").write_text("frequency_hz,1X+/3X+ re,1X+/3X+ im\n1,2,3\n", encoding="utf-8")
+    (folder / "k.pch").write_text("$TITLE   = MODES\n$EIGENVALUE =  0.1E+01  MODE =  1\n", encoding="utf-8")
+    shapes = ModalRecord([2.0, 5.0], [0.01, 0.02], [[1.0, 0.4], [0.5, -1.0]], ["1X", "2X"])
+    write_modes(folder / "shapes.uff", shapes)
     with served(folder) as bench:
         found = bench.get("folder")[1]
         told = bench.post("facts", {"record": "modes.csv", "options": {}})[1]
     assert {one["path"]: one["modes"] for one in found["records"]} == {
-        "a.wav": False, "b.tsv": False, "c.f06": True, "frf.csv": False, "modes.csv": True, "run.txt": False,
+        "a.wav": False, "b.tsv": False, "c.f06": True, "frf.csv": False, "k.pch": True, "modes.csv": True, "run.txt": False,
+        "shapes.uff": True,
     }  # fmt: skip
     assert [one["path"] for one in found["models"]] == ["d.pun", "e.full"]
     assert (told["kind"], told["modes"]) == ("modes", [[3.1, 0.01]])

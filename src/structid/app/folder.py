@@ -17,8 +17,9 @@ from structid.errors import FileError, InputError
 from structid.files import atomic_write
 from structid.modal.files.csv import is_modes_table
 from structid.modal.files.files import CSV_SUFFIXES, JSON_SUFFIXES
-from structid.modal.files.nastran import F06_SUFFIXES
+from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
 from structid.records.io import FORMATS, LOGGERS, LoggerFormat
+from structid.records.io.uff.uff import SUFFIXES as UFF_SUFFIXES
 from structid.structure import importers, meshes
 
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
@@ -36,6 +37,8 @@ _MODES_BEGIN = re.compile(
 )
 #: A line of nothing but numbers, two or more.
 _NUMBERS = re.compile(rb"^\s*[-+]?\d[\d.,eE+-]*(?:[;,\s]+[-+]?\d[\d.,eE+-]*)+\s*$", re.M)
+#: Where a dataset of a universal file begins, with its number; and bytes of a file in which they are looked for.
+_UFF_SETS, _OF_UFF = re.compile(rb"^ {4}-1[ \r]*\n +(\d+)", re.M), 1_000_000
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
 
 
@@ -91,6 +94,8 @@ class OpenFolder:
             elif suffix in RECORD_SUFFIXES:
                 if suffix != ".txt" or _holds_numbers(path):
                     found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": holds_modes(path)})
+            elif suffix in PUNCH_SUFFIXES and holds_modes(path):
+                found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
             elif suffix in MODEL_SUFFIXES:
                 found["models"].append({"path": name, "bytes": path.stat().st_size})
             elif suffix == ".json" and holds_modes(path):
@@ -229,10 +234,15 @@ def _study(name: str, path: Path) -> list[dict[str, Any]]:
 
 
 def holds_modes(path: Path) -> bool:
-    """Whether a file holds modes: JSON by its first keys, tables by what heads their columns."""
+    """Whether a file holds modes, and no responses: JSON by its first keys, tables by what heads their columns."""
     suffix = path.suffix.lower()
     if suffix in CSV_SUFFIXES:
         return is_modes_table(path)
+    if suffix in PUNCH_SUFFIXES:
+        return b"$EIGENVALUE" in _begin(path)
+    if suffix in UFF_SUFFIXES:
+        sets = set(_UFF_SETS.findall(_begin(path, _OF_UFF)))
+        return b"55" in sets and b"58" not in sets
     return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
 
 
@@ -241,10 +251,10 @@ def _holds_numbers(path: Path) -> bool:
     return _NUMBERS.search(_begin(path).replace(b"\0", b"")) is not None
 
 
-def _begin(path: Path) -> bytes:
+def _begin(path: Path, count: int = 4096) -> bytes:
     try:
         with path.open("rb") as stream:
-            return stream.read(4096)
+            return stream.read(count)
     except OSError:
         return b""
 
