@@ -29,7 +29,8 @@ def kindred(base: Fitted, shortlist: Shortlist) -> list[Screened]:
     are better left out, loads at other nodes, and feet that let go of all rotations.
     """
     rows = shortlist.rows
-    return [*_of_one_card(rows), *_off_otherwise(rows), *_turned(rows), *_misplaced(base, rows), *shortlist.feet]
+    lost = shortlist.lost
+    return [*_of_one_card(rows), *_off_otherwise(rows), *_turned(rows, lost), *_misplaced(base, lost), *shortlist.feet]
 
 
 def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
@@ -50,26 +51,27 @@ def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
     return found
 
 
-def _turned(rows: Sequence[Screened]) -> list[Screened]:
+def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
     """Sensors of the wrong sense where one is better left out; seen as FRFs, modes show them as half of that."""
     known = {row.candidate.where for row in rows if row.candidate.kind == "polarity"}
-    lost = [row for row in rows if row.candidate.kind == "channel" and row.candidate.where not in known]
     return [
-        Screened(Candidate("polarity", row.candidate.where, record=row.candidate.record), 1.0, row.left) for row in lost
+        Screened(Candidate("polarity", row.candidate.where, record=row.candidate.record), 1.0, row.left)
+        for row in lost
+        if row.candidate.where not in known
     ]
 
 
-def _misplaced(base: Fitted, rows: Sequence[Screened]) -> list[Screened]:
+def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
     """Loads, and sensors that are better left out, at one of the nodes about their own."""
     found = []
-    lost = {(row.candidate.record, row.candidate.where[0]) for row in rows if row.candidate.kind == "channel"}
+    better_out = {(row.candidate.record, row.candidate.where[0]) for row in lost}
     for number, setup in enumerate(base.trial.setups):
         for role, dofs in setup.channels:
             is_load, known = role == "input", {dof.unsigned for dof in dofs}
             if is_load and setup.structure.driven(dofs):
                 continue
             for dof in dofs:
-                if is_load or (number, dof.place) in lost:
+                if is_load or (number, dof.place) in better_out:
                     others = [one for one in _about(setup.structure, dof) if one not in known]
                     kind = "load_place" if is_load else "place"
                     pairs = [(dof.place, one.place) for one in others]
@@ -92,5 +94,5 @@ def _about(structure: Structure, dof: Dof) -> list[Dof]:
 
 def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
     """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
-    off = [row for row in rows if row.candidate.kind == "offset"]
+    off = [row for row in rows if row.candidate.kind == "offset"][:3]
     return [replace(row, strength=factor * row.strength) for row in off for factor in _OTHER_LEVERS]

@@ -29,6 +29,8 @@ _AT_FIT = 2
 _LEAST_DROP = 0.02
 #: Supports at most that are let go in all rotations.
 _FEET = 8
+#: Part of the misfit that goes with a sensor from where on it may be elsewhere, or of the other sense.
+_LOST = 0.3
 #: Part of the misfit of the initial model that an exchange leaves at most where it is fitted whatever else is seen.
 _TOLD = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
@@ -95,13 +97,15 @@ class Shortlist(NamedTuple):
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
     those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were; `feet`
-    are supports that give way in all rotations at once, which no linear look is taken at.
+    are supports that give way in all rotations at once, which no linear look is taken at; `lost` are sensors without which a
+    good part of the misfit is gone.
     """
 
     rows: list[Screened]
     at_fit: list[Screened]
     tried: int
     feet: list[Screened]
+    lost: list[Screened]
 
 
 def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
@@ -156,12 +160,10 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     rows = rows[:_REFITTED]
     at_fit = [best[key][1] for key in here if key in best]
     sure = [row for row in rows if _key(row.candidate) in faulty]
-    return Shortlist(
-        rows,
-        [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]],
-        tried,
-        _feet(pool(points[0].records), base.cost),
-    )
+    channels = [(drop, row) for drop, row in best.values() if row.candidate.kind == "channel"]
+    lost = [row for drop, row in channels if drop > _LOST or row in sure or (base.trial.is_of_modes and row in rows)]
+    at_fit = [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]]
+    return Shortlist(rows, at_fit, tried, _feet(pool(points[0].records), base.cost), lost)
 
 
 def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
