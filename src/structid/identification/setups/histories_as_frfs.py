@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray
 from structid.dof import Dof
 from structid.records import FrfRecord, TimeRecord, frf_from_time
 from structid.records.record import LOADS, Quantity
@@ -81,31 +81,36 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord:
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate
     values[hit.last - hit.first :, hit.column] = 0.0
-    level = np.sqrt(np.square(values).mean(axis=0)) * np.sqrt(count)
-    end = np.sqrt(np.square(values[-max(count // 20, 1) :]).mean(axis=0) * count)
-    left = float(np.max(np.delete(end, hit.column) / np.delete(level, hit.column), initial=0.0))
-    decay = max(np.log(left / _GONE), 0.0) * rate / count
+    others = np.delete(np.arange(values.shape[1]), hit.column)
+    mean = np.sqrt(np.square(values[:, others]).mean(axis=0))
+    end = np.sqrt(np.square(values[-max(count // 20, 1) :, others]).mean(axis=0))
+    left = float(np.max(end / np.maximum(mean, np.finfo(float).tiny)))
+    decay = np.log(max(left / _GONE, 1.0)) * rate / count
     window = np.exp(-decay * np.arange(count) / rate)
-    spectra = np.fft.rfft(values * window[:, None], axis=0)[1:]
-    force, others = spectra[:, hit.column], [k for k in range(values.shape[1]) if k != hit.column]
-    h, power = spectra[:, others] / force[:, None], np.abs(force) ** 2
-    variance, threshold = None, _DRIVES * power.max()
+    spectra = np.fft.rfft(values * window[:, None], axis=0)
+    of_force = (
+        0.0 if record.variance is None else record.variance[hit.column] * np.sum(window[: hit.last - hit.first] ** 2)
+    )
+    power = np.abs(spectra[:, hit.column]) ** 2
+    lines = _first_run(1 + np.flatnonzero(power[1:] > max(_DRIVES * power.max(), _ABOVE_NOISE * of_force)))
+    force = spectra[lines, hit.column, None]
+    h, variance = spectra[np.ix_(lines, others)] / force, None
     if record.variance is not None:
-        noise = record.variance[others] * np.sum(window**2)
-        of_force = record.variance[hit.column] * np.sum(window[: hit.last - hit.first] ** 2)
-        variance = (noise + np.abs(h) ** 2 * of_force) / power[:, None]
-        threshold = max(threshold, _ABOVE_NOISE * of_force)
-    frequency = np.fft.rfftfreq(count, 1 / rate)[1:]
-    driven = np.flatnonzero(power > threshold)
-    gaps = np.flatnonzero(np.diff(driven) > _FEWEST)
-    driven = driven[: gaps[0] + 1] if len(gaps) else driven  # up to where the hit has no power
-    made = FrfRecord(
-        frequency, h[:, :, None], sensors, [record.channels[hit.column]], KINDS[record.quantities[others[0]]],
-        variance=None if variance is None else variance[:, :, None],
+        noise = record.variance[others] * np.sum(window**2) + np.abs(h) ** 2 * of_force
+        variance = (noise / np.abs(force) ** 2)[:, :, None]
+    return FrfRecord(
+        np.fft.rfftfreq(count, 1 / rate)[lines], h[:, :, None], sensors, [record.channels[hit.column]],
+        KINDS[record.quantities[others[0]]], variance=variance,
         noise_source="unknown" if variance is None else "declared", source=record.source,
-        decay=np.full(len(frequency), decay) if decay else None,
+        decay=np.full(len(lines), decay) if decay else None,
     )  # fmt: skip
-    return made.lines(np.arange(driven[0], driven[-1] + 1)) if len(driven) else made
+
+
+def _first_run(lines: IntArray) -> IntArray:
+    """All lines from the first to where a gap ends them: beyond, a hit has but the side lobes of its power."""
+    gaps = np.flatnonzero(np.diff(lines) > _FEWEST)
+    last = lines[gaps[0]] if len(gaps) else lines[-1]
+    return np.arange(lines[0], last + 1)
 
 
 def _driven(record: TimeRecord, length: int) -> FloatArray:
