@@ -27,8 +27,8 @@ _OFF = 1.0
 _LOCAL_MISFIT = 4.0
 #: Standard deviations by which an accepted cause may move a value of an approximate answer.
 _MOVES = 3.0
-#: Part of the parameters that may differ between parts of the data.
-_CONTRADICTS = 0.2
+#: Part of the parameters that may differ between parts of the data; and where one of them differs manifold.
+_CONTRADICTS, _CONTRADICTS_GROSSLY = 0.2, 0.125
 #: Chi-square per degree of freedom, in parts of what is expected, from where on a cause is not the whole of it.
 _LEAVES = 4.0
 #: Chi-square per degree of freedom, in parts of what is expected, from where on intervals from the misfit are not relied on: a
@@ -365,7 +365,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
     apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
-    if any(one.share > _CONTRADICTS or one.is_gross for one in apart):
+    if any(one.share > (_CONTRADICTS_GROSSLY if one.is_gross else _CONTRADICTS) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
