@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import signal
 import sys
@@ -156,7 +157,7 @@ def processes_of(executor: Workers) -> list[int]:
     if remote:
         return [int(number) for number in remote]
     run_tasks(executor, nothing, None, 4)
-    return list(executor._pool._processes)  # type: ignore[attr-defined]
+    return [child.pid or 0 for child in multiprocessing.active_children()]
 
 
 def processor_seconds(numbers: Sequence[int]) -> np.ndarray:

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +27,7 @@ from structid.estimation.search.work import Tools
 from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun
+from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
 from structid.study.run.spread_lines import SpreadLines, spread
 from structid.study.run.start import started
@@ -165,7 +165,7 @@ def test_processes_that_always_end_are_an_error_with_a_remedy(monkeypatch):
     class Broken:
         def submit(self, *_):
             future = Future()
-            future.set_exception(BrokenProcessPool())
+            future.set_exception(ProcessLostError())
             return future
 
     monkeypatch.setattr(Processes, "executor", lambda self: made.append(Broken()) or made[-1])

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import time
 from collections import OrderedDict
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from structid.app.work.called import called
-from structid.study.run.workers import end_with_parent
+from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
@@ -25,7 +22,7 @@ class Workers:
 
     def __init__(self, root: str) -> None:
         self.root = root
-        self._pools: dict[str, ProcessPoolExecutor] = {}
+        self._pools: dict[str, PipedProcesses] = {}
         self._used: dict[str, float] = {}
         self._busy: dict[str, int] = {"look": 0, "think": 0}
         self._answers: OrderedDict[tuple[str, ...], str] = OrderedDict()
@@ -50,14 +47,14 @@ class Workers:
     async def _called(self, name: str, given: dict[str, Any]) -> str:
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
-            self._pools[kind] = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent)
+            self._pools[kind] = PipedProcesses(1)
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:
             return await asyncio.wrap_future(pool.submit(called, name, self.root, given))
-        except (BrokenProcessPool, asyncio.CancelledError):  # ended while it worked, or before its turn
+        except (ProcessLostError, asyncio.CancelledError):  # ended while it worked, or before its turn
             if self._pools.get(kind) is pool:
-                self._end(kind)
+                self._pools.pop(kind).shutdown()
             return _LOST
         finally:
             self._busy[kind] -= 1
@@ -72,16 +69,9 @@ class Workers:
         """End workers that nothing was asked of for a while."""
         for kind in list(self._pools):
             if not self._busy[kind] and time.monotonic() - self._used.get(kind, 0.0) > IDLE_SECONDS:
-                self._end(kind)
+                self._pools.pop(kind).shutdown()
 
     def close(self) -> None:
         """End all of them."""
-        for kind in list(self._pools):
-            self._end(kind)
-
-    def _end(self, kind: str) -> None:
-        pool = self._pools.pop(kind)
-        processes = list((getattr(pool, "_processes", None) or {}).values())
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
+        while self._pools:
+            self._pools.popitem()[1].shutdown()

@@ -9,20 +9,15 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import sys
 import tempfile
-import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache, partial
 from itertools import islice
-from multiprocessing import get_context, parent_process
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -33,6 +28,7 @@ from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.errors import InputError, StructidError
 from structid.estimation import Problem
 from structid.estimation.search.work import PLAIN_TOOLS, Task, Tools
+from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
 BATCH_SECONDS = 0.25
@@ -209,14 +205,14 @@ class Processes(RemoteWorkers):
         If `n_workers` is less than 1.
     """
 
-    losses = (BrokenProcessPool,)
+    losses = (ProcessLostError,)
 
     def __init__(self, n_workers: int) -> None:
         super().__init__()
         if n_workers < 1:
             raise InputError(f"`workers` must be at least 1, got {n_workers}; one for each core is usual")
         self.n_workers, self.words = n_workers, f"{n_workers} processes of this machine"
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: PipedProcesses | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="structid-")
 
     @staticmethod
@@ -225,7 +221,7 @@ class Processes(RemoteWorkers):
 
     def executor(self) -> Executor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(self.n_workers, get_context("spawn"), _begin)
+            self._pool = PipedProcesses(self.n_workers, _begin)
         return self._pool
 
     def give(self, content: bytes) -> str:
@@ -252,26 +248,12 @@ class Processes(RemoteWorkers):
 
     def _end(self) -> None:
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool.shutdown()
             self._pool = None
 
 
-def end_with_parent() -> None:
-    """Have this worker process end when the one that began it is gone, however that ended."""
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
-
-
-def _end_after(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
-
-
 def _begin() -> None:
-    """A process for tasks: on one thread, and Ctrl-C is for the process that sends them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    """A process for tasks, on one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
         os.environ[name] = "1"  # of libraries that come later
     threadpool_limits(1)

@@ -1,0 +1,124 @@
+"""Processes of this machine that call functions, each on a pipe of its own, so that the end of one is seen at once.
+
+A pool of `concurrent.futures` waits for ever for the rest of an answer whose process is gone: it holds the other end of
+the pipe itself.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
+from typing import Any
+
+
+class ProcessLostError(Exception):
+    """A process ended before its answer was whole."""
+
+
+class PipedProcesses(Executor):
+    """Processes that begin when they are first needed, and take calls in the order in which these come.
+
+    Parameters
+    ----------
+    n : int
+        How many at most.
+    begin : callable, optional
+        A function of a module that each calls first.
+    """
+
+    def __init__(self, n: int, begin: Callable[[], None] | None = None) -> None:
+        self._threads = ThreadPoolExecutor(n)
+        self._begin = begin
+        self._guard = threading.Lock()
+        self._pipes: dict[int, Connection] = {}
+        self._processes: list[BaseProcess] = []
+        self._is_ended = False
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """What a function of a module gives or raises, or `ProcessLostError`.
+
+        Parameters
+        ----------
+        fn : callable
+        *args, **kwargs
+            What it takes; like its answer they are pickled.
+        """
+        return self._threads.submit(self._asked, fn, args, kwargs)
+
+    def _asked(self, *call: Any) -> Any:
+        try:
+            pipe = self._pipe()
+            pipe.send(call)
+            error, answer = pipe.recv()
+        except (EOFError, OSError) as gone:
+            raise ProcessLostError("a process ended before its answer was whole") from gone
+        if error is not None:
+            raise error
+        return answer
+
+    def _pipe(self) -> Connection:
+        """To the process of this thread."""
+        thread = threading.get_ident()
+        with self._guard:
+            if self._is_ended:
+                raise EOFError
+            if thread not in self._pipes:
+                context = get_context("spawn")
+                self._pipes[thread], theirs = context.Pipe()
+                process = context.Process(target=_answer, args=(theirs, self._begin))
+                process.start()
+                theirs.close()
+                self._processes.append(process)
+            return self._pipes[thread]
+
+    def shutdown(self, wait: bool = False, *, cancel_futures: bool = True) -> None:
+        """End the processes now, whatever they do.
+
+        Parameters
+        ----------
+        wait : bool, optional
+            Until they have ended.
+        cancel_futures : bool, optional
+            Whether calls that have not begun are cancelled; else they are lost.
+        """
+        with self._guard:
+            self._is_ended = True
+            for process in self._processes:
+                process.terminate()
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        for process in self._processes if wait else ():
+            process.join()
+
+
+def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
+    """The life of a process; Ctrl-C is for the one that asks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+    if begin is not None:
+        begin()
+    with suppress(EOFError, BrokenPipeError):  # nobody asks any more
+        while True:
+            function, given, named = pipe.recv()
+            try:
+                answer = ForkingPickler.dumps((None, function(*given, **named)))
+            except Exception as error:  # for the one that asked
+                error.add_note(traceback.format_exc())
+                answer = ForkingPickler.dumps((error, None))
+            pipe.send_bytes(answer)
+
+
+def _end_after(parent: BaseProcess) -> None:
+    """End with the process that began this one, however that ended."""
+    parent.join()
+    os._exit(1)
