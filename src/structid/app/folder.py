@@ -16,10 +16,9 @@ from typing import Any
 from structid.errors import FileError, InputError
 from structid.files import atomic_write
 from structid.modal.files.csv import is_modes_table
-from structid.modal.files.files import CSV_SUFFIXES, JSON_SUFFIXES
+from structid.modal.files.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES
 from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
 from structid.records.io import FORMATS, LOGGERS, LoggerFormat
-from structid.records.io.uff.uff import SUFFIXES as UFF_SUFFIXES
 from structid.structure import importers, meshes
 
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
@@ -94,12 +93,10 @@ class OpenFolder:
             elif suffix in RECORD_SUFFIXES:
                 if suffix != ".txt" or _holds_numbers(path):
                     found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": holds_modes(path)})
-            elif suffix in PUNCH_SUFFIXES and holds_modes(path):
+            elif suffix in (*PUNCH_SUFFIXES, *JSON_SUFFIXES) and holds_modes(path):
                 found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
             elif suffix in MODEL_SUFFIXES:
                 found["models"].append({"path": name, "bytes": path.stat().st_size})
-            elif suffix == ".json" and holds_modes(path):
-                found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
         return {"folder": str(self.root), "writable": self.is_writable, **found}
 
     def _is_result(self, path: Path) -> bool:

@@ -125,9 +125,10 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     answers = work.map(name, _looked, tuple(points), range(len(points)))
     held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
-    tried = 0
+    tried, feet = 0, list[Screened]()
     for point, answer in zip(points, answers, strict=True):
         candidates = pool(point.records)
+        feet = feet or _feet(candidates, base.cost)
         problems = [fields.problem for fields in point.records]
         data = list(data_candidates(problems, names))
         tried = max(tried, len(candidates) + len(data))
@@ -163,7 +164,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     channels = [(drop, row) for drop, row in best.values() if row.candidate.kind == "channel"]
     lost = [row for drop, row in channels if drop > _LOST or row in sure or (base.trial.is_of_modes and row in rows)]
     at_fit = [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]]
-    return Shortlist(rows, at_fit, tried, _feet(pool(points[0].records), base.cost), lost)
+    return Shortlist(rows, at_fit, tried, feet, lost)
 
 
 def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:

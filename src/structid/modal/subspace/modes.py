@@ -143,19 +143,19 @@ def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> Co
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out.
     """
-    price, tries = schwarz(data, poles), 0
-    while tries < _TRIES:
+    price = schwarz(data, poles)
+    while True:
         strength_left = left_over(data, poles, candidates)
-        k = int(np.argsort(-strength_left)[tries]) if tries < len(candidates) else -1
-        if k < 0 or strength_left[k] <= noise_strength(data):
-            break
-        fit = decay_fit(data, np.append(poles, candidates[k]))
-        kept = None if fit is None else fit.poles[stands_out(data, fit.poles)]
-        if kept is not None and len(kept) and schwarz(data, kept) < price:
-            poles, price, tries = kept, schwarz(data, kept), 0
+        strongest = [k for k in np.argsort(-strength_left)[:_TRIES] if strength_left[k] > noise_strength(data)]
+        for k in strongest:
+            fit = decay_fit(data, np.append(poles, candidates[k]))
+            kept = poles[:0] if fit is None else fit.poles[stands_out(data, fit.poles)]
+            lower = schwarz(data, kept) if len(kept) else np.inf
+            if lower < price:
+                poles, price = kept, lower
+                break
         else:
-            tries += 1
-    return poles
+            return poles
 
 
 def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray
+from structid.observation.latest import Latest
 from structid.observation.sensitive import SensitiveElements, sensitive_elements, weight_slope
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -61,13 +62,11 @@ class MatrixSlopes:
 
     def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
         """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
-        key = physical.tobytes()
-        if key not in self._latest:
-            values = self.parameters.values(physical)
-            found = {member: self._weight_slope(*member, values) for member in self._designs}
-            self._latest.clear()
-            self._latest[key] = found
-        return self._latest[key]
+        return self._latest.at(physical, self._weight_slopes_at)
+
+    def _weight_slopes_at(self, physical: FloatArray) -> dict[_Member, Slope]:
+        values = self.parameters.values(physical)
+        return {member: self._weight_slope(*member, values) for member in self._designs}
 
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
         part, rows = self.structure.contributions[member], self.elements[number].rows
@@ -91,9 +90,8 @@ class MatrixSlopes:
         return found
 
     @cached_property
-    def _latest(self) -> dict[bytes, dict[_Member, Slope]]:
-        """Slopes of the last point."""
-        return {}
+    def _latest(self) -> Latest[dict[_Member, Slope]]:
+        return Latest()
 
 
 def matrix_slopes(structure: Structure, unknown: Parameters) -> MatrixSlopes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,19 @@ class ModelState:
     readings: FloatArray
 
 
+class _Slopes(NamedTuple):
+    """Derivatives, the parameters last, and what they come from.
+
+    `seen` is of what sensors and loss see of the shapes, (n_y, m, n_params), `eigenvalues` of those within the group,
+    (m, m, n_params), `viscous` and `structural` of the losses of a single mode, (n_params,).
+    """
+
+    seen: FloatArray
+    eigenvalues: FloatArray
+    viscous: FloatArray
+    structural: FloatArray
+
+
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
     """The group as the model's modes `chosen` show it, `state` having the group's sensors; slopes of no parameter if not wanted.
 
@@ -118,8 +132,8 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     loss = _loss_force(state, phi, omega) if m == 1 else np.zeros((len(phi), 0))
     weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
     if not with_slopes:
-        none = np.zeros((*weights.shape, 0)), np.zeros((m, m, 0)), np.zeros(0), np.zeros(0)
-        return _fitted(state, group, phi, eigenvalues, weights, *none)
+        none = _Slopes(np.zeros((*weights.shape, 0)), np.zeros((m, m, 0)), np.zeros(0), np.zeros(0))
+        return _fitted(state, group, phi, omega, weights, none)
     adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
     x = phi.T[:, :, None]
     y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
@@ -135,21 +149,19 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     seen, values = _widened(state, change), _widened(state, d_lambda)
     seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
     viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
-    return _fitted(state, group, phi, eigenvalues, weights, seen, values, viscous, structural)
+    return _fitted(state, group, phi, omega, weights, _Slopes(seen, values, viscous, structural))
 
 
 def _fitted(
-    state: ModelState, group: GroupData, phi: FloatArray, eigenvalues: FloatArray, weights: FloatArray,
-    seen: FloatArray, values: FloatArray, viscous: FloatArray, structural: FloatArray,
-) -> GroupFit:  # fmt: skip
-    """From the slopes of what is `seen` (n_y, m, n_params), of the eigenvalues (m, m, n_params), and of the losses (n_params,)."""
-    n_channels, m = state.readings.shape[0], len(eigenvalues)
-    shape, d_shape, a, d_a = _projected(weights[:n_channels], seen[:n_channels], group.shapes)
-    frequency, d_frequency, mixing, d_mixing = _turned(eigenvalues, values, a, d_a, group)
-    ratio, d_ratio = np.full(m, np.nan), np.full((m, values.shape[2]), np.nan)
+    state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
+) -> GroupFit:
+    """From the model's shapes and circular frequencies of the group, and what sensors and loss see of the shapes, `weights`."""
+    n_channels, m = state.readings.shape[0], len(omega)
+    shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
+    frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
+    ratio, d_ratio = np.full(m, np.nan), np.full((m, slopes.eigenvalues.shape[2]), np.nan)
     if m == 1:
-        omega = float(np.sqrt(eigenvalues[0]))
-        ratio, d_ratio = _damping(state, phi[:, 0], omega, values[0, 0], seen[-1, 0], viscous, structural)
+        ratio, d_ratio = _damping(state, phi[:, 0], float(omega[0]), slopes)
     return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
 
 
@@ -189,19 +201,12 @@ def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatA
     return (state.damping @ phi) / omega + (state.structural @ phi) / omega**2
 
 
-def _damping(
-    state: ModelState,
-    phi: FloatArray,
-    omega: float,
-    d_lambda: FloatArray,
-    loss_change: FloatArray,
-    viscous: FloatArray,
-    structural: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 and its slope."""
+def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) -> tuple[FloatArray, FloatArray]:
+    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a single mode and its slope."""
     c, d = float(phi @ (state.damping @ phi)), float(phi @ (state.structural @ phi))
-    d_omega = d_lambda / (2 * omega)
-    slope = viscous / omega + structural / omega**2 + 2 * loss_change - (c / omega**2 + 2 * d / omega**3) * d_omega
+    d_omega = slopes.eigenvalues[0, 0] / (2 * omega)
+    slope = slopes.viscous / omega + slopes.structural / omega**2 + 2 * slopes.seen[-1, 0]
+    slope = slope - (c / omega**2 + 2 * d / omega**3) * d_omega
     return np.array([0.5 * (c / omega + d / omega**2)]), 0.5 * slope[None]
 
 

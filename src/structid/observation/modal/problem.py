@@ -18,6 +18,7 @@ from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
 from structid.modal import ModalRecord
 from structid.observation.channel_errors import ChannelErrors
+from structid.observation.latest import Latest
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.measured import FewSensorsError, MeasuredModes
@@ -215,16 +216,7 @@ class ModalProblem(MeasuredProblem):
 
     def model_state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
-        key = physical.tobytes()
-        if key not in self._latest_state:
-            found = self._state_at(physical)
-            self._latest_state.clear()
-            self._latest_state[key] = found
-        return self._latest_state[key]
-
-    def __getstate__(self) -> dict[str, object]:
-        """Without the model at the last point, which another process has no use for."""
-        return {name: value for name, value in self.__dict__.items() if name != "_latest_state"}
+        return self._latest_state.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
         own, values = physical[: self.parameters.n_params], self.property_values(physical)
@@ -267,8 +259,9 @@ class ModalProblem(MeasuredProblem):
         return use[assigned(worth)[1]]
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        if self.form == "dynamic" or theta.tobytes() in self._latest:
-            return self.linearize(theta).residual
+        known = self.linearize(theta) if self.form == "dynamic" else self._latest.known(theta)
+        if known is not None:
+            return known.residual
         data, _, eliminated = self._output(self.physical(theta), with_slopes=False)
         none = np.zeros((len(data), len(theta)))
         return self._linearized(theta, data, none, eliminated).residual
@@ -307,22 +300,15 @@ class ModalProblem(MeasuredProblem):
         return found
 
     @cached_property
-    def _latest(self) -> dict[bytes, Linearization]:
-        """The last linearization: the same point is asked for by searches, tests and intervals."""
-        return {}
+    def _latest(self) -> Latest[Linearization]:
+        return Latest()
 
     @cached_property
-    def _latest_state(self) -> dict[bytes, ModelState]:
-        """The model at the last point: a step is tried and made there."""
-        return {}
+    def _latest_state(self) -> Latest[ModelState]:
+        return Latest()
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        key = theta.tobytes()
-        if key not in self._latest:
-            found = self._found(theta)
-            self._latest.clear()
-            self._latest[key] = found
-        return self._latest[key]
+        return self._latest.at(theta, self._found)
 
     def _found(self, theta: FloatArray) -> Linearization:
         physical = self.physical(theta)

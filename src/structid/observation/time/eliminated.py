@@ -47,23 +47,10 @@ class Evaluation:
     basis: FloatArray
     data: FloatArray
 
-
-class Latest:
-    """The last evaluation, for the derivative that is asked for where a step was tried; it goes to no other process."""
-
-    def __init__(self) -> None:
-        self._kept: tuple[bytes, Evaluation] | None = None
-
-    def __reduce__(self) -> tuple[type[Latest], tuple[()]]:
-        return Latest, ()
-
-    def keep(self, theta: FloatArray, at: Evaluation) -> None:
-        self._kept = (theta.tobytes(), at) if at.basis.nbytes + at.y.nbytes < _KEPT_BYTES else None
-
-    def taken(self, theta: FloatArray) -> Evaluation | None:
-        """What was kept of this point, which is then let go."""
-        kept, self._kept = self._kept, None
-        return kept[1] if kept is not None and kept[0] == theta.tobytes() else None
+    @property
+    def is_small(self) -> bool:
+        """Whether it may be kept."""
+        return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
 
 
 def orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

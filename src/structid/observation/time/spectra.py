@@ -17,8 +17,9 @@ from structid.estimation.problem import Stages
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.continuation import thinned_lines
 from structid.observation.frf.response import Models, Response, response
+from structid.observation.latest import Latest
 from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
-from structid.observation.time.eliminated import Evaluation, Latest, orthonormal
+from structid.observation.time.eliminated import Evaluation, orthonormal
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
@@ -232,7 +233,8 @@ class SpectraProblem(ResponseProblem):
 
     def residual(self, theta: FloatArray) -> FloatArray:
         at = self._evaluated(theta)
-        self._latest.keep(theta, at)
+        if at.is_small:
+            self._latest.keep(theta, at)
         return self._residual(theta, at.data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
@@ -247,7 +249,8 @@ class SpectraProblem(ResponseProblem):
         return self._linearized(theta, at.data, rows * self.slope(theta), at.basis.shape[1])
 
     @cached_property
-    def _latest(self) -> Latest:
+    def _latest(self) -> Latest[Evaluation]:
+        """The derivative is asked for where a step was tried."""
         return Latest()
 
     def _state(

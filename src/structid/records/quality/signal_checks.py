@@ -46,16 +46,22 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
     >>> signal_checks(record)[0].words
     'channel 2X+ velocity is 0 at every sample; check sensor and cable, or leave the channel out with `channels`'
     """
+    found = channel_checks(record)
+    silent = {one.channel for one in found if one.kind in ("constant", "dead")}
+    sound = [i for i in range(len(record.channels)) if channel_name(record, i) not in silent]
+    return (*found, *spectral_checks(record, sound, band))
+
+
+def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
+    """Those of `signal_checks` on the samples of each channel."""
     level = record.values.std(axis=0)
     usual = _usual_level(record, level)
     found: list[Finding] = []
-    sound = []
     for i in range(len(record.channels)):
         silent = _silent(record, i, float(level[i]), float(usual[i]))
         if silent is not None:
             found.append(silent)
             continue
-        sound.append(i)
         found += _sample_findings(record, i)
         ratio = level[i] / usual[i]
         if not 1 / _LEVEL < ratio < _LEVEL:
@@ -65,7 +71,7 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
                 "channels; check its sensitivity, unit and cable"
             )
             found.append(Finding("level", words, "warning", name))
-    return (*found, *spectral_checks(record, sound, band))
+    return tuple(found)
 
 
 def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
-from structid.records.quality.signal_checks import signal_checks
+from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
@@ -225,7 +225,7 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
     """What single channels of histories show by themselves: dead, constant, clipped, with drop-outs or spikes."""
     histories = [record for record in records if isinstance(record, TimeRecord)]
-    found = [one for record in histories for one in signal_checks(record)]
+    found = [one for record in histories for one in channel_checks(record)]
     return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
 
 
