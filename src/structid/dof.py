@@ -85,13 +85,13 @@ def parse_dof(text: str | Dof) -> Dof:
     """
     if isinstance(text, Dof):
         return text
-    word = _WORD.match(text)
+    word = _WORD.match(text) if isinstance(text, str) else None
     if word:
         senses = word["before"] + word["after"]
         if len(senses) > 1:
             raise InputError(f"degree of freedom {text!r} has two signs; write one, as in 12Z- or 12:-Z")
         return Dof(int(word["node"]), word["direction"].upper(), -1 if senses == "-" else 1)
-    number = _NUMBER.match(text)
+    number = _NUMBER.match(text) if isinstance(text, str) else None
     if number:
         direction = DIRECTIONS[int(number["component"]) - 1]
         return Dof(int(number["node"]), direction, -1 if number["after"] == "-" else 1)

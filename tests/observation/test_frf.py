@@ -214,6 +214,8 @@ def test_friction_needs_its_sensor_and_one_load():
     structure, made, record = measured_frame()
     with pytest.raises(InputError, match="no output 6X"):
         response(structure, made, record.channels(record.outputs[1:]), measured_sliding=True)
-    double = replace(record, values=np.repeat(record.values, 2, 2), inputs=("5X", "1X"), variance=None)
+    double = FrfRecord(
+        record.frequency, np.repeat(record.values, 2, 2), record.outputs, ("5X", "1X"), kind="accelerance"
+    )
     with pytest.raises(InputError, match="one load"):
         response(structure, made, double)

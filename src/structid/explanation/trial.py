@@ -82,6 +82,7 @@ class Trial:
         kept = [k for k in range(len(self.setups)) if candidate.kind != "record" or k != candidate.record]
         before = [(self.study.setups[k].section.table, self.setups[k]) for k in kept]
         problems, setups, edited = read_study(self.study, tables, before)
+        problems = tuple(_weighed_like(one, self.problems[k]) for one, k in zip(problems, kept, strict=True))
         problems = with_scatters(problems, {one.name: one.std for one in scatter_problems(self.problems)})
         shown = tuple(
             _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
@@ -216,6 +217,13 @@ def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: 
     if setup.measured is before.measured:
         return view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]
+
+
+def _weighed_like(problem: RecordProblem, before: RecordProblem) -> RecordProblem:
+    """The problem with the weights of the one that it is compared with, where both have the same data."""
+    if isinstance(problem, FrfProblem) and isinstance(before, FrfProblem) and _is_same(problem.record, before.record):
+        return replace(problem, record=replace(problem.record, sizes=before.record.sizes))
+    return problem
 
 
 def _is_same(one: FrfRecord, other: FrfRecord) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -24,6 +24,8 @@ _MOST_TRIED = 3
 #: More searches where an answer is doubted; of modes, one that moved a parameter by more than this factor. Of a frame with
 #: two minima half of the starts 20 % off end in each: four miss one of them in one case of 16.
 _DOUBT_STARTS, _DOUBT_BEYOND = 4, 2.0
+#: How often weights are taken of the fitted model at most, up to which misfit, and the change in standard deviations that ends it.
+_REWEIGHTED, _REWEIGHTED_BELOW, _SETTLED = 3, 4.0, 0.02
 #: Of the last stage of a matrix-free search.
 _GAIN_TOLERANCE = 1e-8
 
@@ -105,7 +107,7 @@ def answered(
             problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work
         )
 
-    best, problems = searched(regular.problems, found)
+    best, problems = reweighted(*searched(regular.problems, found), method, options.seed, progress, work)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
     return Answer(best, problems, together(problems), regular.held, differing)
@@ -172,6 +174,49 @@ def searched(
                 current = _with_polarities(current, signs)
                 tried[signs] = (search(together(current)), current)
     return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
+
+
+def reweighted(
+    best: Estimate,
+    problems: tuple[RecordProblem, ...],
+    method: Method,
+    seed: int,
+    progress: StageProgress | None,
+    work: Work,
+) -> tuple[Estimate, tuple[RecordProblem, ...]]:
+    """The fit again, with errors that are a part of each value's size taken of the fitted model; see `RecordProblem.reweighted`.
+
+    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths of
+    regularizations stay as they were chosen.
+    """
+    for _ in range(_REWEIGHTED):
+        if not best.chi_square_per_dof < _REWEIGHTED_BELOW:
+            break
+        theta = dict(zip(best.names, best.theta, strict=True))
+        current = tuple(p.reweighted(np.array([theta[name] for name in p.names])) for p in problems)
+        if all(one is other for one, other in zip(current, problems, strict=True)):
+            break
+        again = estimate(
+            together(current), method, (), Search(seed=seed, start=best.theta), progress=progress, work=work
+        )
+        moved = np.abs(again.theta - best.theta)
+        best, problems = _as_searched(again, best), current
+        if (moved <= _SETTLED * best.std_free).all():
+            break
+    return best, problems
+
+
+def _as_searched(again: Estimate, first: Estimate) -> Estimate:
+    """A fit that went on from another, with the story of both searches."""
+    return replace(
+        again,
+        status=again.status if first.n_fitting < 2 else first.status,
+        n_iterations=first.n_iterations + again.n_iterations,
+        n_starts=first.n_starts,
+        n_agreeing=first.n_agreeing,
+        answers=first.answers,
+        history=np.concatenate([first.history, again.history[1:]]),
+    )
 
 
 def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:

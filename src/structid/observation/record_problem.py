@@ -204,6 +204,14 @@ class RecordProblem(ParameterProblem, ABC):
         """The same with these polarities."""
         return self
 
+    def reweighted(self, theta: FloatArray) -> Self:
+        """The same with errors that are a part of each value's size taken of what the model has at `theta`.
+
+        As a part of the *measured* size they are held smaller where noise makes a value small, which then weighs more: masses
+        and stiffnesses come out too high by about the square of the noise. Itself where no error depends on size.
+        """
+        return self
+
     @property
     def noise_words(self) -> str:
         """The noise that its residual is whitened by, by where it comes from."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
 DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2, "transmissibility": 0}
+#: What has an entry for every value of an FRF.
+_BESIDE_VALUES = ("variance", "coherence", "relative", "sizes")
 #: Largest coherence that is let pass: what rounding adds to 1.
 COHERENCE_MOST = 1 + 1e-9
 #: SI unit of an FRF with translations and forces only.
@@ -92,6 +94,11 @@ class FrfRecord(Shown):
     segment : float, optional
         Duration, s, of the segments of random motion under a Hann window that were averaged: each line reads what leaks
         from its neighbours, see `structid.observation.frf.leakage`. None where nothing leaks.
+    relative : same shape as `values`, optional
+        The part of the noise that goes with each value's size: its standard deviation as a part of that size. `variance`
+        holds it with the sizes that were measured.
+    sizes : same shape, optional
+        Magnitudes without noise, as a model has them, of which `relative` is a part; those of `values` by default.
 
     Raises
     ------
@@ -111,6 +118,8 @@ class FrfRecord(Shown):
     source: str = ""
     decay: FloatArray | None = None
     segment: float | None = None
+    relative: FloatArray | None = None
+    sizes: FloatArray | None = None
 
     if TYPE_CHECKING:  # what is taken is more than what is kept
 
@@ -128,6 +137,8 @@ class FrfRecord(Shown):
             source: str = "",
             decay: ArrayLike | None = None,
             segment: float | None = None,
+            relative: ArrayLike | None = None,
+            sizes: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -149,10 +160,10 @@ class FrfRecord(Shown):
         shape = (self.frequency.size, len(self.outputs), len(self.inputs))
         require_shape("values", self.values, shape, "one value per frequency, output and input")
         require_finite("values", self.values, "remove these lines or channels, or repair the file")
-        for name, given in (("variance", self.variance), ("coherence", self.coherence)):
-            if given is None:
+        for name in _BESIDE_VALUES:
+            if getattr(self, name) is None:
                 continue
-            array = locked(given, np.float64)
+            array = locked(getattr(self, name), np.float64)
             object.__setattr__(self, name, array)
             require_shape(name, array, shape)
             require_finite(name, array)
@@ -167,7 +178,7 @@ class FrfRecord(Shown):
             raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
 
     def _require_within(self, name: str, array: FloatArray) -> None:
-        """Refuse a coherence outside of 0 to 1, or a variance below 0, and say where."""
+        """Refuse a coherence outside of 0 to 1, or what else is below 0, and say where."""
         most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
         wrong = np.argwhere((array < 0) | (array > most))
         if len(wrong):
@@ -231,14 +242,13 @@ class FrfRecord(Shown):
             raise NoLinesError(
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
-        return replace(
-            self,
-            frequency=self.frequency[keep],
-            values=self.values[keep],
-            variance=None if self.variance is None else self.variance[keep],
-            coherence=None if self.coherence is None else self.coherence[keep],
-            decay=None if self.decay is None else self.decay[keep],
-        )
+        decay = None if self.decay is None else self.decay[keep]
+        return self._cut((keep,), frequency=self.frequency[keep], decay=decay)
+
+    def _cut(self, index: tuple[Any, ...], **axes: Any) -> FrfRecord:
+        """All that has an entry for every value at `index`, with the axes that go with it."""
+        given = {name: getattr(self, name) for name in ("values", *_BESIDE_VALUES)}
+        return replace(self, **axes, **{name: array[index] for name, array in given.items() if array is not None})
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
         """The same record with these outputs only, in this order."""
@@ -247,13 +257,13 @@ class FrfRecord(Shown):
             raise InputError(
                 f"the record has no output {', '.join(missing)}; it has {', '.join(map(str, self.outputs))}"
             )
-        keep = [self.outputs.index(dof) for dof in outputs]
-        return replace(
-            self,
-            outputs=outputs,
-            values=self.values[:, keep],
-            variance=None if self.variance is None else self.variance[:, keep],
-            coherence=None if self.coherence is None else self.coherence[:, keep],
+        return self.grid([self.outputs.index(dof) for dof in outputs], range(len(self.inputs)))
+
+    def grid(self, outputs: Sequence[int], inputs: Sequence[int]) -> FrfRecord:
+        """The outputs and inputs of these numbers only, in this order."""
+        index = np.ix_(range(self.frequency.size), outputs, inputs)
+        return self._cut(
+            index, outputs=tuple(self.outputs[i] for i in outputs), inputs=tuple(self.inputs[i] for i in inputs)
         )
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
@@ -275,7 +285,8 @@ class FrfRecord(Shown):
             raise InputError(f"{self.kind} at 0 Hz cannot become {kind}; drop that line first with `band`")
         factor = self.laplace**power
         variance = None if self.variance is None else self.variance * (np.abs(factor) ** 2)[:, None, None]
-        return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance)
+        sizes = None if self.sizes is None else self.sizes * np.abs(factor)[:, None, None]
+        return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance, sizes=sizes)
 
 
 #: By how much a coherence may lie below 1 that a file of six digits holds as 1.
@@ -320,7 +331,7 @@ def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfR
             "noise from coherence needs `coherence` and `averages` in the record; declare the noise instead"
         )
     variance = coherence_variance(record.values, record.coherence, count)
-    return replace(record, variance=variance, averages=count, noise_source="coherence")
+    return replace(record, variance=variance, averages=count, noise_source="coherence", relative=None, sizes=None)
 
 
 def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: float = 0.0) -> FrfRecord:
@@ -336,7 +347,8 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
     if relative < 0 or absolute < 0 or relative + absolute == 0:
         raise InputError("declared noise needs `relative` or `absolute` greater than 0, and none negative")
     variance = (relative * np.abs(record.values)) ** 2 + absolute**2
-    return replace(record, variance=variance, noise_source="declared")
+    part = np.full(variance.shape, relative) if relative > 0 else None
+    return replace(record, variance=variance, noise_source="declared", relative=part, sizes=None)
 
 
 def from_repeats(records: list[FrfRecord]) -> FrfRecord:
@@ -360,25 +372,35 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     require_shared("frequencies, Hz", [record.frequency.tolist() for record in records], sources)
     values = np.array([record.values for record in records])
     mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / len(records)
-    pooled = _pooled(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))
-    return replace(first, values=mean, variance=pooled, noise_source="repeats", coherence=None)
+    pooled, relative = _pooled(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))
+    return replace(
+        first, values=mean, variance=pooled, noise_source="repeats", coherence=None, relative=relative, sizes=None
+    )
 
 
-def _pooled(variance: FloatArray, square: FloatArray, freedom: int) -> FloatArray:
-    """Variances (n_lines, n_outputs, n_inputs) of so many degrees of freedom, averaged over neighbouring lines."""
+def _pooled(variance: FloatArray, square: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray | None]:
+    """Variances (n_lines, n_outputs, n_inputs) of so many degrees of freedom, averaged over neighbouring lines.
+
+    And standard deviations as parts of the values' sizes, 0 of channels that are averaged as they are.
+    """
     reach = -(-(_FREEDOM // freedom) // 2)
     if not reach or len(variance) <= 2 * reach:
-        return variance
-    found = np.empty_like(variance)
+        return variance, None
+    found, relative = np.empty_like(variance), np.zeros_like(variance)
     for pair in np.ndindex(variance.shape[1:]):
         own, size = variance[:, *pair], square[:, *pair]
         with np.errstate(divide="ignore", invalid="ignore"):
             spread = [np.nanstd(np.log(part[part > 0])) for part in (own, own / size)]
-        scale = size if (size > 0).all() and spread[1] < spread[0] else np.ones(len(size))
+        is_relative = bool((size > 0).all() and spread[1] < spread[0])
+        scale = size if is_relative else np.ones(len(size))
         window = np.ones(2 * reach + 1)
         counts = np.convolve(np.ones(len(own)), window, "same")
-        found[:, *pair] = np.convolve(own / scale, window, "same") / counts * scale
-    return found
+        beside = scale.copy()  # a value's own size would tie its weight to its own error
+        beside[1:-1] = np.sqrt(scale[:-2] * scale[2:])
+        mean = (np.convolve(own / scale, window, "same") - own / scale + own / beside) / counts
+        found[:, *pair] = mean * scale
+        relative[:, *pair] = np.sqrt(mean) if is_relative else 0.0
+    return found, relative
 
 
 @dataclass(frozen=True, eq=False, repr=False)

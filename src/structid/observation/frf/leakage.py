@@ -87,5 +87,7 @@ def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArra
         variance=None,
         coherence=None,
         segment=None,
+        relative=None,
+        sizes=None,
     )
     return lines, place.reshape(-1, len(RATES))

@@ -35,6 +35,8 @@ _PLANS = ((0.3, (0.5,)), (0.25, (3.0, 1.0, 0.3, 0.1)))
 #: What a start is expected to be off by where lines are added from the lowest on, and the error of each value meanwhile.
 LINES_START_ERROR, LINES_ERROR = 0.3, 0.1
 _MOST_STAGES, _MOST_LINES = 12, 60
+#: How far from a measured magnitude that of a model is taken, in standard deviations.
+_FAR_OFF = 5.0
 #: A part of the data is worth it where it is smaller by this factor.
 _WORTH_THINNING = 10
 
@@ -244,10 +246,23 @@ class FrfProblem(ResponseProblem):
 
     @cached_property
     def _whitened(self) -> WhitenedFrf:
-        variance = 0.5 * (self.model_error * np.abs(self.record.values)) ** 2
-        if self.record.variance is not None:
-            variance = variance + 0.5 * self.record.variance
-        return WhitenedFrf(self.form, self.record.values, np.sqrt(variance))
+        record, square = self.record, np.abs(self.record.values) ** 2
+        sizes = square if record.sizes is None else record.sizes**2
+        variance = 0.5 * self.model_error**2 * sizes
+        if record.variance is not None:
+            variance = variance + 0.5 * record.variance
+        if record.relative is not None:
+            variance = variance + 0.5 * record.relative**2 * (sizes - square)
+        return WhitenedFrf(self.form, record.values, np.sqrt(np.maximum(variance, 0.0)))
+
+    def reweighted(self, theta: FloatArray) -> FrfProblem:
+        if self.form != "output" or (self.model_error == 0 and self.record.relative is None):
+            return self
+        measured = np.abs(self.record.values)
+        noise = np.divide(self._whitened.deviation, measured, out=np.zeros_like(measured), where=measured > 0)
+        most = 1 + _FAR_OFF * np.sqrt(2) * noise
+        sizes = np.clip(np.abs(self.predicted(theta)), measured / most, measured * most)
+        return replace(self, record=replace(self.record, sizes=sizes))
 
     def predicted(self, theta: FloatArray) -> ComplexArray:
         """The model's FRF in the record's kind, errors of channels included, (n_frequencies, n_outputs, n_inputs)."""

@@ -11,7 +11,7 @@ field                   meaning
 ``values``              SI, (n_frequencies, n_outputs, n_inputs) or (n_times, n_channels)
 ``outputs, inputs``     degrees of freedom such as ``12Z+``; ``channels`` of a time record
 ``kind, quantities``    what the values are
-``variance``            of the values; ``coherence``, ``averages``, ``noise_source`` as in `FrfRecord`
+``variance``            of the values; ``coherence``, ``averages``, ``noise_source``, ``relative`` as in `FrfRecord`
 ``source``              where the record came from
 ======================  =====================================================================
 """
@@ -84,6 +84,8 @@ def _frf_fields(record: FrfRecord) -> dict[str, Field]:
         found["variance"] = record.variance
     if record.coherence is not None:
         found["coherence"] = record.coherence
+    if record.relative is not None:
+        found["relative"] = record.relative
     if record.averages is not None:
         found["averages"] = np.array([record.averages])
     return found
@@ -124,6 +126,7 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
         kind=_text(path, fields, "kind"),  # type: ignore[arg-type]  # FrfRecord checks it
         variance=_optional(path, fields, "variance", shape),
         coherence=_optional(path, fields, "coherence", shape),
+        relative=_optional(path, fields, "relative", shape),
         averages=int(_number(path, fields, "averages")) if "averages" in fields else None,
         noise_source=_text(path, fields, "noise_source"),
         source=_text(path, fields, "source"),

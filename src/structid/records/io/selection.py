@@ -57,16 +57,8 @@ def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRec
         raise _contradiction(path, "kind", options.kind, record.kind)
     rows = positions(path, "outputs", options.outputs, record.outputs)
     columns = positions(path, "inputs", options.inputs, record.inputs)
-    grid = np.ix_(range(record.frequency.size), rows, columns)
-    return replace(
-        record,
-        outputs=tuple(record.outputs[i] for i in rows),
-        inputs=tuple(record.inputs[i] for i in columns),
-        values=record.values[grid],
-        variance=None if record.variance is None else record.variance[grid],
-        coherence=None if record.coherence is None else record.coherence[grid],
-        averages=record.averages if options.averages is None else options.averages,
-    )
+    averages = record.averages if options.averages is None else options.averages
+    return replace(record.grid(rows, columns), averages=averages)
 
 
 def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:

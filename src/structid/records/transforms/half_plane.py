@@ -98,6 +98,8 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
         averages=None,
         noise_source="declared",
         decay=depth[keep],
+        relative=None,
+        sizes=None,
     )
 
 
@@ -149,6 +151,8 @@ def _means(record: FrfRecord, ratio: float) -> FrfRecord:
         variance=None if record.variance is None else mean(record.variance) / count[:, None, None],
         coherence=None,
         decay=None if record.decay is None else record.decay[first],
+        relative=None,
+        sizes=None,
     )
 
 
