@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,6 +23,11 @@ _FORCES = {
     "lbf": 4.4482216152605, "kip": 4448.2216152605, "kgf": STANDARD_GRAVITY,
 }  # fmt: skip
 _ACCELERATIONS = {"g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
+#: What a sensor shows too much of, with the unit that it is in and the one that it is read as.
+_MISTAKEN = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
+_MISTAKEN_TURNS = ((180 / math.pi, "deg", "rad"), (1e3, "mrad", "rad"))
+#: What a force is more than its reading says, likewise.
+MISTAKEN_FORCES = tuple((_FORCES[unit], unit, "N") for unit in ("lbf", "kgf", "kN"))
 _PER_TIME: dict[str, Quantity] = {
     "": "displacement",
     "/s": "velocity",
@@ -44,6 +50,19 @@ _ACCEPTED_FRF = (
     "motion per force, as in (m/s^2)/N, g/lbf, mm/N or (mm/s)/kN, or motion per the same motion of a support, as in g/g,"
     " where motion and force are of: "
 )
+
+
+def mistaken_motions(is_rotation: bool, is_acceleration: bool = True) -> tuple[tuple[float, str, str], ...]:
+    """Units that sensors are read in by mistake: by what factor they then show too much, the true unit and the one read."""
+    return _MISTAKEN_TURNS if is_rotation else _MISTAKEN if is_acceleration else _MISTAKEN[1:]
+
+
+def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: float) -> str:
+    """The units of a factor whose logarithm is `size`, as ``in g and read as m/s^2``; "" where none is as near as `near`."""
+    distance, (_, smaller, larger) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
+    if distance > near:
+        return ""
+    return f"in {smaller} and read as {larger}" if size > 0 else f"in {larger} and read as {smaller}"
 
 
 class Unit(NamedTuple):

@@ -18,7 +18,7 @@ from structid.explanation.refits import Fitted
 from structid.explanation.screening import _told
 from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
-from structid.explanation.words import cause_words
+from structid.explanation.words import cause_kind, cause_words
 from structid.identification.before.channels import ChannelWarnings
 from structid.records.io import read_record, write_record
 from structid.study.run.run import run_started
@@ -247,6 +247,28 @@ def test_of_many_lines_some_are_named():
     words = cause_words(Candidate("outlying_lines", spans), None)
     assert words == "lines at 0 to 0.5 Hz, 1 to 1.5 Hz, 2 to 2.5 Hz and 17 more stretches do not go with the others"
     assert "more" not in cause_words(Candidate("outlying_lines", spans[:4]), None)
+
+
+@pytest.mark.parametrize(
+    "kind, place, gain, words",
+    [
+        ("sensor_gain", "3X", 9.80665, "in m/s^2 and read as g"),
+        ("sensor_gain", "3X", 0.00101, "in m and read as mm"),
+        ("sensor_gain", "3RZ", 57.3, "in deg and read as rad"),
+        ("load_gain", "3X", 1 / 4.448, "in lbf and read as N"),  # fewer of the record's newtons than act
+        ("load_gain", "3X", 1000, "in N and read as kN"),
+    ],
+)
+def test_a_gain_that_is_that_of_a_unit_says_which(kind: str, place: str, gain: float, words: str) -> None:
+    candidate = Candidate(kind, (place,))
+    assert words in cause_words(candidate, gain)
+    assert cause_kind(candidate, gain) == "unit"
+
+
+@pytest.mark.parametrize("kind, place, gain", [("sensor_gain", "3RZ", 9.80665), ("load_gain", "3X", 39.37)])
+def test_a_gain_that_is_of_no_unit_of_the_channel_is_a_calibration(kind: str, place: str, gain: float) -> None:
+    assert "calibration" in cause_words(Candidate(kind, (place,)), gain)
+    assert cause_kind(Candidate(kind, (place,)), gain) == kind
 
 
 def test_what_turns_that_the_model_has_too_much_of_is_named_first(tmp_path):

@@ -27,14 +27,13 @@ from structid.criticism.fields import ElementMatrix, Fields
 from structid.dof import DIRECTIONS, Dof
 from structid.structure import PointMass, Spring
 from structid.structure.elements.element import dof_code, dof_of_code
+from structid.units import MISTAKEN_FORCES, mistaken_motions
 
 T = TypeVar("T")
 
 _APPENDAGE_LOSS = 0.03
 _APPENDAGE_FREQUENCIES, _APPENDAGE_NODES = 10, 24
 _APPENDAGE_MASSES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
-#: Other units than those stated, as factors on a reading.
-UNITS = {"g instead of m/s^2": 9.80665, "mm instead of m": 1000.0, "in instead of m": 1 / 0.0254}
 #: Friction forces per unit of drive.
 _RUBBING = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 4.0])
 #: By which a sensor may be turned, rad.
@@ -316,12 +315,15 @@ def _lossy(loss: float, fields: Fields) -> ComplexArray:
 def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
     """Calibration, delay, sense and order of sensors and loads."""
     record, s = fields.problem.record, fields.laplace[:, None, None]
-    logs = np.concatenate([_FACTORS, -_FACTORS, np.log([*UNITS.values()]), -np.log([*UNITS.values()])])
     delays = np.concatenate([sign * _FACTORS * 2 / (2 * np.pi * record.frequency[-1]) for sign in (1, -1)])
     for axis, dofs in ((1, record.outputs), (2, record.inputs)):
         side = "sensor" if axis == 1 else "load"
         for i, dof in enumerate(dofs):
             where = (dof.place,)
+            units = np.log(
+                [factor for factor, _, _ in (mistaken_motions(dof.is_rotation) if axis == 1 else MISTAKEN_FORCES)]
+            )
+            logs = np.concatenate([_FACTORS, -_FACTORS, units, -units])
             make = partial(Candidate, where=where, record=number)
             if len(dofs) > 1 or axis == 2 or len(record.outputs) > 1:
                 gained = replaced(partial(_scaled, axis, i))

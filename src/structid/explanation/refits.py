@@ -97,8 +97,9 @@ def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Too
 
 def _is_no_gain(base: Fitted, found: Fitted) -> bool:
     """Whether a factor is so far from 1 that it only leaves the channel out, and is that of no unit."""
-    added = [value for name, value in found.values.items() if name not in base.values]
-    return any(abs(np.log(value)) > np.log(_MOST_GAIN) and not unit_of(value) for value in added if value > 0)
+    candidate = found.trial.changes[-1][0]
+    added = [value for name, value in found.values.items() if name not in base.values and value > 0]
+    return any(abs(np.log(value)) > np.log(_MOST_GAIN) and not unit_of(candidate, value) for value in added)
 
 
 def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Tools) -> dict[str, Any]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from structid.criticism.candidate import Candidate
-from structid.criticism.pool import UNITS
-from structid.shown import listed
+import math
 
-#: Relative difference of a gain from that of another unit within which it is taken for it.
+from structid.criticism.candidate import Candidate
+from structid.dof import parse_dof
+from structid.shown import listed
+from structid.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
+
+#: Difference of a gain's logarithm from that of another unit within which it is taken for it.
 _UNIT = 0.05
 #: Places of one cause that are named.
 _SHOWN = 3
@@ -24,18 +27,18 @@ _KINDS = {
 
 def cause_kind(candidate: Candidate, value: float | None) -> str:
     """The kind as results have it: what it turned out to be."""
-    if candidate.kind in ("sensor_gain", "load_gain") and value is not None and unit_of(value):
+    if unit_of(candidate, value):
         return "unit"
     return _KINDS.get(candidate.kind, candidate.kind)
 
 
-def unit_of(gain: float) -> str:
-    """The unit that a gain stands for; "" where it is that of none."""
-    for words, factor in UNITS.items():
-        for one in (factor, 1 / factor):
-            if abs(gain / one - 1) < _UNIT:
-                return words
-    return ""
+def unit_of(candidate: Candidate, gain: float | None) -> str:
+    """The mistaken unit that a gain of a channel stands for; "" where it is that of none."""
+    if candidate.kind not in ("sensor_gain", "load_gain") or gain is None or gain <= 0:
+        return ""
+    if candidate.kind == "load_gain":
+        return mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
+    return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(candidate.where[0]).is_rotation), _UNIT)
 
 
 def cause_words(candidate: Candidate, value: float | None) -> str:
@@ -82,9 +85,9 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
     }  # fmt: skip
     if candidate.kind in ("sensor_gain", "load_gain"):
         what = f"sensor {first}" if candidate.kind == "sensor_gain" else f"the drive at {first}"
-        unit = "" if value is None else unit_of(value)
+        unit = unit_of(candidate, value)
         if unit:
-            return f"{what} is in another unit than stated ({unit})"
+            return f"{what} is in another unit than stated: {unit}"
         return f"the calibration of {what} is off" + ("" if value is None else f" by a factor of {value:.4g}")
     return words[candidate.kind]
 

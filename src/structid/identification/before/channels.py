@@ -17,7 +17,7 @@ from structid.arrays import ComplexArray, FloatArray
 from structid.dof import Dof
 from structid.identification.before.aligned import Aligned, accord, median
 from structid.records import FrfRecord
-from structid.units import STANDARD_GRAVITY
+from structid.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
 
 #: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
 _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
@@ -39,11 +39,6 @@ _RECIPROCAL, _ERRORS = 0.05, 6.0
 
 #: Kinds of FRFs whose sensors are accelerometers.
 _ACCELERATIONS = ("accelerance", "transmissibility")
-#: What a sensor shows too much of, with the unit that it is in and the one that it is read as.
-_MOTIONS = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
-_TURNS = ((180 / np.pi, "deg", "rad"), (1e3, "mrad", "rad"))
-#: What a force is more than the record says, likewise.
-_FORCES = ((4.4482216152605, "lbf", "N"), (STANDARD_GRAVITY, "kgf", "N"), (1e3, "kN", "N"))
 
 
 class ChannelWarnings(NamedTuple):
@@ -123,7 +118,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
             f" {told}; {_SUPPORT_REMEDY}"
         )
         return
-    unit = _unit(common, _FORCES) if agree else ""
+    unit = mistaken_unit(common, MISTAKEN_FORCES, _NEAR) if agree else ""
     cause = (
         f"the force is {np.exp(common):.2g} times what the record says, or the model's masses are too large by that"
         if common > 0
@@ -153,7 +148,7 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
             if of_support:
                 yield f"{told}: {_SUPPORT_REMEDY}"
             else:
-                unit = _unit(size, _FORCES)
+                unit = mistaken_unit(size, MISTAKEN_FORCES, _NEAR)
                 yield f"{told}: {f'the force looks to be {unit}' if unit else _LOAD_REMEDY}"
 
 
@@ -169,8 +164,8 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
                 f' write relabel = {{"{sensor.place}" = "{sensor.place}{"-" if sensor.sign > 0 else "+"}"}}'
             )
         elif fault == "level":
-            table = _TURNS if sensor.is_rotation else _MOTIONS if record.kind in _ACCELERATIONS else _MOTIONS[1:]
-            unit = _unit(size, table)
+            table = mistaken_motions(sensor.is_rotation, record.kind in _ACCELERATIONS)
+            unit = mistaken_unit(size, table, _NEAR)
             times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
             yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (
                 f"it looks to be {unit}; correct its unit" if unit else "check its sensitivity and unit"
@@ -247,16 +242,6 @@ def _signed(record: FrfRecord, o: int, i: int) -> ComplexArray:
     values = record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
     noise = 0.0 if record.variance is None else np.sqrt(record.variance[:, o, i])
     return np.where(np.abs(values) > _CLEAR * noise, values, np.nan)
-
-
-def _unit(size: float, units: Sequence[tuple[float, str, str]]) -> str:
-    """The units whose ratio is nearest, as ``in g and read as m/s^2``; "" where none is near."""
-    distance = [abs(abs(size) - np.log(factor)) for factor, _, _ in units]
-    best = int(np.argmin(distance))
-    if distance[best] > _NEAR:
-        return ""
-    _, smaller, larger = units[best]
-    return f"in {smaller} and read as {larger}" if size > 0 else f"in {larger} and read as {smaller}"
 
 
 def _decade_remedy(decades: int) -> str:
