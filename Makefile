@@ -14,6 +14,9 @@ STAMP := $(VENV)/.installed
 COUNT ?= 2000
 SEED ?= 1
 
+# byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: demo test lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)

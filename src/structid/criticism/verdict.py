@@ -382,7 +382,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
     if suggestions:
         first = suggestions[0]
         far = first.moves > _MOVES
-        words += f" It would be {100 * first.share:.0f} % smaller if {first.words}"
+        words += f" The misfit would be {100 * first.share:.0f} % smaller if {first.words}"
         words += (
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
