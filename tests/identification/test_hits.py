@@ -63,3 +63,16 @@ def test_other_records_are_averaged(other):
         values[:, 1] += np.sin(np.arange(COUNT)) * values[:, 1].std()
         record = TimeRecord(RATE, values, record.channels, record.quantities)
     assert frfs_of(record).decay is None
+
+
+@pytest.mark.parametrize("seed", [34, 184, 258])
+def test_a_hit_that_is_hardly_above_its_noise_is_shown_by_segments(seed):
+    """One sample of force, six deviations of its noise high: in these three of 300 seeds no line has more power than noise."""
+    std = np.array([0.17, 1e-4])
+    force, motion = np.zeros(2000), np.zeros(2000)
+    force[100] = 1.0
+    motion[100:] = np.exp(-0.005 * np.arange(1900)) * np.sin(0.1 * np.pi * np.arange(1900))
+    values = np.column_stack([force, motion]) + std * np.random.default_rng(seed).standard_normal((2000, 2))
+    shown = frfs_of(TimeRecord(1000.0, values, ("1X", "2X"), ("force", "acceleration"), variance=std**2))
+    assert shown.decay is None
+    assert shown.frequency.size > 0

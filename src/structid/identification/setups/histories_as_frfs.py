@@ -52,7 +52,9 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
     sensors = [dof for dof in dict.fromkeys(places) if (dof, most) in motions or places.count(dof) == 1]
     hit = _hit(record)
     if hit is not None and set(kinds) == {most} and len(sensors) == len(motions):
-        return _of_hit(record, hit, sensors)
+        of_hit = _of_hit(record, hit, sensors)
+        if of_hit is not None:
+            return of_hit
     length = max(len(record.values) // _SEGMENTS, 1)
     made = frf_from_time(record, loads, sensors, estimator="Hv", segment_length=length, quantity=most)
     driven = _driven(record, length)
@@ -76,8 +78,11 @@ def _hit(record: TimeRecord) -> _Hit | None:
     return _Hit(column, first, last) if is_short and before <= _AT_REST * float(np.sum(motion**2)) else None
 
 
-def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord:
-    """Transforms of motions over that of the force, at decay + i omega, with the variance that the channels' noise leads to."""
+def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
+    """Transforms of motions over that of the force, at decay + i omega, with the variance that the channels' noise leads to.
+
+    None where the hit is hardly above its noise and drives no line.
+    """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate
     values[hit.last - hit.first :, hit.column] = 0.0
@@ -92,7 +97,10 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord:
         0.0 if record.variance is None else record.variance[hit.column] * np.sum(window[: hit.last - hit.first] ** 2)
     )
     power = np.abs(spectra[:, hit.column]) ** 2
-    lines = _first_run(1 + np.flatnonzero(power[1:] > max(_DRIVES * power.max(), _ABOVE_NOISE * of_force)))
+    driven = 1 + np.flatnonzero(power[1:] > max(_DRIVES * power.max(), _ABOVE_NOISE * of_force))
+    if not len(driven):
+        return None
+    lines = _first_run(driven)
     force = spectra[lines, hit.column, None]
     h, variance = spectra[np.ix_(lines, others)] / force, None
     if record.variance is not None:
