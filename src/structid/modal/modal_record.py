@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.shown import Overview, Shown, counted, data_frame, figures, listed
@@ -100,7 +100,7 @@ class ModalRecord(Shown):
 
     frequency: FloatArray
     damping_ratio: FloatArray
-    mode_shapes: NDArray[np.inexact]
+    mode_shapes: NumberArray
     channels: tuple[Dof, ...]
     covariance: FloatArray | None = None
     shape_std: FloatArray | None = None
@@ -244,14 +244,22 @@ class ModalRecord(Shown):
         )
 
 
+class _Others(TypedDict, total=False):
+    """Fields of a `ModalRecord` that the order of its modes does not touch."""
+
+    warnings: Iterable[str]
+    source: str
+    scaling: Scaling
+
+
 def by_frequency(
     frequency: FloatArray,
     damping_ratio: FloatArray,
-    mode_shapes: NDArray[np.inexact],
+    mode_shapes: NumberArray,
     channels: tuple[Dof, ...],
     covariance: FloatArray | None = None,
     shape_std: FloatArray | None = None,
-    **others: Any,
+    **others: Unpack[_Others],
 ) -> ModalRecord:
     """A `ModalRecord` of modes in any order; `others` are its other fields."""
     order = np.argsort(frequency, kind="stable")
@@ -288,21 +296,21 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
     return np.concatenate(known, axis=1) if len(known) == len(parts) else None
 
 
-def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+def unit_largest(shapes: NumberArray) -> NumberArray:
     """Each column divided by its known entry of largest magnitude, so that this entry is 1."""
     known = ~np.isnan(shapes)
     largest = shapes[np.where(known, np.abs(shapes), 0.0).argmax(axis=0), np.arange(shapes.shape[1])]
     return shapes / np.where(np.isnan(largest), 1.0, largest)
 
 
-def largest_entries(shapes: NDArray[np.inexact], empty: float = 0.0) -> FloatArray:
+def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
     """Size of the largest known entry of each column, (n_modes,); `empty` where none is known."""
     known = ~np.isnan(shapes)
     sizes = np.where(known, np.abs(shapes), 0.0).max(axis=0, initial=0.0)
     return np.asarray(np.where(known.any(axis=0), sizes, empty))
 
 
-def unscaled_shape_std(shapes: NDArray[np.inexact], std: FloatArray) -> FloatArray:
+def unscaled_shape_std(shapes: NumberArray, std: FloatArray) -> FloatArray:
     """Standard deviations of shapes whose scale is free, from those of shapes with one entry held at 1.
 
     A shape psi = phi / phi_t has no error at its entry t, whose own error is in all others: to first order

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from structid.errors import InputError
 from structid.structure import Property, Structure
 from structid.unknowns.field import field_functions
 from structid.unknowns.unknown import Unknown
+
+Entry = TypeVar("Entry")
 
 _SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
 
@@ -174,7 +176,7 @@ def _label(unknown: Unknown) -> str:
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Any], places: IntArray) -> tuple[Any, ...]:
+def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
     """`table` at `places`."""
     if len(table) == 1:
         return (table[0],) * len(places)

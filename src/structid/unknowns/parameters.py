@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked
+from structid.arrays import AnyArray, FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, family, require_distinct
@@ -20,6 +20,8 @@ from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 from structid.unknowns.varying import BEGUN, Scatter
+
+Entry = TypeVar("Entry")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
             raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
     counts = [one.n_params for one in free]
 
-    def each(values: Iterable[Any], dtype: Any = float) -> np.ndarray:
+    def each(values: Iterable[float], dtype: type = float) -> AnyArray:
         """One value a family as one a parameter."""
         return locked(np.repeat(np.array(list(values), dtype=dtype), counts))
 
@@ -215,5 +217,5 @@ def _transform(one: Family) -> Transform:
     return "log" if one.unknown.positive else "linear"
 
 
-def _joined(parts: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
+def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:
     return tuple(chain.from_iterable(parts))

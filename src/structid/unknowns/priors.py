@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -69,12 +69,12 @@ class Coupling:
 
     def __post_init__(self) -> None:
         if sparse.issparse(self.matrix):
-            kept: Any = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
-            require_finite("matrix", kept.data)
+            rows = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
+            require_finite("matrix", rows.data)
+            object.__setattr__(self, "matrix", rows)
         else:
-            kept = locked(self.matrix, np.float64)
-            require_finite("matrix", kept)
-        object.__setattr__(self, "matrix", kept)
+            object.__setattr__(self, "matrix", locked(self.matrix, np.float64))
+            require_finite("matrix", self.matrix)
         object.__setattr__(self, "target", locked(self.target, np.float64))
         require_finite("target", self.target)
         require_shape("matrix", self.matrix, (None, None))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from structid.similarity.shapes import most_real, real_turn
 
 #: Least singular value of shapes of norm 1 that are not the same.
 _DEPENDENT = 1e-9
+
+
+Entry = TypeVar("Entry", bound=np.generic)
 
 
 class FewSensorsError(InputError):
@@ -204,7 +207,7 @@ class MeasuredModes:
             made.append(GroupData(members, channels, value, shapes, mixing))
         return tuple(made)
 
-    def by_mode(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    def by_mode(self, parts: Sequence[NDArray[Entry]]) -> NDArray[Entry]:
         """Values of the members of each group, in the order of the modes that count, (n_measured, ...)."""
         return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in self.groups]))]
 
