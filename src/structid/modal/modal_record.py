@@ -161,20 +161,14 @@ class ModalRecord(Shown):
         words += self.unknown_words
         rows = [
             (str(number + 1), *(figures(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
-            for number, row in enumerate(self._table.tolist())
+            for number, row in enumerate(_table(self).tolist())
         ]
         return Overview(words, ("mode", "frequency, Hz", "std", "damping ratio", "std"), rows)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a mode: frequency in Hz and damping ratio with their standard deviations."""
-        columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), self._table.T, strict=True))
+        columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), _table(self).T, strict=True))
         return data_frame({"mode": range(1, self.n_modes + 1), **columns}, "mode")
-
-    @property
-    def _table(self) -> FloatArray:
-        """Frequency, its deviation, damping ratio, its deviation, (n_modes, 4)."""
-        std = self.std.reshape(2, self.n_modes)
-        return np.stack([self.frequency, std[0], self.damping_ratio, std[1]], axis=1)
 
     @property
     def n_modes(self) -> int:
@@ -242,6 +236,12 @@ class ModalRecord(Shown):
             shape_std=None if self.shape_std is None else self.shape_std[rows],
             changes=own and ModalChanges(own.frequency, own.damping_ratio, own.mode_shapes[:, rows]),
         )
+
+
+def _table(modes: ModalRecord) -> FloatArray:
+    """Frequency, its deviation, damping ratio, its deviation, (n_modes, 4)."""
+    std = modes.std.reshape(2, modes.n_modes)
+    return np.stack([modes.frequency, std[0], modes.damping_ratio, std[1]], axis=1)
 
 
 class _Others(TypedDict, total=False):

@@ -200,3 +200,12 @@ def prior_entries(
         residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
         slope[log] = 1 / (width * p[log])
     return rows, residual, slope
+
+
+def held_rows(held: tuple[FloatArray, FloatArray] | None, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Whitened rows of `NamedUnknowns.held`: which free variable each is about, residual and derivative, (n_rows,) each."""
+    if held is None:
+        return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
+    mean, std = held
+    rows = np.flatnonzero(np.isfinite(std))
+    return rows, ((theta - mean) / std)[rows], 1 / std[rows]

@@ -25,7 +25,7 @@ from structid.observation.frf.leakage import LeakedFrf, leaking_lines, require_l
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Models, Response, response
-from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
+from structid.observation.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
@@ -157,19 +157,6 @@ class FrfProblem(ResponseProblem):
         return self.record.frequency
 
     @property
-    def line_spacing(self) -> FloatArray:
-        gaps = np.diff(self.frequency)
-        return np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf)
-
-    @property
-    def window_bandwidth(self) -> FloatArray:
-        return self.record.laplace.real / np.pi
-
-    @property
-    def n_channels(self) -> int:
-        return int(np.prod(self.record.values.shape[1:]))
-
-    @property
     def is_large(self) -> bool:
         return self.model.is_large
 
@@ -186,18 +173,19 @@ class FrfProblem(ResponseProblem):
         return replace(self, record=self.record.lines(keep))
 
     @property
-    def sources(self) -> tuple[object, ...]:
-        return self.structure, self.record
-
-    @property
-    def noise_words(self) -> str:
-        if self.record.variance is None:
-            return f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
-        return _NOISE.get(self.record.noise_source, "the noise that the record has")
-
-    @property
-    def measures_force(self) -> bool:
-        return not self.record.is_per_motion
+    def facts(self) -> RecordFacts:
+        gaps, record = np.diff(self.frequency), self.record
+        noise = _NOISE.get(record.noise_source, "the noise that the record has")
+        if record.variance is None:
+            noise = f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
+        return RecordFacts(
+            line_spacing=np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf),
+            window_bandwidth=record.laplace.real / np.pi,
+            noise=noise,
+            measures_force=not record.is_per_motion,
+            n_channels=int(np.prod(record.values.shape[1:])),
+            record=record,
+        )
 
     @cached_property
     def averages(self) -> FloatArray | None:

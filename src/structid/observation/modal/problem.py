@@ -22,8 +22,8 @@ from structid.observation.latest import Latest
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.measured import FewSensorsError, MeasuredModes
-from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
-from structid.observation.record_problem import DataRows, MeasuredProblem
+from structid.observation.modal.output import GroupData, GroupFit, ModelState, by_mode, group_changes, group_fit
+from structid.observation.record_problem import DataRows, MeasuredProblem, RecordFacts
 from structid.similarity.pairing import assigned, likenesses, pairing_worth
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -116,14 +116,6 @@ class ModalProblem(MeasuredProblem):
     channels: ChannelErrors | None = None
     in_order: bool = False
 
-    @property
-    def leaves_damping_out(self) -> bool:
-        return not self.use_damping and bool((np.nan_to_num(self.record.damping_ratio) > 0).any())
-
-    @property
-    def noise_words(self) -> str:
-        return "the deviations of the modes"
-
     def __post_init__(self) -> None:
         self.structure.require_modes("modes")
         _ = self.data, self._sensors
@@ -153,16 +145,18 @@ class ModalProblem(MeasuredProblem):
         return "takes records of responses, got one of modes"
 
     @property
-    def sources(self) -> tuple[object, ...]:
-        return self.structure, self.record
-
-    @property
     def frequency(self) -> FloatArray:
         return self.record.frequency
 
     @property
-    def measures_force(self) -> bool:
-        return False
+    def facts(self) -> RecordFacts:
+        return replace(
+            super().facts,
+            noise="the deviations of the modes",
+            measures_force=False,
+            leaves_damping_out=not self.use_damping and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
+            record=self.record,
+        )
 
     @cached_property
     def _sensors(self) -> FloatArray:
@@ -181,7 +175,7 @@ class ModalProblem(MeasuredProblem):
         """
         n = len(self.record.channels)
         if self.form == "dynamic":
-            mode, place = np.nonzero(self.data.known.T[self.data.measured])
+            mode, place = np.nonzero(self.record.known.T[self.data.measured])
             forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
             return DataRows(self.data.measured[mode], 2 * place, forces)
         lines, series = [], []
@@ -320,16 +314,16 @@ class ModalProblem(MeasuredProblem):
 
     def _dynamic(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Force residual of each mode with a shape in parts of its inertia force, over the error of the shapes."""
-        shown = self.data.known[:, self.data.measured].any(axis=0)
+        shown = self.record.known[:, self.data.measured].any(axis=0)
         found = [
             dynamic_residual(
                 self.structure,
                 self.slopes,
                 physical,
                 self.parameters.start,
-                self._sensors[:, self.data.known[:, mode]],
+                self._sensors[:, self.record.known[:, mode]],
                 2 * np.pi * self.record.frequency[mode],
-                self.data.shapes[self.data.known[:, mode], mode],
+                self.data.shapes[self.record.known[:, mode], mode],
             )
             for mode in self.data.measured[shown]
         ]
@@ -344,9 +338,7 @@ class ModalProblem(MeasuredProblem):
         found = []
         for group in self.data.groups:
             own = group.channels
-            seen = replace(
-                state, sensors=state.sensors[:, own] / self.data.group_std(group), readings=state.readings[own]
-            )
+            seen = replace(state, sensors=state.sensors[:, own] / group.shape_std, readings=state.readings[own])
             found.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
         return found
 
@@ -365,11 +357,14 @@ class ModalProblem(MeasuredProblem):
             n_mixing = len(chosen) ** 2 if len(group.channels) else 0
             eliminated += n_mixing + len(chosen)  # A, and the mixing's empty diagonal
             fits.append(fit)
-        by_mode = self.data.by_mode
-        frequency = by_mode([fit.frequency for fit in fits]) - self.data.frequency
-        damping = by_mode([fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
+        groups = self.data.groups
+        frequency = by_mode(groups, [fit.frequency for fit in fits]) - self.data.frequency
+        damping = by_mode(groups, [fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
         scalar = self.data.whitened(frequency[:, None], damping[:, None])[:, 0]
-        change = by_mode([fit.frequency_slope for fit in fits]), by_mode([fit.damping_slope for fit in fits])
+        change = (
+            by_mode(groups, [fit.frequency_slope for fit in fits]),
+            by_mode(groups, [fit.damping_slope for fit in fits]),
+        )
         unused = int((~self.data.is_alone).sum()) if self.use_damping else 0
         jacobian = np.concatenate([*slopes, self.data.whitened(*change)])
         return np.concatenate([*rows, scalar]), jacobian, eliminated + unused
@@ -386,11 +381,11 @@ class ModalProblem(MeasuredProblem):
         rows, model = [], []
         for state, group, chosen in self._groups_at(self.physical(theta)):
             own = np.moveaxis(shapes[:, group.channels][:, :, group.members], 0, -1)
-            moved = own / self.data.group_std(group)[:, None, None]
+            moved = own / group.shape_std[:, None, None]
             d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
             rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
             model.append(d_frequency)
-        rows.append(self.data.whitened(self.data.by_mode(model) - frequency.T, -ratio.T))
+        rows.append(self.data.whitened(by_mode(self.data.groups, model) - frequency.T, -ratio.T))
         return np.concatenate(rows).T
 
 
