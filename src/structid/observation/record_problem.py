@@ -29,6 +29,12 @@ class NamedProblem(OfUnknowns, BaseProblem):
     def unknowns(self) -> NamedUnknowns:
         """All that is unknown, with starts, ranges and priors."""
 
+    @abstractmethod
+    def residual(self, theta: FloatArray) -> FloatArray: ...
+
+    @abstractmethod
+    def linearize(self, theta: FloatArray) -> Linearization: ...
+
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.unknowns.sparse_prior_rows(self.physical(theta))
         members, held, weights = held_rows(self.unknowns.held, theta)
@@ -119,10 +125,8 @@ class RecordFacts:
     record: object = None
 
 
-class RecordProblem(ParameterProblem, ABC):
-    """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
-
-    structure: Structure
+class OfRows(ABC):
+    """What has `rows` of data, and answers for them."""
 
     @property
     @abstractmethod
@@ -140,11 +144,36 @@ class RecordProblem(ParameterProblem, ABC):
     def series(self) -> IntArray:
         return self.rows.series
 
-    @abstractmethod
-    def residual(self, theta: FloatArray) -> FloatArray: ...
 
-    @abstractmethod
-    def linearize(self, theta: FloatArray) -> Linearization: ...
+class Undecided:
+    """What a search settles beside the parameters, signs and weights; there is nothing of it where others do not say more."""
+
+    @property
+    def polarities(self) -> FloatArray:
+        """+1 or -1 of all that no continuous search can decide."""
+        return locked(np.zeros(0))
+
+    def decided(self, theta: FloatArray) -> Self:
+        """The same with the polarities that the model at `theta` asks for."""
+        return self
+
+    def with_polarities(self, signs: Sequence[float]) -> Self:
+        """The same with these polarities."""
+        return self
+
+    def reweighted(self, theta: FloatArray) -> Self:
+        """The same with errors that are a part of each value's size taken of what the model has at `theta`.
+
+        As a part of the *measured* size they are held smaller where noise makes a value small, which then weighs more: masses
+        and stiffnesses come out too high by about the square of the noise. Itself where no error depends on size.
+        """
+        return self
+
+
+class RecordProblem(OfRows, Undecided, ParameterProblem):
+    """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
+
+    structure: Structure
 
     @property
     @abstractmethod
@@ -182,27 +211,6 @@ class RecordProblem(ParameterProblem, ABC):
     def channels(self) -> ChannelErrors | None:
         """Errors of its channels, where they are unknown."""
         return None
-
-    @property
-    def polarities(self) -> FloatArray:
-        """+1 or -1 of all that no continuous search can decide."""
-        return locked(np.zeros(0))
-
-    def decided(self, theta: FloatArray) -> Self:
-        """The same with the polarities that the model at `theta` asks for."""
-        return self
-
-    def with_polarities(self, signs: Sequence[float]) -> Self:
-        """The same with these polarities."""
-        return self
-
-    def reweighted(self, theta: FloatArray) -> Self:
-        """The same with errors that are a part of each value's size taken of what the model has at `theta`.
-
-        As a part of the *measured* size they are held smaller where noise makes a value small, which then weighs more: masses
-        and stiffnesses come out too high by about the square of the noise. Itself where no error depends on size.
-        """
-        return self
 
     @property
     def facts(self) -> RecordFacts:

@@ -53,14 +53,9 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     def unknowns(self) -> JointUnknowns:
         return JointUnknowns(self.problems)
 
-    @property
-    def columns(self) -> tuple[IntArray, ...]:
-        """For each problem the position of its parameters among all."""
-        return self.unknowns.columns
-
     @cached_property
     def data(self) -> JointData:
-        return JointData(self.problems, self.columns)
+        return JointData(self.problems, self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
@@ -68,7 +63,9 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     def linearize(self, theta: FloatArray) -> Linearization:
         parts = [problem.linearize(theta[index]) for problem, index in self._members()]
         n_params = len(self.names)
-        wide = [_widened(part.jacobian, index, n_params) for part, index in zip(parts, self.columns, strict=True)]
+        wide = [
+            _widened(part.jacobian, index, n_params) for part, index in zip(parts, self.unknowns.columns, strict=True)
+        ]
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
@@ -78,7 +75,7 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         parts = [problem.linearize_operator(theta[index]) for problem, index in self._members()]
-        pairs, n_params = list(zip(parts, self.columns, strict=True)), len(self.names)
+        pairs, n_params = list(zip(parts, self.unknowns.columns, strict=True)), len(self.names)
         ends = np.cumsum([part.n_data for part in parts])[:-1]
         priors = [
             _widened_rows(part.prior[rows - part.n_data], index, n_params)
@@ -131,11 +128,11 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     def _kept_priors(self) -> tuple[IntArray, ...]:
         """Of each problem the rows of those priors that no earlier problem states."""
         priors = [problem.prior_rows(self.theta_start[index]) for problem, index in self._members()]
-        kept = _kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
+        kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
     def _members(self) -> list[tuple[Problem, IntArray]]:
-        return list(zip(self.problems, self.columns, strict=True))
+        return list(zip(self.problems, self.unknowns.columns, strict=True))
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
         """Data rows of all problems, then the priors that are kept."""

@@ -14,6 +14,7 @@ from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries, unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.output import GroupData, by_mode
+from structid.observation.modal.settings import ModalSettings
 from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
@@ -27,15 +28,10 @@ class FewSensorsError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredModes:
-    """A record of modes with errors stated beside its own; the fields are those of `ModalProblem`."""
+    """A record of modes with errors stated beside its own; see `ModalSettings`."""
 
     record: ModalRecord
-    frequency_error: float
-    damping_error: float
-    shape_error: float
-    use_damping: bool
-    closeness: float
-    shape_form: str = "entries"
+    settings: ModalSettings
 
     def __post_init__(self) -> None:
         _require_sound(self)
@@ -67,9 +63,9 @@ class MeasuredModes:
 
         In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
         """
-        if self.shape_form == "mac":
+        if self.settings.shape_form == "mac":
             size = np.sqrt(np.nansum(self.shapes**2, axis=0))
-            return np.broadcast_to(self.shape_error * size, self.shapes.shape)
+            return np.broadcast_to(self.settings.shape_error * size, self.shapes.shape)
         own = self.record.shape_std
         freed: FloatArray = np.zeros(self.shapes.shape)
         if own is not None:
@@ -79,7 +75,7 @@ class MeasuredModes:
             freed = np.broadcast_to(
                 np.sqrt(np.sum(np.where(self.record.known, freed, 0.0) ** 2, axis=0) / count), freed.shape
             )
-        std = np.hypot(np.nan_to_num(freed) if self.shape_error else freed, self.shape_error)
+        std = np.hypot(np.nan_to_num(freed) if self.settings.shape_error else freed, self.settings.shape_error)
         fits = self.record.known.sum(axis=0) == 1  # one entry always does
         return np.where(fits & ~(std > 0), 1.0, std)
 
@@ -107,7 +103,7 @@ class MeasuredModes:
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)
         variance = self.covariance[np.ix_(shown, shown)]
-        reach = np.maximum(self.closeness * frequency[shown[1:]], NOT_TOLD_APART * neighbour_std(variance))
+        reach = np.maximum(self.settings.closeness * frequency[shown[1:]], NOT_TOLD_APART * neighbour_std(variance))
         breaks = np.flatnonzero(np.diff(frequency[shown]) > reach) + 1
         parts = [*np.split(shown, breaks), *np.flatnonzero(~has_shape)[:, None]]
         made = []
@@ -136,7 +132,7 @@ class MeasuredModes:
         Those of damping ratios, which follow where these count, are empty for modes in groups.
         """
         count = len(self.measured)
-        if not self.use_damping:
+        if not self.settings.use_damping:
             return np.asarray(np.linalg.solve(np.linalg.cholesky(self.covariance[:count, :count]), frequency))
         keep = np.concatenate([np.ones(count, bool), self.is_alone])
         rows = np.zeros((2 * count, frequency.shape[1]))
@@ -152,15 +148,15 @@ class MeasuredModes:
         numbers vary together. Those of unknown entries mean nothing.
         """
         own = self.record.changes
-        if own is None or self.shape_form == "mac":
+        if own is None or self.settings.shape_form == "mac":
             return None
         given = np.asarray(self.record.mode_shapes)
         turn = real_turn(given)
         shapes = (own.mode_shapes * turn).real / largest_entries((given * turn).real, empty=1.0)
         frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
         n_all, n = shapes.shape[1:], len(self.measured)
-        if self.frequency_error or self.damping_error or self.shape_error:
-            more = np.eye(n_all[0] * n_all[1]) * self.shape_error
+        if self.settings.frequency_error or self.settings.damping_error or self.settings.shape_error:
+            more = np.eye(n_all[0] * n_all[1]) * self.settings.shape_error
             still, none = np.zeros((len(more), n)), np.zeros((n, n))
             shapes = np.concatenate([shapes, more.reshape(-1, *n_all), np.zeros((2 * n, *n_all))])
             frequency = np.concatenate([frequency, still, np.diag(_stated(self)[0]), none])
@@ -171,14 +167,14 @@ class MeasuredModes:
 def _stated(modes: MeasuredModes) -> tuple[FloatArray, FloatArray]:
     """Errors of frequencies (Hz) and of damping ratios that are stated beside the record's own."""
     damping = np.nan_to_num(modes.record.damping_ratio[modes.measured])
-    return modes.frequency_error * modes.frequency, modes.damping_error * damping
+    return modes.settings.frequency_error * modes.frequency, modes.settings.damping_error * damping
 
 
 def _require_sound(modes: MeasuredModes) -> None:
     """Refuse modes that cannot be fitted."""
     if not modes.measured.size:
         raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
-    if modes.shape_form == "mac" and not (modes.has_shapes and modes.shape_error > 0):
+    if modes.settings.shape_form == "mac" and not (modes.has_shapes and modes.settings.shape_error > 0):
         raise InputError(
             "MACs are of shapes, and weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give both, as in 0.05"
         )
@@ -186,7 +182,7 @@ def _require_sound(modes: MeasuredModes) -> None:
     if modes.has_shapes:
         least = np.where(modes.record.known, modes.shape_std, np.inf)[:, modes.measured].min(axis=0)
         _require_errors(modes, "its shapes", least, "shape", "", "such as 0.02")
-    if modes.use_damping:
+    if modes.settings.use_damping:
         if not (np.nan_to_num(modes.record.damping_ratio[modes.measured]) > 0).any():
             raise InputError("damping ratios need a value and a standard deviation each; the record has none")
         std = np.sqrt(np.diag(modes.covariance)[len(modes.measured) :])
@@ -220,7 +216,7 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
     numbers, n_own = ", ".join(str(mode + 1) for mode in group.members.tolist()), len(group.channels)
     where = "" if n_own == len(modes.record.channels) else " at which the shapes of all are known"
     raise FewSensorsError(
-        f"modes {numbers} are not told apart (within {modes.closeness:g} of each other, or their errors) and there are"
+        f"modes {numbers} are not told apart (within {modes.settings.closeness:g} of each other, or their errors) and there are"
         f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
     )
 
