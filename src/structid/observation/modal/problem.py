@@ -97,15 +97,7 @@ class ModalProblem(MeasuredProblem):
         if self.settings.form == "dynamic" and not self.data.has_shapes:
             raise InputError("form 'dynamic' needs a known shape entry, of one mode at least; use form 'output'")
         if self.channels is not None:
-            self._require_sound_channels(self.channels)
-
-    def _require_sound_channels(self, channels: ChannelErrors) -> None:
-        if self.settings.form == "dynamic":
-            raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
-        if set(channels.kinds) != {"gain"} or channels.polarity_names:
-            raise InputError(
-                "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
-            )
+            _require_sound_channels(self.settings.form, self.channels)
 
     @cached_property
     def data(self) -> MeasuredModes:
@@ -375,3 +367,12 @@ def _kind_of(row: str) -> str:
     return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
         first, "damping ratios"
     )
+
+
+def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
+    if form == "dynamic":
+        raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
+    if set(channels.kinds) != {"gain"} or channels.polarity_names:
+        raise InputError(
+            "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
+        )
