@@ -16,7 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from structid import Beam, ModalProblem, ModalRecord, Structure, Unknown, estimate, parameters
+from structid import Beam, ModalProblem, ModalRecord, ModalSettings, Structure, Unknown, estimate, parameters
 from structid.arrays import FloatArray
 from structid.dynamics.modes import modes
 
@@ -32,7 +32,9 @@ def problem(frequency: FloatArray) -> ModalProblem:
     structure = beam(START)
     record = ModalRecord(frequency, np.zeros(2), np.ones((1, 2)), ["3Y"])
     unknown = parameters(structure, [Unknown("position", "node 2")])
-    return ModalProblem(structure, unknown, record, frequency_error=ERROR, shape_error=1e3)  # shapes have no say
+    return ModalProblem(
+        structure, unknown, record, ModalSettings(frequency_error=ERROR, shape_error=1e3)
+    )  # shapes have no say
 
 
 def main() -> int:

@@ -115,7 +115,9 @@ def identified(table: np.ndarray, mesh: dict[str, np.ndarray], repeats: int, see
         )
         record = sid.ModalRecord(np.sort(drawn[0]), np.full(8, np.nan), drawn[1], channels)
         start = time.perf_counter()
-        answer = sid.estimate(sid.ModalProblem(structure, unknown, record, frequency_error=1e-3, shape_error=1e-2))
+        answer = sid.estimate(
+            sid.ModalProblem(structure, unknown, record, sid.ModalSettings(frequency_error=1e-3, shape_error=1e-2))
+        )
         row = "".join(f"{v:20.6f} +- {s:8.6f}" for v, s in zip(answer.values, answer.std, strict=True))
         name = "clean" if run < 0 else str(run + 1)
         print(f"{name:>5s} {answer.status.name.lower():>12s} {time.perf_counter() - start:6.1f}  {row}", flush=True)

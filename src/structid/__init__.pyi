@@ -27,7 +27,6 @@ from structid.identification.identify import identify as identify
 from structid.identification.identify import identify_together as identify_together
 from structid.identification.options import IdentifyOptions as IdentifyOptions
 from structid.identification.setups.frf import Setup as Setup
-from structid.identification.setups.modal import ModalSettings as ModalSettings
 from structid.identification.setups.modal import ModalSetup as ModalSetup
 from structid.identification.setups.time import TimeFit as TimeFit
 from structid.identification.setups.time import TimeSetup as TimeSetup
@@ -40,6 +39,7 @@ from structid.modal.survey.survey import modes_of_file as modes_of_file
 from structid.observation import ChannelUnknown as ChannelUnknown
 from structid.observation import FrfProblem as FrfProblem
 from structid.observation import ModalProblem as ModalProblem
+from structid.observation import ModalSettings as ModalSettings
 from structid.observation import Motion as Motion
 from structid.observation import Oscillation as Oscillation
 from structid.observation import RecursiveMotionFit as RecursiveMotionFit

@@ -6,27 +6,31 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from structid.errors import InputError
 
-FloatArray = NDArray[np.floating[Any]]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
-IntArray = NDArray[np.integer[Any]]
+FloatArray = NDArray[np.floating]
+ComplexArray = NDArray[np.complexfloating]
+IntArray = NDArray[np.integer]
+#: Real or complex.
+NumberArray = NDArray[np.inexact]
+#: Whatever a caller brings or a file holds.
+AnyArray = NDArray[Any]
 
 # The C library of Linux keeps from now on, instead of asking the system page by page each time, what arrays up to this size
 # leave behind: it learns that from the largest one that was given back, 32 MB at most.
 np.empty((32 << 20) - (64 << 10), dtype=np.uint8)
 
 
-def locked(values: ArrayLike, dtype: Any = None) -> NDArray[Any]:
+def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
     """A read-only copy of `values`, so that a frozen object stays what it was."""
     array = np.array(values, dtype=dtype, copy=True)
     array.setflags(write=False)
     return array
 
 
-def require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None], hint: str = "") -> None:
+def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint: str = "") -> None:
     """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length."""
     same_rank = array.ndim == len(shape)
     if same_rank and all(want is None or want == got for want, got in zip(shape, array.shape, strict=True)):
@@ -35,7 +39,7 @@ def require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None], h
     raise InputError(f"`{name}` must have shape {wanted}, got {array.shape}" + (f"; {hint}" if hint else ""))
 
 
-def require_finite(name: str, array: NDArray[Any], hint: str = "remove or repair these entries") -> None:
+def require_finite(name: str, array: AnyArray, hint: str = "remove or repair these entries") -> None:
     """Raise `InputError` that names the first NaN or infinite entry of `array`."""
     bad = ~np.isfinite(array)
     if not bad.any():
@@ -46,6 +50,6 @@ def require_finite(name: str, array: NDArray[Any], hint: str = "remove or repair
     )
 
 
-def stack_real(values: NDArray[Any]) -> FloatArray:
+def stack_real(values: NumberArray) -> FloatArray:
     """Real numbers from complex ones along the first axis: all real parts, then all imaginary parts."""
     return np.concatenate([values.real, values.imag], axis=0)

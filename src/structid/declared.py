@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from numbers import Real
 from types import MappingProxyType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
 from structid.errors import InputError
 
@@ -57,15 +57,15 @@ Count = Annotated[int, Limits(least=1)]
 Number = Annotated[int, Limits(least=0)]
 
 
-def _types(owner: Callable[..., Any]) -> Mapping[str, Any]:
+def _types(owner: Callable[..., object]) -> Mapping[str, object]:
     return MappingProxyType(get_type_hints(owner, include_extras=True))
 
 
 #: Annotation of every field of a dataclass, or argument of a function, by its name.
-declared_types: Callable[[Callable[..., Any]], Mapping[str, Any]] = cache(_types)
+declared_types: Callable[[Callable[..., object]], Mapping[str, object]] = cache(_types)
 
 
-def declared_words(owner: Callable[..., Any]) -> dict[str, str]:
+def declared_words(owner: Callable[..., object]) -> dict[str, str]:
     """What docstrings in the form of numpydoc, of a function or of a class and its bases, say of each parameter."""
     found: dict[str, str] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
@@ -81,14 +81,14 @@ def declared_words(owner: Callable[..., Any]) -> dict[str, str]:
     return found
 
 
-def alternatives(annotation: Any) -> tuple[Any, ...]:
+def alternatives(annotation: object) -> tuple[object, ...]:
     """The parts of a union without None; the annotation itself where it is none."""
     if get_origin(annotation) in (Union, UnionType):
         return tuple(part for part in get_args(annotation) if part is not type(None))
     return (annotation,)
 
 
-def type_words(annotation: Any) -> str:
+def type_words(annotation: object) -> str:
     """An annotation as docstrings say it."""
     if get_origin(annotation) is Annotated:
         inner, *marks = get_args(annotation)
@@ -99,11 +99,11 @@ def type_words(annotation: Any) -> str:
     return " or ".join(parts)
 
 
-def problem_of(annotation: Any, value: Any) -> str:
+def problem_of(annotation: object, value: object) -> str:
     """What choices and limits that `annotation` declares say against `value`; "" where they say nothing, as of None."""
     if value is None:
         return ""
-    choices: list[Any] = []
+    choices: list[object] = []
     others: list[type] = []
     for part in alternatives(annotation):
         inner, *marks = get_args(part) if get_origin(part) is Annotated else (part,)
@@ -120,7 +120,7 @@ def problem_of(annotation: Any, value: Any) -> str:
     return ""
 
 
-def require_declared(thing: Any) -> None:
+def require_declared(thing: object) -> None:
     """Raise `InputError` at the first field of a dataclass whose value its annotation does not allow; see `problem_of`."""
     for name, annotation in declared_types(type(thing)).items():
         problem = problem_of(annotation, getattr(thing, name))

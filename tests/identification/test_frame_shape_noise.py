@@ -32,7 +32,7 @@ def test_twelve_stiffnesses_from_three_modes_are_right_to_their_deviations():
 def test_stages_that_end_worse_than_they_began_are_given_up(astray):
     setup, true = problem(2, 0)
     own = setup.prepared(IdentifyOptions()).problem
-    stage, start = replace(own, form="dynamic"), own.theta_start
+    stage, start = own.of_form("dynamic"), own.theta_start
     end = start - 3.0 if astray else np.log(true)
     begun = []
 

@@ -21,8 +21,7 @@ from structid import (
     simulated_record,
     simulated_time_record,
 )
-from structid.observation import FrfProblem, TimeOptions, output_error_problem, response
-from structid.observation.modal.problem import ModalProblem
+from structid.observation import FrfProblem, ModalProblem, ModalSettings, TimeOptions, output_error_problem, response
 from structid.observation.time.spectra import spectra_problem
 
 RATIO = 0.03
@@ -155,9 +154,11 @@ def test_damping_ratios_of_modes_are_the_parameter():
     structure = chain()
     made = sought(structure)
     record = measured(structure, made.values(made.start), ["1X", "2X", "4X"], 3, np.random.default_rng(0))
-    problem = ModalProblem(structure, made, record, use_damping=True)
+    problem = ModalProblem(structure, made, record, ModalSettings(use_damping=True))
     require_exact_slope(problem, problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(made.n_params))
-    found = estimate(ModalProblem(structure, made.started_at(1.3 * made.start), record, use_damping=True))
+    found = estimate(
+        ModalProblem(structure, made.started_at(1.3 * made.start), record, ModalSettings(use_damping=True))
+    )
     assert found.values[-1] == pytest.approx(RATIO, rel=1e-6)  # measured without noise, and the same in all modes
 
 

@@ -27,7 +27,7 @@ from structid import (
 from structid.dynamics.modes import modes
 from structid.estimation import JointProblem
 from structid.modal.modal_record import ModalChanges
-from structid.observation import FrfProblem, ModalProblem
+from structid.observation import FrfProblem, ModalProblem, ModalSettings
 
 
 def chain(n=5):
@@ -103,7 +103,7 @@ def test_modal_jacobian_of_single_modes_agrees_with_differences(damping):
         ],
     )
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(0))
-    problem = ModalProblem(structure, unknown, record, use_damping=damping)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=damping))
     theta = problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(12)
     assert problem.linearize(theta).jacobian.shape == (problem.n_data + 1, 12)
     require_exact_slope(problem, theta)
@@ -144,7 +144,7 @@ def test_modal_jacobian_with_gains_of_sensors_agrees_with_differences(structure,
     record = measured(structure, unknown.values(unknown.start), channels, count, np.random.default_rng(0))
     errors = gains(record, ChannelUnknown("gain", channels[1:], each=True))
     damping = damping and count == 3
-    problem = ModalProblem(structure, unknown, record, use_damping=damping, channels=errors)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=damping), channels=errors)
     theta = problem.theta_start + 0.1 * np.random.default_rng(1).standard_normal(len(problem.theta_start))
     assert len(theta) == unknown.n_params + len(channels) - 1
     assert np.abs(problem.linearize(theta).jacobian[:, unknown.n_params :]).max(axis=0).min() > 0.1
@@ -174,14 +174,20 @@ def test_modal_problem_refuses_errors_of_channels_that_shapes_do_not_show():
         with pytest.raises(InputError, match="modes show gains of sensors only"):
             ModalProblem(structure, unknown, record, channels=gains(record, ChannelUnknown(wrong, "1X")))
     with pytest.raises(InputError, match="form 'dynamic' takes no errors of channels"):
-        ModalProblem(structure, unknown, record, form="dynamic", channels=gains(record, ChannelUnknown("gain", "1X")))
+        ModalProblem(
+            structure,
+            unknown,
+            record,
+            ModalSettings(form="dynamic"),
+            channels=gains(record, ChannelUnknown("gain", "1X")),
+        )
 
 
 def test_modal_dynamic_slope_gives_the_gradient():
     structure = beam()
     unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass", "bending_stiffness")])
     record = measured(structure, unknown.values(unknown.start), ["3Y", "5Y", "8Y"], 4, np.random.default_rng(2))
-    problem = ModalProblem(structure, unknown, record, form="dynamic")
+    problem = ModalProblem(structure, unknown, record, ModalSettings(form="dynamic"))
     theta = problem.theta_start + 0.1 * np.random.default_rng(3).standard_normal(16)
     gradient, difference = gradient_errors(problem, theta)
     np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
@@ -194,7 +200,7 @@ def test_modal_jacobian_stays_finite_and_exact_at_close_modes(ratio):
     unknown = parameters(structure, [Unknown("stiffness", "k", each=True), Unknown("mass", "m", each=True)])
     channels = ["1X", "2X", "1Y", "2Y"]
     record = measured(structure, unknown.values(unknown.start), channels, 4, np.random.default_rng(4))
-    problem = ModalProblem(structure, unknown, record, closeness=0.05)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(closeness=0.05))
     assert [len(group.members) for group in problem.data.groups] == [2, 2]
     require_exact_slope(problem, problem.theta_start, 1e-5)
     at = problem.linearize(problem.theta_start)
@@ -240,7 +246,7 @@ def test_modes_that_few_sensors_tell_apart_are_fitted_without_the_way_of_wide_er
     with pytest.raises(
         InputError, match=r"modes 1, 2, 3 are not told apart .* 2 sensors; lower `closeness` or the errors"
     ):
-        replace(problem, frequency_error=0.02)
+        replace(problem, settings=ModalSettings(frequency_error=0.02))
 
 
 def followed_chain():
@@ -263,7 +269,7 @@ def test_modal_fit_takes_more_sensors_than_degrees_of_freedom(channels):
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.3 * rng.standard_normal(3))), record)
     found = estimate(problem, plans=problem.stage_plans())
     np.testing.assert_allclose(found.values, true, rtol=1e-5)
-    force = replace(problem, form="dynamic")
+    force = problem.of_form("dynamic")
     gradient, difference = gradient_errors(force, force.theta_start)
     np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
 
@@ -360,7 +366,7 @@ def test_modal_problem_names_what_is_missing(change, options, words):
     unknown = stiffnesses(structure)
     record = measured(structure, unknown.values(unknown.start), ["1X", "5X"], 3)
     with pytest.raises(InputError, match=words):
-        ModalProblem(structure, unknown, replace(record, **change), **options)
+        ModalProblem(structure, unknown, replace(record, **change), ModalSettings(**options))
 
 
 def test_a_mode_that_is_listed_twice_is_named():
@@ -371,7 +377,7 @@ def test_a_mode_that_is_listed_twice_is_named():
         record, frequency=record.frequency[[0, 0, 2]], mode_shapes=record.mode_shapes[:, [0, 0, 2]], covariance=None
     )
     with pytest.raises(InputError, match=r"modes 1 \(.* Hz\), 2 \(.* Hz\) of m.csv are not told apart .* listed twice"):
-        ModalProblem(structure, unknown, twice, frequency_error=0.01)
+        ModalProblem(structure, unknown, twice, ModalSettings(frequency_error=0.01))
 
 
 @pytest.mark.parametrize(
@@ -392,7 +398,7 @@ def test_deviations_of_zero_are_named_by_their_modes(change, words):
         change = {"covariance": covariance}
     with pytest.raises(InputError, match=words):
         ModalProblem(structure, unknown, replace(record, **change))
-    ModalProblem(structure, unknown, replace(record, **change), frequency_error=0.01, shape_error=0.01)
+    ModalProblem(structure, unknown, replace(record, **change), ModalSettings(frequency_error=0.01, shape_error=0.01))
 
 
 def test_shapes_by_their_mac_make_the_objective_of_published_work():
@@ -400,7 +406,7 @@ def test_shapes_by_their_mac_make_the_objective_of_published_work():
     unknown = stiffnesses(structure)
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(3))
     record = replace(record, shape_std=np.full(record.mode_shapes.shape, 7.0))  # which then does not count
-    problem = ModalProblem(structure, unknown, record, shape_error=0.04, shape_form="mac")
+    problem = ModalProblem(structure, unknown, record, ModalSettings(shape_error=0.04, shape_form="mac"))
     theta = problem.theta_start + 0.2 * np.random.default_rng(1).standard_normal(5)
     require_exact_slope(problem, theta)
     values = unknown.values(problem.physical(theta))
@@ -417,7 +423,7 @@ def test_shapes_by_their_mac_make_the_objective_of_published_work():
     )  # the stated error widens none of these
     assert problem.data.changes is None
     with pytest.raises(InputError, match=r"weighed by `shape_error`, the standard deviation of sqrt\(1 - MAC\)"):
-        ModalProblem(structure, unknown, record, shape_form="mac")
+        ModalProblem(structure, unknown, record, ModalSettings(shape_form="mac"))
 
 
 def test_what_pulls_sums_to_the_number_of_parameters():
@@ -425,7 +431,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     prior = Prior(1000.0, 10.0)
     unknown = parameters(structure, [Unknown("stiffness", "k", each=True, prior=prior)])
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 4, np.random.default_rng(3))
-    problem = ModalProblem(structure, unknown, record, use_damping=True)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=True))
     theta = problem.theta_start
     found = problem.pull(theta)
     assert list(found) == ["shapes", "frequencies", "damping ratios"]  # nothing mixes where no modes are close
@@ -459,7 +465,7 @@ def test_modal_groups_hold_modes_that_their_standard_deviations_do_not_tell_apar
     for std in (0.01, 0.02):  # the gap of 0.05 Hz is 3.5 or 1.8 standard deviations
         covariance = np.diag(np.concatenate([np.full(3, std**2), np.full(3, 1e-6)]))
         record = ModalRecord(frequency, np.full(3, 0.01), shapes, channels, covariance)
-        problem = ModalProblem(structure, unknown, record, shape_error=0.01)
+        problem = ModalProblem(structure, unknown, record, ModalSettings(shape_error=0.01))
         sizes[std] = [len(group.members) for group in problem.data.groups]
     assert sizes == {0.01: [1, 1, 1], 0.02: [2, 1]}
 
@@ -468,7 +474,7 @@ def test_modal_dynamic_residual_does_not_depend_on_a_common_scale():
     structure = chain()
     unknown = parameters(structure, [Unknown("mass", "m", each=True), Unknown("stiffness", "k", each=True)])
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 3, np.random.default_rng(4))
-    problem = ModalProblem(structure, unknown, record, form="dynamic")
+    problem = ModalProblem(structure, unknown, record, ModalSettings(form="dynamic"))
     theta = problem.theta_start + 0.1 * np.random.default_rng(5).standard_normal(unknown.n_params)
     at = problem.linearize(theta)
     np.testing.assert_allclose(problem.residual(theta + np.log(7.0)), at.residual, rtol=1e-8, atol=1e-8)
@@ -496,7 +502,7 @@ def test_changes_of_the_data_rows_agree_with_differences(close, damping):
     channels = ("1X", "2X", "1Y", "2Y") if close else ("1X", "3X", "5X")
     record = measured(structure, structure.values, channels, 4 if close else 3)
     record = with_changes(record, np.random.default_rng(0))
-    problem = ModalProblem(structure, unknown, record, use_damping=damping and not close, closeness=0.02)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=damping and not close, closeness=0.02))
     theta = problem.theta_start * 1.02
     found, changes = problem.data_changes(theta), record.changes
     step = 1e-4
@@ -511,7 +517,7 @@ def test_changes_of_the_data_rows_agree_with_differences(close, damping):
                 mode_shapes=record.mode_shapes + sign * changes.mode_shapes[number].real,
             )
             twin = replace(problem, record=moved)
-            for name in ("shape_std", "_covariance"):
+            for name in ("shape_std", "covariance"):
                 twin.data.__dict__[name] = getattr(problem.data, name)
             sides.append(twin.residual(theta)[: problem.n_data])
         difference = (sides[0] - sides[1]) / (2 * step)

@@ -21,9 +21,9 @@ from structid import (
 from structid.criticism.views import modal_view
 from structid.identification.fits.modal_fit import paired_modes
 from structid.identification.identify import identify_together
-from structid.identification.setups.modal import ModalSettings, ModalSetup
+from structid.identification.setups.modal import ModalSetup
 from structid.modal.modal_record import ModalChanges
-from structid.observation import ModalProblem
+from structid.observation import ModalProblem, ModalSettings
 
 MASS, STIFFNESS = 2000.0, np.array([3.0e6, 2.8e6, 2.5e6, 2.2e6, 2.0e6])
 
@@ -57,10 +57,10 @@ def measured(seed=0, lost=1 / 3, noise=0.02, spread=2e-3):
     )  # fmt: skip
 
 
-def problem_of(record, **options):
+def problem_of(record, channels=None, **options):
     structure = storeys()
     unknown = parameters(structure, [Unknown("stiffness", "storeys", each=True)])
-    return ModalProblem(structure, unknown, record, **options)
+    return ModalProblem(structure, unknown, record, ModalSettings(**options), channels)
 
 
 def without(record, *entries, mode=None):
@@ -185,7 +185,7 @@ def test_close_modes_are_one_group_past_a_mode_without_a_shape():
     assert problem.data.is_alone.tolist() == [False, False, True, False]
     truth = problem.unknowns.transforms.free(STIFFNESS)
     assert problem.residual(truth) == pytest.approx(np.zeros(len(problem.residual(truth))), abs=1e-8)
-    require_exact_slope(replace(problem, use_damping=True), truth + 0.05)
+    require_exact_slope(replace(problem, settings=replace(problem.settings, use_damping=True)), truth + 0.05)
     rng = np.random.default_rng(0)
     own = ModalChanges(*1e-3 * rng.standard_normal((2, 30, 4)), 0.01 * rng.standard_normal((30, 5, 4)))
     told = problem_of(replace(record, changes=own), closeness=0.9)
@@ -202,7 +202,7 @@ def test_a_mode_without_a_shape_may_be_one_that_no_sensor_sees():
     frequency = np.array([1.53, 1.82, 4.0, 4.78])  # X, Y, X, Y
     shapes = [[0.62, np.nan, 1.0, np.nan], [1.0, np.nan, -0.63, np.nan]]
     record = ModalRecord(frequency, [np.nan] * 4, shapes, ["1X", "2X"])
-    problem = ModalProblem(structure, unknown, record, frequency_error=0.005, shape_error=0.02)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(frequency_error=0.005, shape_error=0.02))
     found = estimate(problem)
     model = paired_modes(problem, problem.unknowns.transforms.free(found.values))
     assert model.number.tolist() == [0, 1, 2, 3]
@@ -226,7 +226,7 @@ def test_what_cannot_do_without_more_entries_says_so():
     with pytest.raises(InputError, match="MACs are of shapes"):
         problem_of(bare, shape_form="mac", shape_error=0.05)
     with pytest.raises(InputError, match="form 'dynamic' needs a known shape entry"):
-        replace(problem_of(bare), form="dynamic")
+        problem_of(bare).of_form("dynamic")
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
         InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"

@@ -7,7 +7,7 @@ import pytest
 
 from structid import ModalRecord, PointMass, Spring, Structure, Unknown, estimate, parameters
 from structid.dynamics.modes import modes
-from structid.observation import ModalProblem
+from structid.observation import ModalProblem, ModalSettings
 
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames"
 pytestmark = pytest.mark.skipif(
@@ -29,7 +29,7 @@ def test_four_story_stiffnesses_are_those_published_and_predict_the_modes_left_o
     unknown = parameters(structure, [Unknown("stiffness", "story", each=True)])
     frequency = data["test_frequency_hz"]
     record = ModalRecord(frequency[:2], np.full(2, np.nan), data["test_mode"][:3, :2], ("1X", "2X", "3X"))
-    problem = ModalProblem(structure, unknown, record, frequency_error=0.002, shape_error=0.02)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(frequency_error=0.002, shape_error=0.02))
     found = estimate(problem, plans=problem.stage_plans())
     published = 10 * (1 + data["published_alpha_form1_mac"])
     np.testing.assert_allclose(found.values, published, rtol=0.01)  # asked: 5 %
@@ -45,7 +45,7 @@ def test_eighteen_story_frame_says_what_two_modes_at_six_floors_do_not_determine
     unknown = parameters(structure, [Unknown("stiffness", "story", each=True)])
     channels = tuple(f"{floor}X" for floor in (3, 6, 9, 12, 15, 18))
     record = ModalRecord(data["freq_hz"][:2], np.full(2, np.nan), data["mode_shape"][:, :2], channels)
-    problem = ModalProblem(structure, unknown, record, frequency_error=0.005, shape_error=0.02)
+    problem = ModalProblem(structure, unknown, record, ModalSettings(frequency_error=0.005, shape_error=0.02))
     found = estimate(problem, plans=problem.stage_plans())
     assert found.status.value == "not_identifiable"
     # two frequencies and two shapes of six entries are twelve numbers at most: six directions of eighteen stay free

@@ -21,7 +21,7 @@ from structid import (
     parameters,
 )
 from structid.dynamics.modes import modes
-from structid.observation import ModalProblem
+from structid.observation import ModalProblem, ModalSettings
 from structid.observation.frf.response import response
 from structid.observation.sensitive import require_linear_weights
 
@@ -119,7 +119,7 @@ def roller_problem(frequency: np.ndarray, start: float = 1.0, error: float = 1e-
     structure = beam_on_a_roller(start)
     record = ModalRecord(frequency, np.zeros(2), np.ones((1, 2)), ["3Y"])
     unknown = parameters(structure, [Unknown("position", "node 2")])
-    return ModalProblem(structure, unknown, record, frequency_error=error, shape_error=1e3)
+    return ModalProblem(structure, unknown, record, ModalSettings(frequency_error=error, shape_error=1e3))
 
 
 def test_two_frequencies_give_the_place_of_a_roller():

@@ -18,7 +18,6 @@ from structid.errors import InputError, SingularModelError
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
-from structid.identification.setups.modal import ModalSettings
 from structid.identification.setups.setup import AnySetup, titles
 from structid.observation import Models
 from structid.provenance import Provenance
@@ -154,8 +153,5 @@ def before_and_after(
 
 def _fitted_modes(fit: ModalFit, physical: FloatArray, options: CorrelateOptions) -> ModesCorrelation:
     problem = fit.problem
-    settings = ModalSettings(
-        closeness=problem.closeness, frequency_guard=problem.frequency_guard, shape_error=problem.shape_error
-    )
     values = problem.property_values(physical)
-    return correlated_modes(problem.structure, values, fit.measured, options, settings, fit.name)
+    return correlated_modes(problem.structure, values, fit.measured, options, problem.settings, fit.name)

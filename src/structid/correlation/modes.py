@@ -16,9 +16,9 @@ from structid.correlation.reduction import constrained_shapes, reduced_mass, ser
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 from structid.errors import InputError
-from structid.identification.setups.modal import ModalSettings
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries
+from structid.observation import ModalSettings
 from structid.shown import listed
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
 from structid.similarity.pairing import assigned

@@ -114,7 +114,7 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
         where, at = (dof.place,), place_of((dof, 1.0))
         rubs = (
             Candidate("friction", where, rubbing(at), _RUBBING, _POSITIVE)
-            if len(fields.problem.record.inputs) == 1 and fields.problem.measures_force
+            if len(fields.problem.record.inputs) == 1 and fields.problem.facts.measures_force
             else None
         )
         for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):

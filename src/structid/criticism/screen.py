@@ -144,7 +144,7 @@ def _squares(off: FloatArray) -> FloatArray:
 
 def point_at(problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = ()) -> Point:
     """Problems at free variables of all their parameters together, on a part of their lines; see `Point`."""
-    columns = JointProblem(tuple(problems), first_prior_counts=True).columns
+    columns = JointProblem(tuple(problems), first_prior_counts=True).unknowns.columns
     records = tuple(fields_at(problem, theta[index]) for problem, index in zip(problems, columns, strict=True))
     whole = JointProblem(tuple(fields.problem for fields in records), first_prior_counts=True)
     at = whole.linearize(theta)

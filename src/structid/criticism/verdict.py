@@ -415,7 +415,7 @@ def _misfit_words(found: Identification) -> str:
     if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
     size = float(np.sqrt(found.estimate.chi_square_per_dof))
-    noises = {problem.noise_words for problem in found.problems}
+    noises = {problem.facts.noise for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
     if _SHOWS > size > 1 / _SHOWS:
         return f"the misfit is as large as {noise}, but has an order that noise has not"

@@ -102,7 +102,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
     frequency_std[pairs.number] = problem.data.frequency_std
     of_model = np.maximum(damping_ratios(state), 0.0)
     damping = np.zeros(len(frequency))
-    if problem.use_damping:
+    if problem.settings.use_damping:
         measured = np.nan_to_num(problem.record.damping_ratio[problem.data.measured])
         damping[pairs.number] = np.where(of_model[pairs.number] > 0, measured, 0.0)
     likely = np.where(damping > 0, damping, of_model)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.modal_fields import ModalFields, modal_fields, worthwhile
 from structid.dynamics.receptance import singular_model
 
@@ -107,7 +105,7 @@ class DenseFields:
                 found[:, contact] = matrix[:, place] / np.sqrt(abs(matrix[place, place]))
         return found
 
-    def _slip(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> ComplexArray:
+    def _slip(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> NumberArray:
         """Forces of friction (n, n_contacts, n_loads), from what contacts move without it under loads, then unit forces at them."""
         sign = np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
         factors = (coefficients[:, laws] * sign)[:, :, None]
@@ -128,7 +126,7 @@ class DenseFields:
         return fields if reader is None else reader @ fields
 
 
-def solved_few(systems: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+def solved_few(systems: NumberArray, right: NumberArray) -> NumberArray:
     """X with systems X = right, (n_lines, n, n) and (n_lines, n, n_right), for the few unknowns of contacts.
 
     One or two are solved for by Cramer's rule, all lines together: LAPACK takes line after line.

@@ -8,12 +8,12 @@ arithmetic, complex ones as complex symmetric (not Hermitian).
 from __future__ import annotations
 
 import os
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import IntArray
+from structid.arrays import IntArray, NumberArray
 from structid.errors import InputError
 
 #: Names of the factorizers; the first that is installed is used, MUMPS by name alone: its speed is that of its BLAS.
@@ -35,7 +35,7 @@ class SingularMatrixError(ArithmeticError):
 class Factor(Protocol):
     """A factorized matrix."""
 
-    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, right: NumberArray) -> NumberArray:
         """X with A X = `right` (n, n_right), all columns in one pass; real where matrix and right-hand sides are."""
         ...
 
@@ -43,7 +43,7 @@ class Factor(Protocol):
 class Analysis(Protocol):
     """A sparsity pattern that a factorizer has looked at."""
 
-    def factor(self, entries: NDArray[Any]) -> Factor:
+    def factor(self, entries: NumberArray) -> Factor:
         """The factorization of the matrix with these `entries` (n_entries,), in the order of the pattern.
 
         It holds until the next one of the same analysis.

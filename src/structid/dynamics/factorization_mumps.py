@@ -7,16 +7,17 @@ import ctypes.util
 import re
 import sys
 import weakref
+from collections.abc import Callable
 from ctypes import c_char, c_double, c_int, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import IntArray
+from structid.arrays import IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError
 
 _BEGIN, _ANALYSE, _FACTORIZE, _SOLVE, _END = -1, 1, 2, 3, -2
@@ -31,7 +32,7 @@ _ERRORS = {-5: "not enough memory", -7: "not enough memory", -10: "zero pivot", 
 class _Arguments(ctypes.Structure):
     """What the library is called with, in both arithmetics: the layout of its versions 5.4 and 5.5 (``dmumps_c.h``)."""
 
-    _fields_: ClassVar[Any] = [
+    _fields_: ClassVar[list[tuple[str, type]]] = [
         *((name, c_int) for name in ("sym", "par", "job", "comm_fortran")),
         ("icntl", c_int * 60), ("keep", c_int * 500), ("cntl", c_double * 15), ("dkeep", c_double * 230),
         ("keep8", c_int64 * 150), ("n", c_int), ("nblk", c_int), ("nz_alloc", c_int), ("nz", c_int),
@@ -47,9 +48,9 @@ class _Arguments(ctypes.Structure):
 
 
 @cache
-def _libraries() -> dict[bool, Any] | str:
+def _libraries() -> dict[bool, Callable[..., object]] | str:
     """The library's call for real and for complex matrices, or what is wrong with it."""
-    calls: dict[bool, Any] = {}
+    calls: dict[bool, Callable[..., object]] = {}
     for is_complex, letter in ((False, "d"), (True, "z")):
         stem = f"{letter}mumps_seq"
         folder = Path(sys.prefix) / "lib"
@@ -136,7 +137,7 @@ class _Handle:
             raise SingularMatrixError(f"MUMPS stopped: {_ERRORS.get(error, f'error {error}')}")
 
 
-def _ended(call: Any, given: _Arguments) -> None:
+def _ended(call: Callable[..., object], given: _Arguments) -> None:
     given.job = _END
     call(ctypes.byref(given))
 
@@ -152,11 +153,11 @@ class MumpsAnalysis:
         self.handles: dict[bool, _Handle] = {}
         self.count = 0
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Without the library's memory, which belongs to this process."""
         return {**self.__dict__, "handles": {}}
 
-    def factor(self, entries: NDArray[Any]) -> MumpsFactor:
+    def factor(self, entries: NumberArray) -> MumpsFactor:
         """The factorization of the matrix with these `entries`; the one before it ends."""
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
@@ -181,7 +182,7 @@ class MumpsFactor:
     handle: _Handle
     count: int
 
-    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, right: NumberArray) -> NumberArray:
         """X with A X = `right`, (n, n_right)."""
         if self.count != self.analysis.count:
             raise RuntimeError("this factorization has ended: another one of the same analysis was made after it")

@@ -8,15 +8,14 @@ import sys
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, IntArray
+from structid.arrays import FloatArray, IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError, usable_threads
 
 _REAL, _COMPLEX = -2, 6
@@ -94,71 +93,74 @@ class Pardiso:
         return PardisoAnalysis(np.asarray(indices), np.asarray(indptr), loaded)
 
 
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What the library has of one pattern in one arithmetic, and writes to: its own memory, options and order."""
+
+    kind: int
+    indices: IntArray
+    indptr: IntArray
+    order: IntArray | None
+    memory: IntArray = field(default_factory=lambda: np.zeros(64, dtype=np.int64))
+    options: IntArray = field(default_factory=lambda: np.zeros(64, dtype=np.int32))
+
+    @property
+    def n(self) -> int:
+        return len(self.indptr) - 1
+
+    def call(
+        self,
+        phase: int,
+        entries: NumberArray | None = None,
+        right: NumberArray | None = None,
+        solution: NumberArray | None = None,
+    ) -> int:
+        """The library's error number, 0 for none."""
+        library = _library()
+        assert not isinstance(library, str)
+        one, zero, phase_number, kind, n, error = (ctypes.c_int(k) for k in (1, 0, phase, self.kind, self.n, 0))
+        n_right = ctypes.c_int(1 if right is None else right.shape[1])
+        by = ctypes.byref
+        library.pardiso(
+            _address(self.memory), by(one), by(one), by(kind), by(phase_number), by(n), _address(entries),
+            _address(self.indptr), _address(self.indices), _address(self.order), by(n_right), _address(self.options),
+            by(zero), _address(right), _address(solution), by(error),
+        )  # fmt: skip
+        return error.value
+
+    def release(self) -> None:
+        if self.memory.any():
+            self.call(_RELEASE)
+
+
+def _address(values: NumberArray | IntArray | None) -> ctypes.c_void_p | None:
+    return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
+
+
 class _Handle:
     """The library's memory of one pattern in one arithmetic; freed with this object."""
 
     def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
-        self.kind, self.n = kind, len(indptr) - 1
-        self.indices, self.indptr = indices, indptr
-        self.memory = np.zeros(64, dtype=np.int64)
-        self.options = np.zeros(64, dtype=np.int32)
+        order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
+        self.kind, self.held = kind, _Held(kind, indices, indptr, order)
+        self.options = self.held.options
         self.options[[0, 1, 9, 20, 34]] = 1, 2, 8, 1, 1  # own options, METIS, pivots 1e-8, Bunch-Kaufman, from 0
         self.options[17] = -1  # report the entries of the factor
-        self.order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.options[_SPARSE] = 0 if loaded is None else _ORDERED
-        self.threads = usable_threads(self.n)  # with fewer than it analysed with, the library reads beyond its memory
+        self.threads = usable_threads(
+            self.held.n
+        )  # with fewer than it analysed with, the library reads beyond its memory
         self.analysed = False
-        weakref.finalize(self, _release, kind, self.n, self.memory, self.options)
+        weakref.finalize(self, self.held.release)
 
-    def run(self, phase: int, entries: NDArray[Any], right: NDArray[Any] | None = None) -> NDArray[Any] | None:
+    def run(self, phase: int, entries: NumberArray, right: NumberArray | None = None) -> NumberArray | None:
         """One phase; the solution where there are right-hand sides (n, n_right) in columns."""
         solution = None if right is None else np.empty_like(right, order="F")
-        n_right = 1 if right is None else right.shape[1]
         with _threads(self.threads):
-            error = _call(
-                self.memory, self.kind, phase, self.n, entries, self.indptr, self.indices, self.order, n_right,
-                self.options, right, solution,
-            )  # fmt: skip
+            error = self.held.call(phase, entries, right, solution)
         if error:
             raise SingularMatrixError(f"PARDISO stopped: {_ERRORS.get(error, f'error {error}')}")
         return solution
-
-
-def _call(
-    memory: NDArray[Any],
-    kind: int,
-    phase: int,
-    n: int,
-    entries: NDArray[Any] | None,
-    indptr: NDArray[Any] | None,
-    indices: NDArray[Any] | None,
-    order: NDArray[Any] | None,
-    n_right: int,
-    options: NDArray[Any],
-    right: NDArray[Any] | None,
-    solution: NDArray[Any] | None,
-) -> int:
-    library = _library()
-    assert not isinstance(library, str)
-
-    def number(value: int) -> Any:
-        return ctypes.byref(ctypes.c_int(value))
-
-    def array(values: NDArray[Any] | None) -> Any:
-        return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
-
-    error = ctypes.c_int(0)
-    library.pardiso(
-        array(memory), number(1), number(1), number(kind), number(phase), number(n), array(entries), array(indptr),
-        array(indices), array(order), number(n_right), array(options), number(0), array(right), array(solution),
-        ctypes.byref(error),
-    )  # fmt: skip
-    return error.value
-
-
-def _release(kind: int, n: int, memory: NDArray[Any], options: NDArray[Any]) -> None:
-    if memory.any():
-        _call(memory, kind, _RELEASE, n, None, None, None, None, 1, options, None, None)
 
 
 class PardisoAnalysis:
@@ -175,11 +177,11 @@ class PardisoAnalysis:
         self.handles: dict[int, _Handle] = {}
         self.count = 0
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Without the library's memory, which belongs to this process."""
         return {**self.__dict__, "handles": {}}
 
-    def factor(self, entries: NDArray[Any]) -> PardisoFactor:
+    def factor(self, entries: NumberArray) -> PardisoFactor:
         """The factorization of the matrix with these `entries`; the one before it ends."""
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
@@ -203,11 +205,11 @@ class PardisoFactor:
 
     analysis: PardisoAnalysis
     handle: _Handle
-    values: NDArray[Any]
+    values: NumberArray
     count: int
     n_changed: int
 
-    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, right: NumberArray) -> NumberArray:
         """X with A X = `right`, (n, n_right)."""
         if self.count != self.analysis.count:
             raise RuntimeError("this factorization has ended: another one of the same analysis was made after it")
@@ -218,12 +220,12 @@ class PardisoFactor:
             return self._checked(given, self.handle.run(_SOLVE, self.values, given))
         return self.solve(right.real) + 1j * self.solve(right.imag)
 
-    def _is_sparse(self, right: NDArray[Any]) -> bool:
+    def _is_sparse(self, right: NumberArray) -> bool:
         """Whether right-hand sides have entries where the analysis was told of alone."""
         loaded = self.analysis.loaded
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 
-    def _checked(self, right: NDArray[Any], solution: NDArray[Any] | None) -> NDArray[Any]:
+    def _checked(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
         """The solution, compared with the right-hand sides where pivots had to be changed."""
         assert solution is not None
         if self.n_changed and _residual(self.handle, self.values, right, solution) > _RESIDUAL:
@@ -231,11 +233,12 @@ class PardisoFactor:
         return solution
 
 
-def _residual(handle: _Handle, values: NDArray[Any], right: NDArray[Any], solution: NDArray[Any]) -> float:
+def _residual(handle: _Handle, values: NumberArray, right: NumberArray, solution: NumberArray) -> float:
     """Largest backward error of a column: |b - A x| / (|A| |x| + |b|) would hide singular matrices, so |b| alone."""
     from scipy import sparse
 
-    upper = sparse.csr_array((values, handle.indices, handle.indptr), (handle.n, handle.n))
+    held = handle.held
+    upper = sparse.csr_array((values, held.indices, held.indptr), (held.n, held.n))
     product = upper @ solution + sparse.triu(upper, 1).T @ solution
     size: FloatArray = np.linalg.norm(right, axis=0)
     off: FloatArray = np.linalg.norm(product - right, axis=0)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
-from structid.arrays import IntArray
+from structid.arrays import IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError
 
 #: Diagonal pivots are kept unless they are smaller than this part of the largest entry of their column.
@@ -59,7 +58,7 @@ class SuperLuAnalysis:
         indptr = np.concatenate([[0], np.cumsum(np.bincount(place[columns], minlength=n))])
         return np.argsort(place), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
 
-    def factor(self, entries: NDArray[Any]) -> SuperLuFactor:
+    def factor(self, entries: NumberArray) -> SuperLuFactor:
         """The factorization of the matrix with these `entries`."""
         order, entry, indices, indptr = self._ordered
         n = len(indptr) - 1
@@ -81,11 +80,11 @@ class SuperLuAnalysis:
 class SuperLuFactor:
     """L and U of a reordered matrix."""
 
-    factor: Any
+    factor: SuperLU
     order: IntArray
     is_complex: bool
 
-    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, right: NumberArray) -> NumberArray:
         """X with A X = `right`, (n, n_right)."""
         given = right[self.order]
         if self.is_complex:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.dynamics.receptance import DynamicStiffness
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.dynamics.receptance import DynamicStiffness, LineFactor
 
 #: Products with Z^-1 M that follow the solutions of one factorization into the basis: so many real fields in all, if few.
 _FIELDS, _MOST_MOMENTS = 84, 8
@@ -44,7 +41,7 @@ class FieldBasis:
     def size(self) -> int:
         return self.vectors.shape[1]
 
-    def grow(self, solver: Any, fields: NDArray[Any]) -> None:
+    def grow(self, solver: LineFactor, fields: NumberArray) -> None:
         """Take in the solution at one line and its moments there."""
         moments, each = [fields], fields.shape[1] * (2 if np.iscomplexobj(fields) else 1)
         for _ in range(0 if self.mass is None else min(_MOST_MOMENTS, max(1, _FIELDS // each - 1))):
@@ -54,7 +51,7 @@ class FieldBasis:
             moments.append(solver.solve(self.mass @ (moments[-1] / size)))
         found = np.concatenate(moments, axis=1)
         del moments
-        parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found
+        parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found.real
         new = _orthonormal(self.vectors, parts)
         self.vectors = np.concatenate([self.vectors, new], axis=1)
         self._products = [
@@ -78,7 +75,7 @@ class FieldBasis:
             size = np.linalg.norm(triangle @ rest, axis=0) / np.linalg.norm(self.right, axis=0)
             self.residuals[line] = size.max(initial=0.0)
 
-    def fields(self, line: int) -> NDArray[Any]:
+    def fields(self, line: int) -> NumberArray:
         """Fields at a line, (n_dofs, n_columns), real where nothing damps."""
         x = self.coordinates[line]
         if not x.imag.any():

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, NumberArray
 from structid.dynamics.factorization import Analysis, Factor, SingularMatrixError, factorizer
 from structid.errors import SingularModelError
 
@@ -67,7 +66,7 @@ class DynamicStiffness:
                 found.append((row, self.coefficients[:, law].astype(np.complex128)))
         return tuple(found)
 
-    def entries(self, line: int, is_damped: bool = True) -> NDArray[Any]:
+    def entries(self, line: int, is_damped: bool = True) -> NumberArray:
         """Entries of Z at one line, real where nothing damps; or of its real part."""
         real = self._combined([float(factor[line].real) for _, factor in self.merged])
         imaginary = [float(factor[line].imag) for _, factor in self.merged]
@@ -86,7 +85,7 @@ class DynamicStiffness:
                 total += row if factor == 1.0 else factor * row
         return total
 
-    def solver(self, line: int, is_damped: bool = True) -> _LineFactor:
+    def solver(self, line: int, is_damped: bool = True) -> LineFactor:
         """The factorization of Z at one line, or of its real part; it holds until the next one.
 
         Raises
@@ -96,19 +95,19 @@ class DynamicStiffness:
         """
         frequency = float(self.frequency[line])
         try:
-            return _LineFactor(self.analysis.factor(self.entries(line, is_damped)), frequency)
+            return LineFactor(self.analysis.factor(self.entries(line, is_damped)), frequency)
         except SingularMatrixError as error:
             raise singular_model(frequency, frequency) from error
 
 
 @dataclass(frozen=True, eq=False)
-class _LineFactor:
+class LineFactor:
     """A factorization that names its frequency where it turns out to be none."""
 
     factor: Factor
     frequency: float
 
-    def solve(self, right: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, right: NumberArray) -> NumberArray:
         """X with Z X = `right` (n_dofs, n_right), real where all is."""
         try:
             return self.factor.solve(right)
@@ -124,10 +123,8 @@ def single_blas() -> Iterator[None]:
 
 
 @cache
-def _thread_pools() -> Any:
+def _thread_pools() -> ThreadpoolController:
     """The controller of the loaded BLAS libraries: factorizations of this size lose time to more than one thread."""
-    from threadpoolctl import ThreadpoolController
-
     return ThreadpoolController()
 
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.field_basis import FieldBasis
-from structid.dynamics.receptance import DynamicStiffness
+from structid.dynamics.receptance import DynamicStiffness, LineFactor
 from structid.errors import SingularModelError
 
 #: Fewer lines than this are solved one by one.
@@ -25,7 +23,7 @@ _UNDAMPED = 2
 _SAFE = 0.3
 
 #: Line, fields solved for in full and fields of the basis there: the error in parts of what is allowed.
-ErrorOf = Callable[[int, NDArray[Any], NDArray[Any]], float]
+ErrorOf = Callable[[int, NumberArray, NumberArray], float]
 
 
 class FieldSweep:
@@ -60,7 +58,7 @@ class FieldSweep:
         self.n_factorizations = 0
         self._visited = np.zeros(len(stiffness.frequency), dtype=bool)
         self._line = len(self._visited) // 2
-        self._exact: NDArray[Any] | None = None
+        self._exact: NumberArray | None = None
 
     @property
     def n_lines(self) -> int:
@@ -91,30 +89,30 @@ class FieldSweep:
             except SingularModelError:
                 break  # a line at an undamped resonance: with damping it may be sound, which the next step tells
         while self.n_lines >= FEWEST_LINES:
-            solver = None
+            fresh: LineFactor | None = None
             if self._exact is None:
                 if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
                     return None
-                solver = self._solver()
-                self._exact = solver.solve(self.right)
+                fresh = self._solver()
+                self._exact = fresh.solve(self.right)
             if self.n_basis:
                 error = error_of(self._line, self._exact, self.fields(self._line))
                 if error <= _SAFE:
                     return error
-            self._grow(solver or self._solver(), self._exact)
+            self._grow(fresh or self._solver(), self._exact)
             self._exact = None
         return None
 
-    def _grow(self, solver: Any, fields: NDArray[Any]) -> None:
+    def _grow(self, solver: LineFactor, fields: NumberArray) -> None:
         self.basis.grow(solver, fields)
         self._visited[self._line] = True
         self._line = int(np.argmax(np.where(self._visited, -1.0, self.basis.residuals)))
 
-    def fields(self, line: int) -> NDArray[Any]:
+    def fields(self, line: int) -> NumberArray:
         """Fields of the basis at a line, (n_dofs, n_columns)."""
         return self.basis.fields(line)
 
-    def _solver(self, is_damped: bool = True) -> Any:
+    def _solver(self, is_damped: bool = True) -> LineFactor:
         self.n_factorizations += 1
         return self.stiffness.solver(self._line, is_damped)
 
@@ -177,6 +175,6 @@ def reduced_sweep(
     return ReducedSweep(values, sweep.n_factorizations + sweep.n_lines, 0, float("nan"))
 
 
-def reading_error(exact: NDArray[Any], found: NDArray[Any]) -> float:
+def reading_error(exact: NumberArray, found: NumberArray) -> float:
     """Largest difference in parts of the largest reading."""
     return float(np.abs(found - exact).max() / np.abs(exact).max())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -378,7 +378,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
 
 def estimate(
     problem: Problem,
-    method: Method[Any] | None = None,
+    method: Method | None = None,
     plans: Sequence[Way] = (),
     search: Search | None = None,
     misfit_probability: float = 1e-3,

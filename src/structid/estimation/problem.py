@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Protocol
@@ -15,11 +16,8 @@ from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.linearization import Linearization, OperatorLinearization
 
 
-class Problem(Protocol):
-    """A least-squares problem in free variables theta, with its meaning in physical units.
-
-    Whoever writes one inherits from `BaseProblem`, which answers all from `sizes` on.
-    """
+class Unknowns(Protocol):
+    """What is sought, as free variables theta, with their meaning in physical units."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -32,25 +30,6 @@ class Problem(Protocol):
 
     @property
     def theta_start(self) -> FloatArray: ...
-
-    @property
-    def n_data(self) -> int:
-        """Number of data rows, which come first; priors follow."""
-        ...
-
-    @property
-    def lines(self) -> IntArray:
-        """Position of each data row along the frequency or time axis, (n_data,)."""
-        ...
-
-    @property
-    def series(self) -> IntArray:
-        """Which channel each data row belongs to, (n_data,)."""
-        ...
-
-    def residual(self, theta: FloatArray) -> FloatArray: ...
-
-    def linearize(self, theta: FloatArray) -> Linearization: ...
 
     def physical(self, theta: FloatArray) -> FloatArray:
         """Physical parameters, (n_params,)."""
@@ -77,6 +56,23 @@ class Problem(Protocol):
         """Lowest and highest of each free variable that a search may come to, (n_params, 2); infinite where all may be."""
         ...
 
+
+class Data(Protocol):
+    """What the data rows of a residual are, which come first, and how they err; priors follow."""
+
+    @property
+    def n_data(self) -> int: ...
+
+    @property
+    def lines(self) -> IntArray:
+        """Position of each data row along the frequency or time axis, (n_data,)."""
+        ...
+
+    @property
+    def series(self) -> IntArray:
+        """Which channel each data row belongs to, (n_data,)."""
+        ...
+
     @property
     def averages(self) -> FloatArray | None:
         """How many averages tell the variance of each data row, (n_data,), infinite where it is known; None for all rows."""
@@ -92,6 +88,18 @@ class Problem(Protocol):
         None for J'J, as rows of independent errors of known variance have.
         """
         ...
+
+
+class Problem(Unknowns, Data, Protocol):
+    """A least-squares problem: a residual of `Unknowns` against `Data`, and ways to its minimum.
+
+    Whoever writes one inherits from `BaseProblem`, which answers all but names, kinds, units, start, physical values and
+    their slope, the data rows, residual and Jacobian.
+    """
+
+    def residual(self, theta: FloatArray) -> FloatArray: ...
+
+    def linearize(self, theta: FloatArray) -> Linearization: ...
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         """Residual (n_priors,) of the priors and its derivative, sparse (n_priors, n_params)."""
@@ -125,24 +133,99 @@ Stages = Sequence[tuple[str, Problem]]
 Way = Stages | Callable[[FloatArray], Stages]
 
 
-class BaseProblem:
+class BaseUnknowns:
+    """What unknowns answer that may take any value."""
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return np.abs(physical)
+
+    @property
+    def bounds(self: Unknowns) -> FloatArray:
+        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
+
+    @property
+    def reach(self: Unknowns) -> FloatArray:
+        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
+
+
+class OfUnknowns(ABC):
+    """What has `unknowns` of its own, and answers for them."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> Unknowns: ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.unknowns.names
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.unknowns.kinds
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.unknowns.units
+
+    @property
+    def theta_start(self) -> FloatArray:
+        return self.unknowns.theta_start
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        return self.unknowns.physical(theta)
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        return self.unknowns.slope(theta)
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return self.unknowns.sizes(physical)
+
+    @property
+    def bounds(self) -> FloatArray:
+        return self.unknowns.bounds
+
+    @property
+    def reach(self) -> FloatArray:
+        return self.unknowns.reach
+
+
+class OfData(ABC):
+    """What has `data` of its own, and answers for it."""
+
+    @property
+    @abstractmethod
+    def data(self) -> Data: ...
+
+    @property
+    def n_data(self) -> int:
+        return self.data.n_data
+
+    @property
+    def lines(self) -> IntArray:
+        return self.data.lines
+
+    @property
+    def series(self) -> IntArray:
+        return self.data.series
+
+    @property
+    def averages(self) -> FloatArray | None:
+        return self.data.averages
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        return self.data.data_changes(theta)
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        return self.data.score_covariance(theta, jacobian)
+
+
+class BaseProblem(BaseUnknowns):
     """What a problem answers that has nothing to tell but its residual; others inherit from it and say more."""
 
     def __getstate__(self) -> dict[str, object]:
         """Without what is cached: it can be made again, and factorizations cannot go to another process."""
         kept = (name for name in vars(self) if not isinstance(getattr(type(self), name, None), cached_property))
         return {name: vars(self)[name] for name in kept}
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return np.abs(physical)
-
-    @property
-    def bounds(self: Problem) -> FloatArray:
-        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
-
-    @property
-    def reach(self: Problem) -> FloatArray:
-        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
 
     @property
     def averages(self) -> FloatArray | None:

@@ -146,7 +146,9 @@ class Trial:
 
     def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray) -> Point:
         """Views in some form where changes are screened; modes whose damping is not fitted say nothing of damping."""
-        silent = [k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.use_damping]
+        silent = [
+            k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
+        ]
         return point_at(problems, theta, silent)
 
     def approached(self) -> tuple[FloatArray, float]:
@@ -190,7 +192,7 @@ def _started(problem: RecordProblem, known: Mapping[str, float]) -> RecordProble
 
 def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: FloatArray) -> Trial:
     """The study as it is, with free variables of all its parameters at which its records are looked at as FRFs."""
-    columns = JointProblem(tuple(problems), first_prior_counts=True).columns
+    columns = JointProblem(tuple(problems), first_prior_counts=True).unknowns.columns
     own = [theta[index] for index in columns]
     shown = views(setups, problems, own, study.options)
     return Trial(study, tuple(setups), tuple(problems), shown)
@@ -214,7 +216,7 @@ def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: 
     if isinstance(problem, FrfProblem):
         known = view.problem.record
         return View(replace(problem, record=known), view.smooth) if _is_same(problem.record, known) else View(problem)
-    if setup.measured is before.measured:
+    if setup.record is before.record:
         return view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]
 

@@ -128,7 +128,7 @@ def identify_together(
         for words in own
     ]  # fmt: skip
     warnings += [fit.outvoted for fit in modal_fits if fit is not None and len(setups) == 1 and fit.outvoted]
-    is_scaled = all(problem.measures_force for problem in problems)
+    is_scaled = all(problem.facts.measures_force for problem in problems)
     scale_free = None if target is None or is_scaled else ratios(target, found)
     share = shares(target, found)
     away = ran_away(found, problems)

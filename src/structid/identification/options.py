@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from structid.declared import Count, Limits, NotNegative, Positive
 from structid.estimation import LevenbergMarquardt, Method
@@ -92,7 +92,7 @@ class SearchOptions:
     restarts: int = 2
     uniqueness_starts: int = 0
     seed: int = 0
-    method: Method[Any] = field(default_factory=LevenbergMarquardt)
+    method: Method = field(default_factory=LevenbergMarquardt)
     matrix_free: bool | None = None
 
 

@@ -84,7 +84,7 @@ def answered(
         return Answer(alone.estimated(options, progress, work), problems, None, ())
     method = chosen_method(problems, options)
     regular = regularized(problems, options, method, progress, work)
-    few = all(np.isnan(problem.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
+    few = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
     local = not all(problem.structure.has_matrices for problem in problems)  # FRFs alone hold about the start only
     search = (
         Search(seed=options.seed)

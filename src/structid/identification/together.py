@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
+from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
 from structid.estimation import JointProblem, Problem
 from structid.identification.varying import varying
 from structid.observation import RecordProblem
 from structid.observation.scatter import scatter_problems
-from structid.unknowns.named_unknowns import NamedUnknowns, StatedPrior
+from structid.unknowns.named_unknowns import NamedUnknowns
+
+N = TypeVar("N", bound=NamedUnknowns)
+#: Mean, standard deviation and whether it is log-normal, of a prior.
+StatedPrior = tuple[float, float, bool]
 
 
 def together(problems: Sequence[RecordProblem]) -> Problem:
@@ -62,7 +68,31 @@ def alike(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[Rec
     for part in (part for problem in problems for part in problem.parts):
         for i, name in enumerate(part.names):
             first.setdefault(name, (part, i))
-            stated = part.stated_prior(i)
+            stated = _stated_prior(part, i)
             if stated is not None and priors.setdefault(name, stated) != stated:
                 raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
-    return tuple(problem.with_parts([part.shared(first, priors) for part in problem.parts]) for problem in problems)
+    return tuple(
+        problem.with_parts([_begun_alike(part, first, priors) for part in problem.parts]) for problem in problems
+    )
+
+
+def _stated_prior(unknowns: NamedUnknowns, index: int) -> StatedPrior | None:
+    """The prior of the unknown at `index`; None where there is none."""
+    mean, std = float(unknowns.prior_mean[index]), float(unknowns.prior_std[index])
+    return (mean, std, bool(unknowns.prior_lognormal[index])) if np.isfinite(std) else None
+
+
+def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, StatedPrior]) -> N:
+    """The same with start and scale of each as the unknowns that `first` names by it, and with these `priors`."""
+    if not unknowns.names:
+        return unknowns
+    origin = [first[name] for name in unknowns.names]
+    mean, std, lognormal = zip(*(priors.get(name, (np.nan, np.nan, False)) for name in unknowns.names), strict=True)
+    return replace(
+        unknowns,
+        start=locked([one.start[i] for one, i in origin], float),
+        scale=locked([one.scale[i] for one, i in origin], float),
+        prior_mean=locked(mean, float),
+        prior_std=locked(std, float),
+        prior_lognormal=locked(lognormal, bool),
+    )

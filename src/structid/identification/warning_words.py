@@ -47,7 +47,7 @@ def unused_damping(
 ) -> list[str]:
     """That measured damping ratios are left out, where dampings are not determined."""
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
-    if not open_ones or not any(problem.leaves_damping_out for problem in problems):
+    if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
     return [
         f"damping is not determined ({listed([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"

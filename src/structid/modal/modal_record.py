@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
 from structid.shown import Overview, Shown, counted, data_frame, figures, listed
@@ -100,7 +100,7 @@ class ModalRecord(Shown):
 
     frequency: FloatArray
     damping_ratio: FloatArray
-    mode_shapes: NDArray[np.inexact]
+    mode_shapes: NumberArray
     channels: tuple[Dof, ...]
     covariance: FloatArray | None = None
     shape_std: FloatArray | None = None
@@ -161,20 +161,14 @@ class ModalRecord(Shown):
         words += self.unknown_words
         rows = [
             (str(number + 1), *(figures(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
-            for number, row in enumerate(self._table.tolist())
+            for number, row in enumerate(_table(self).tolist())
         ]
         return Overview(words, ("mode", "frequency, Hz", "std", "damping ratio", "std"), rows)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a mode: frequency in Hz and damping ratio with their standard deviations."""
-        columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), self._table.T, strict=True))
+        columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), _table(self).T, strict=True))
         return data_frame({"mode": range(1, self.n_modes + 1), **columns}, "mode")
-
-    @property
-    def _table(self) -> FloatArray:
-        """Frequency, its deviation, damping ratio, its deviation, (n_modes, 4)."""
-        std = self.std.reshape(2, self.n_modes)
-        return np.stack([self.frequency, std[0], self.damping_ratio, std[1]], axis=1)
 
     @property
     def n_modes(self) -> int:
@@ -244,14 +238,28 @@ class ModalRecord(Shown):
         )
 
 
+def _table(modes: ModalRecord) -> FloatArray:
+    """Frequency, its deviation, damping ratio, its deviation, (n_modes, 4)."""
+    std = modes.std.reshape(2, modes.n_modes)
+    return np.stack([modes.frequency, std[0], modes.damping_ratio, std[1]], axis=1)
+
+
+class _Others(TypedDict, total=False):
+    """Fields of a `ModalRecord` that the order of its modes does not touch."""
+
+    warnings: Iterable[str]
+    source: str
+    scaling: Scaling
+
+
 def by_frequency(
     frequency: FloatArray,
     damping_ratio: FloatArray,
-    mode_shapes: NDArray[np.inexact],
+    mode_shapes: NumberArray,
     channels: tuple[Dof, ...],
     covariance: FloatArray | None = None,
     shape_std: FloatArray | None = None,
-    **others: Any,
+    **others: Unpack[_Others],
 ) -> ModalRecord:
     """A `ModalRecord` of modes in any order; `others` are its other fields."""
     order = np.argsort(frequency, kind="stable")
@@ -288,21 +296,21 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
     return np.concatenate(known, axis=1) if len(known) == len(parts) else None
 
 
-def unit_largest(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+def unit_largest(shapes: NumberArray) -> NumberArray:
     """Each column divided by its known entry of largest magnitude, so that this entry is 1."""
     known = ~np.isnan(shapes)
     largest = shapes[np.where(known, np.abs(shapes), 0.0).argmax(axis=0), np.arange(shapes.shape[1])]
     return shapes / np.where(np.isnan(largest), 1.0, largest)
 
 
-def largest_entries(shapes: NDArray[np.inexact], empty: float = 0.0) -> FloatArray:
+def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
     """Size of the largest known entry of each column, (n_modes,); `empty` where none is known."""
     known = ~np.isnan(shapes)
     sizes = np.where(known, np.abs(shapes), 0.0).max(axis=0, initial=0.0)
     return np.asarray(np.where(known.any(axis=0), sizes, empty))
 
 
-def unscaled_shape_std(shapes: NDArray[np.inexact], std: FloatArray) -> FloatArray:
+def unscaled_shape_std(shapes: NumberArray, std: FloatArray) -> FloatArray:
     """Standard deviations of shapes whose scale is free, from those of shapes with one entry held at 1.
 
     A shape psi = phi / phi_t has no error at its entry t, whose own error is in all others: to first order

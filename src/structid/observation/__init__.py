@@ -7,7 +7,8 @@ from structid.observation.frf.forms import Form
 from structid.observation.frf.problem import FrfProblem, frequency_continuation
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.frf.simulation import simulated_record
-from structid.observation.modal.problem import ModalForm, ModalProblem, ShapeForm
+from structid.observation.modal.problem import ModalProblem
+from structid.observation.modal.settings import ModalForm, ModalSettings, ShapeForm
 from structid.observation.motion.checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion.fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
 from structid.observation.motion.motion import Motion, completed, recorded_motion
@@ -32,6 +33,7 @@ __all__ = [
     "FrfProblem",
     "ModalForm",
     "ModalProblem",
+    "ModalSettings",
     "Models",
     "Motion",
     "MotionSolution",

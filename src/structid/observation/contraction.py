@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.structure import Structure
 from structid.structure.matrices.blocks import Blocks, ElementMatrices, index_kind
 
@@ -63,12 +61,12 @@ class ParameterForces:
     def n_params(self) -> int:
         return len(self.indptr) - 1
 
-    def entries(self, factors: ComplexArray, x: NDArray[Any]) -> NDArray[Any]:
+    def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
         """The forces for fields x (n_dofs, n_x), (n_forces, n_x), with the `factors` (n_maps,) of one line."""
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
         flat = flat.view(np.float64) if is_complex else flat
-        total: NDArray[Any] = np.zeros((len(self.indices), x.shape[1]), dtype=x.dtype)
+        total: NumberArray = np.zeros((len(self.indices), x.shape[1]), dtype=x.dtype)
         for factor, matrix in zip(factors, self.maps, strict=True):
             if factor == 0:
                 continue
@@ -77,13 +75,13 @@ class ParameterForces:
             total = total + (factor if factor.imag else factor.real) * own
         return total
 
-    def columns(self, entries: NDArray[Any]) -> NDArray[Any]:
+    def columns(self, entries: NumberArray) -> NumberArray:
         """The forces `entries` (n_forces, n_x) as fields (n_dofs, n_x n_params), parameters fastest."""
         shape = (self.n_params, self.n_dofs)
         wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
         return np.concatenate(wide, axis=1)
 
-    def contracted(self, factors: ComplexArray, x: NDArray[Any], y: NDArray[Any]) -> list[NDArray[Any]]:
+    def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
         """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x."""
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
@@ -176,7 +174,7 @@ class DenseForces:
     maps: tuple[tuple[int, IntArray, FloatArray], ...]
     n_params: int
 
-    def contracted(self, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray) -> ComplexArray:
+    def contracted(self, coefficients: ComplexArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """y' (dZ/dp) x (no conjugate) at every line, (n_lines, n_y, n_x, n_params).
 
         Parameters
@@ -199,10 +197,10 @@ class DenseForces:
                 found[part, :, column] = adjoint @ held.reshape(-1, n_dofs, self.n_params)
         return found
 
-    def _forces(self, coefficients: ComplexArray, x: ComplexArray) -> ComplexArray:
+    def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
         """The forces for fields x, (n_forces, n_lines, n_x)."""
         n_lines, n_dofs, n_x = x.shape
-        flat = np.ascontiguousarray(np.moveaxis(x, 1, 0)).reshape(n_dofs, -1).view(np.float64)
+        flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
         for law, chosen, matrix in self.maps:
             own = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
@@ -294,7 +292,7 @@ def _joined(
         )
 
 
-def element_products(blocks: ElementMatrices, y: NDArray[Any], x: NDArray[Any]) -> FloatArray:
+def element_products(blocks: ElementMatrices, y: NumberArray, x: NumberArray) -> FloatArray:
     """Real parts of the sums over columns of conj(y)' B_e x, for y and x (n_dofs, n_columns): (n_elements,).
 
     Columns are whatever the sums run over: lines and loads.

@@ -13,14 +13,15 @@ from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.estimation.linearization import Linearization
-from structid.estimation.problem import BaseProblem
+from structid.estimation.problem import BaseProblem, OfUnknowns
 from structid.observation.channel_errors import ChannelErrors
 from structid.structure import Structure
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns, joined
+from structid.unknowns.priors import held_rows
 
 
-class NamedProblem(BaseProblem, ABC):
+class NamedProblem(OfUnknowns, BaseProblem):
     """A problem of named unknowns."""
 
     @property
@@ -28,44 +29,15 @@ class NamedProblem(BaseProblem, ABC):
     def unknowns(self) -> NamedUnknowns:
         """All that is unknown, with starts, ranges and priors."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.unknowns.names
+    @abstractmethod
+    def residual(self, theta: FloatArray) -> FloatArray: ...
 
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.unknowns.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.unknowns.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.unknowns.theta_start
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical parameters, (n_params,)."""
-        return self.unknowns.transforms.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of each physical parameter with respect to its free variable, (n_params,)."""
-        return self.unknowns.transforms.slope(theta)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return self.unknowns.sizes(physical)
-
-    @property
-    def bounds(self) -> FloatArray:
-        return self.unknowns.transforms.bounds
-
-    @property
-    def reach(self) -> FloatArray:
-        return self.unknowns.reach
+    @abstractmethod
+    def linearize(self, theta: FloatArray) -> Linearization: ...
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.unknowns.sparse_prior_rows(self.physical(theta))
-        members, held, weights = self.unknowns.held_rows(theta)
+        members, held, weights = held_rows(self.unknowns.held, theta)
         last = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
         scaled = rows @ sparse.diags_array(self.slope(theta))
         return np.concatenate([residual, held]), sparse.csr_array(sparse.vstack([scaled, last]))
@@ -73,7 +45,7 @@ class NamedProblem(BaseProblem, ABC):
     def _residual(self, theta: FloatArray, data: FloatArray) -> FloatArray:
         """Data rows, then those of the priors."""
         return np.concatenate(
-            [data, self.unknowns.prior_residual(self.physical(theta)), self.unknowns.held_rows(theta)[1]]
+            [data, self.unknowns.prior_residual(self.physical(theta)), held_rows(self.unknowns.held, theta)[1]]
         )
 
     def _linearized(
@@ -81,7 +53,7 @@ class NamedProblem(BaseProblem, ABC):
     ) -> Linearization:
         """Data rows with their derivative with respect to the free variables, then those of the priors."""
         residual, rows = self.unknowns.prior_rows(self.physical(theta))
-        members, held, weights = self.unknowns.held_rows(theta)
+        members, held, weights = held_rows(self.unknowns.held, theta)
         last = np.zeros((len(members), len(theta)))
         last[np.arange(len(members)), members] = weights
         jacobian = np.concatenate([change, rows * self.slope(theta), last])
@@ -122,10 +94,39 @@ def complex_rows(n_lines: int, names: Sequence[str]) -> DataRows:
     return DataRows(np.concatenate([index, index]), np.concatenate([channel, channel + 1]), both)
 
 
-class RecordProblem(ParameterProblem, ABC):
-    """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
+@dataclass(frozen=True, eq=False)
+class RecordFacts:
+    """What is known of a problem's record beside its data.
 
-    structure: Structure
+    Attributes
+    ----------
+    line_spacing : (n_lines,) float array
+        Distance of the used lines at each of them, Hz; NaN where lines resolve no resonance, as where modes were measured.
+    window_bandwidth : (n_lines,) float array
+        What an exponential window adds to the half-power bandwidth at each line, Hz.
+    noise : str
+        The noise that the residual is whitened by, by where it comes from.
+    measures_force : bool
+        Whether the record fixes the size of masses and stiffnesses, which is free without a measured force.
+    leaves_damping_out : bool
+        Whether damping was measured and does not count.
+    n_channels : int
+        Pairs of sensor and load, for the memory that they take.
+    record : object
+        The record itself, for the memory that it takes; None where it is not kept.
+    """
+
+    line_spacing: FloatArray
+    window_bandwidth: FloatArray
+    noise: str = "the stated noise"
+    measures_force: bool = True
+    leaves_damping_out: bool = False
+    n_channels: int = 1
+    record: object = None
+
+
+class OfRows(ABC):
+    """What has `rows` of data, and answers for them."""
 
     @property
     @abstractmethod
@@ -143,11 +144,36 @@ class RecordProblem(ParameterProblem, ABC):
     def series(self) -> IntArray:
         return self.rows.series
 
-    @abstractmethod
-    def residual(self, theta: FloatArray) -> FloatArray: ...
 
-    @abstractmethod
-    def linearize(self, theta: FloatArray) -> Linearization: ...
+class Undecided:
+    """What a search settles beside the parameters, signs and weights; there is nothing of it where others do not say more."""
+
+    @property
+    def polarities(self) -> FloatArray:
+        """+1 or -1 of all that no continuous search can decide."""
+        return locked(np.zeros(0))
+
+    def decided(self, theta: FloatArray) -> Self:
+        """The same with the polarities that the model at `theta` asks for."""
+        return self
+
+    def with_polarities(self, signs: Sequence[float]) -> Self:
+        """The same with these polarities."""
+        return self
+
+    def reweighted(self, theta: FloatArray) -> Self:
+        """The same with errors that are a part of each value's size taken of what the model has at `theta`.
+
+        As a part of the *measured* size they are held smaller where noise makes a value small, which then weighs more: masses
+        and stiffnesses come out too high by about the square of the noise. Itself where no error depends on size.
+        """
+        return self
+
+
+class RecordProblem(OfRows, Undecided, ParameterProblem):
+    """The problem of one record of responses, modes or time histories; what it does not say has a default here."""
+
+    structure: Structure
 
     @property
     @abstractmethod
@@ -157,11 +183,6 @@ class RecordProblem(ParameterProblem, ABC):
     @property
     def matrix_free_obstacle(self) -> str:
         return "takes FRFs, not time histories that are fitted themselves"
-
-    @property
-    def sources(self) -> tuple[object, ...]:
-        """Structure and record: what another process that reads the same study has as well."""
-        return (self.structure,)
 
     @property
     def parts(self) -> tuple[NamedUnknowns, ...]:
@@ -192,55 +213,10 @@ class RecordProblem(ParameterProblem, ABC):
         return None
 
     @property
-    def polarities(self) -> FloatArray:
-        """+1 or -1 of all that no continuous search can decide."""
-        return locked(np.zeros(0))
-
-    def decided(self, theta: FloatArray) -> Self:
-        """The same with the polarities that the model at `theta` asks for."""
-        return self
-
-    def with_polarities(self, signs: Sequence[float]) -> Self:
-        """The same with these polarities."""
-        return self
-
-    def reweighted(self, theta: FloatArray) -> Self:
-        """The same with errors that are a part of each value's size taken of what the model has at `theta`.
-
-        As a part of the *measured* size they are held smaller where noise makes a value small, which then weighs more: masses
-        and stiffnesses come out too high by about the square of the noise. Itself where no error depends on size.
-        """
-        return self
-
-    @property
-    def noise_words(self) -> str:
-        """The noise that its residual is whitened by, by where it comes from."""
-        return "the stated noise"
-
-    @property
-    def leaves_damping_out(self) -> bool:
-        """Whether damping was measured and does not count."""
-        return False
-
-    @property
-    def measures_force(self) -> bool:
-        """Whether the record fixes the size of masses and stiffnesses, which is free without a measured force."""
-        return True
-
-    @property
-    def line_spacing(self) -> FloatArray:
-        """Distance of the used lines at each of them, Hz; NaN where lines resolve no resonance, as where modes were measured."""
-        return np.full(len(self.frequency), np.nan)
-
-    @property
-    def window_bandwidth(self) -> FloatArray:
-        """What an exponential window adds to the half-power bandwidth at each line, Hz."""
-        return np.zeros(len(self.frequency))
-
-    @property
-    def n_channels(self) -> int:
-        """Pairs of sensor and load, for the memory that they take."""
-        return 1
+    def facts(self) -> RecordFacts:
+        """What is known of the record beside its data."""
+        n_lines = len(self.frequency)
+        return RecordFacts(np.full(n_lines, np.nan), np.zeros(n_lines))
 
     @property
     def is_large(self) -> bool:

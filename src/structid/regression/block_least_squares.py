@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
@@ -108,7 +107,7 @@ class _Band:
 class _Normal:
     """A sparse factor of B'B with unit columns."""
 
-    factor: Any
+    factor: SuperLU | None
     n_params: int
 
     def inverse(self, right: FloatArray) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +18,7 @@ from structid.shown import Overview, Shown, counted, listed
 from structid.structure.component import Component, Reduction, reductions
 from structid.structure.elements import ElementSet, MatrixGroup
 from structid.structure.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
+from structid.structure.elements.matrix_group import GroupMatrices
 from structid.structure.inside import NumberedTerms, is_divisible, numbered_terms
 from structid.structure.matrices.blocks import Pattern, pattern
 from structid.structure.matrices.contribution import Contribution, Property, rigid_mass, weighed
@@ -477,7 +477,7 @@ def _require_pieces(structure: Structure) -> None:
 
 
 def from_matrices(
-    groups: Mapping[str, Mapping[str, Any]],
+    groups: Mapping[str, GroupMatrices],
     dofs: Sequence[str | Dof],
     nodes: Mapping[int, ArrayLike] | None = None,
     fixed: Iterable[str | Dof] = (),

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from structid.errors import InputError
 from structid.structure import Property, Structure
 from structid.unknowns.field import field_functions
 from structid.unknowns.unknown import Unknown
+
+Entry = TypeVar("Entry")
 
 _SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
 
@@ -52,11 +54,6 @@ class Family:
     shares: FloatArray | None = None
 
     @property
-    def label(self) -> str:
-        """What stands for all of them in the brackets of a name."""
-        return _label(self.unknown)
-
-    @property
     def n_params(self) -> int:
         return len(self.labels)
 
@@ -82,7 +79,7 @@ class Family:
             return np.full(self.n_params, self.unknown.factor is not False)
         quantities = [item.term.property for item in self.properties]
         number = np.array([quantities.index(one) for one in quantities])[self.item]
-        return self._varies(number) | self._varies(self.nominal)
+        return _varies(number, self.first) | _varies(self.nominal, self.first)
 
     @property
     def base(self) -> FloatArray:
@@ -151,30 +148,32 @@ class Family:
         units = [item.term.unit for item in self.properties]
         return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
 
-    @property
-    def elements(self) -> tuple[tuple[str, ...], ...]:
-        """Element sets of each parameter."""
-        sets = [item.element for item in self.properties]
-        number = np.array([sets.index(one) for one in sets])[self.item]
-        found = list(_chosen([(name,) for name in sets], number[self.first]))
-        for k in np.flatnonzero(self._varies(number)).tolist():
-            own = number[self.owner == k].tolist()
-            found[k] = tuple(dict.fromkeys(sets[i] for i in own))
-        return tuple(found)
 
-    def _varies(self, numbers: np.ndarray) -> np.ndarray:
-        """Whether `numbers`, one an entry, differ among the entries of each parameter, (n_params,)."""
-        if not self.n_params:
-            return np.zeros(0, dtype=bool)
-        return np.asarray(np.maximum.reduceat(numbers, self.first) > np.minimum.reduceat(numbers, self.first))
+def element_sets(one: Family) -> tuple[tuple[str, ...], ...]:
+    """Element sets of each parameter."""
+    sets = [item.element for item in one.properties]
+    number = np.array([sets.index(name) for name in sets])[one.item]
+    found = list(_chosen([(name,) for name in sets], number[one.first]))
+    for k in np.flatnonzero(_varies(number, one.first)).tolist():
+        own = number[one.owner == k].tolist()
+        found[k] = tuple(dict.fromkeys(sets[i] for i in own))
+    return tuple(found)
 
 
-def _label(unknown: Unknown) -> str:
+def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
+    """Whether `numbers`, one an entry, differ among the entries of each parameter, which begin at `first`, (n_params,)."""
+    if not len(first):
+        return np.zeros(0, dtype=bool)
+    return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
+
+
+def label_of(unknown: Unknown) -> str:
+    """What stands for all parameters of a declaration in the brackets of a name."""
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else unknown.elements
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Any], places: IntArray) -> tuple[Any, ...]:
+def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
     """`table` at `places`."""
     if len(table) == 1:
         return (table[0],) * len(places)
@@ -199,7 +198,7 @@ def family(structure: Structure, unknown: Unknown) -> Family:
     item = np.concatenate([np.full(len(rows), place[own.values.start]) for own, rows in members])
     once = np.sort(np.unique(indices, return_index=True)[1])  # elements named twice take part once
     indices, item = indices[once], item[once]
-    label = _label(unknown)
+    label = label_of(unknown)
     if unknown.field is not None:
         return _field_family(structure, unknown, label, items, indices, item)
     nominal = structure.values[indices]

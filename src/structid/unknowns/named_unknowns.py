@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray, locked, require_shape
+from structid.arrays import FloatArray, locked, require_shape
 from structid.errors import InputError
 from structid.unknowns.priors import Coupling, prior_entries
 from structid.unknowns.transforms import Transforms
-
-#: Mean, standard deviation and whether it is log-normal, of a prior.
-StatedPrior = tuple[float, float, bool]
-
 
 #: Kinds of parameters that are damping, linear in the motion.
 DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
@@ -71,6 +66,19 @@ class NamedUnknowns:
         """Free variables of the initial values."""
         return self.transforms.free(self.start)
 
+    def physical(self, theta: FloatArray) -> FloatArray:
+        """Physical values, (n_params,)."""
+        return self.transforms.physical(theta)
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        """Derivative of each physical value with respect to its free variable, (n_params,)."""
+        return self.transforms.slope(theta)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lower and upper bound of each physical value, (n_params, 2)."""
+        return self.transforms.bounds
+
     def sizes(self, physical: FloatArray) -> FloatArray:
         """What the standard deviation of each is held against, (n_params,); at 0, of those alone that may vanish."""
         return np.maximum(np.abs(physical), self.scale)
@@ -103,19 +111,6 @@ class NamedUnknowns:
         parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
         return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
 
-    def held_rows(self, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Of `held`: which free variable each row is about, its residual, and its one derivative, (n_rows,) each."""
-        if self.held is None:
-            return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
-        mean, std = self.held
-        rows = np.flatnonzero(np.isfinite(std))
-        return rows, ((theta - mean) / std)[rows], 1 / std[rows]
-
-    def stated_prior(self, index: int) -> StatedPrior | None:
-        """The prior of the unknown at `index`; None where there is none."""
-        mean, std = float(self.prior_mean[index]), float(self.prior_std[index])
-        return (mean, std, bool(self.prior_lognormal[index])) if np.isfinite(std) else None
-
     def started_at(self, physical: FloatArray) -> Self:
         """The same with other initial values."""
         require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
@@ -134,21 +129,6 @@ class NamedUnknowns:
         free = ~np.isfinite(self.prior_std) & (width > 0)
         mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
         return replace(self, prior_mean=locked(mean), prior_std=locked(std))
-
-    def shared(self, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, StatedPrior]) -> Self:
-        """The same with start and scale of each as the unknowns that `first` names by it, and with these `priors`."""
-        if not self.names:
-            return self
-        origin = [first[name] for name in self.names]
-        mean, std, lognormal = zip(*(priors.get(name, (np.nan, np.nan, False)) for name in self.names), strict=True)
-        return replace(
-            self,
-            start=locked([unknowns.start[i] for unknowns, i in origin], float),
-            scale=locked([unknowns.scale[i] for unknowns, i in origin], float),
-            prior_mean=locked(mean, float),
-            prior_std=locked(std, float),
-            prior_lognormal=locked(lognormal, bool),
-        )
 
 
 def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:

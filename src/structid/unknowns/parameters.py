@@ -6,20 +6,22 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked
+from structid.arrays import AnyArray, FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
-from structid.unknowns.families import Family, family, require_distinct
+from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
 from structid.unknowns.priors import Coupling
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 from structid.unknowns.varying import BEGUN, Scatter
+
+Entry = TypeVar("Entry")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
             raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
     counts = [one.n_params for one in free]
 
-    def each(values: Iterable[Any], dtype: Any = float) -> np.ndarray:
+    def each(values: Iterable[float], dtype: type = float) -> AnyArray:
         """One value a family as one a parameter."""
         return locked(np.repeat(np.array(list(values), dtype=dtype), counts))
 
@@ -129,7 +131,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         names=_joined(one.names for one in free),
         kinds=_joined(one.kinds for one in free),
         units=_joined(one.units for one in free),
-        elements=_joined(one.elements for one in free),
+        elements=_joined(element_sets(one) for one in free),
         start=locked(np.concatenate(start) if start else np.zeros(0)),
         transforms=transforms,
         prior_mean=each(prior.mean if prior else np.nan for prior in priors),
@@ -145,7 +147,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
 
 def _scatter(one: Family) -> Scatter:
     """That of a declaration that varies from record to record."""
-    name = one.names[0] if one.n_params == 1 else f"{one.unknown.property}[{one.label}]"
+    name = one.names[0] if one.n_params == 1 else f"{one.unknown.property}[{label_of(one.unknown)}]"
     if not one.is_free:
         raise InputError(f"{name} must be free to vary from record to record; leave `fixed` and `tied_to` out of it")
     if one.limits[0] < 0:
@@ -215,5 +217,5 @@ def _transform(one: Family) -> Transform:
     return "log" if one.unknown.positive else "linear"
 
 
-def _joined(parts: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
+def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:
     return tuple(chain.from_iterable(parts))

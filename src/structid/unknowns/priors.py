@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -69,12 +69,12 @@ class Coupling:
 
     def __post_init__(self) -> None:
         if sparse.issparse(self.matrix):
-            kept: Any = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
-            require_finite("matrix", kept.data)
+            rows = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
+            require_finite("matrix", rows.data)
+            object.__setattr__(self, "matrix", rows)
         else:
-            kept = locked(self.matrix, np.float64)
-            require_finite("matrix", kept)
-        object.__setattr__(self, "matrix", kept)
+            object.__setattr__(self, "matrix", locked(self.matrix, np.float64))
+            require_finite("matrix", self.matrix)
         object.__setattr__(self, "target", locked(self.target, np.float64))
         require_finite("target", self.target)
         require_shape("matrix", self.matrix, (None, None))
@@ -200,3 +200,12 @@ def prior_entries(
         residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
         slope[log] = 1 / (width * p[log])
     return rows, residual, slope
+
+
+def held_rows(held: tuple[FloatArray, FloatArray] | None, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Whitened rows of `NamedUnknowns.held`: which free variable each is about, residual and derivative, (n_rows,) each."""
+    if held is None:
+        return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
+    mean, std = held
+    rows = np.flatnonzero(np.isfinite(std))
+    return rows, ((theta - mean) / std)[rows], 1 / std[rows]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.intervals.sampling import WITH_EXTRA
+
+if TYPE_CHECKING:
+    from arviz import InferenceData
 
 
 class Drawn(Protocol):
@@ -22,7 +25,7 @@ class Drawn(Protocol):
         ...
 
 
-def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> Any:
+def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
     """Draws as ``arviz.InferenceData``, one variable a parameter.
 
     Parameters

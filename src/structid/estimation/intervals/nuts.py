@@ -85,53 +85,6 @@ class ChainState:
     acceptance: float
 
 
-@dataclass(frozen=True, eq=False)
-class NutsChain:
-    """One chain.
-
-    Attributes
-    ----------
-    draws : (n_draws, n_params) float array
-    n_divergent : int
-        Draws whose trajectory left the energy by more than 1000.
-    step_size : float
-    acceptance : float
-        Mean over the draws.
-    n_gradients : int
-        Evaluations, warm-up included.
-    """
-
-    draws: FloatArray
-    n_divergent: int
-    step_size: float
-    acceptance: float
-    n_gradients: int
-
-
-def nuts_chain(
-    log_density: LogDensity, start: FloatArray, n_warmup: int, n_draws: int, rng: np.random.Generator
-) -> NutsChain:
-    """Draws by the no-U-turn sampler with multinomial weights; the step size is set in the warm-up, to accept 80 %.
-
-    Half-way through the warm-up the coordinates are turned and scaled by the covariance of the draws so far.
-
-    Parameters
-    ----------
-    log_density : callable
-    start : (n_params,) float array
-        Where the density is not 0.
-    n_warmup, n_draws : int
-    rng : numpy Generator
-
-    References
-    ----------
-    Hoffman and Gelman (2014), J. Mach. Learn. Res. 15, algorithm 6; Betancourt (2017), arXiv:1701.02434, A.3.
-    """
-    state, draws = continued(log_density, begun(log_density, start), n_warmup, n_draws, n_warmup + n_draws, rng)
-    mean = state.acceptance / max(n_draws, 1)
-    return NutsChain(draws @ state.factor.T, state.n_divergent, float(np.exp(state.log_mean)), mean, state.n_gradients)
-
-
 def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
     """A chain before its first draw."""
     return _phase(log_density, start, np.eye(len(start)), 0.5, 0, 0)
@@ -142,8 +95,23 @@ def continued(
 ) -> tuple[ChainState, FloatArray]:
     """The chain after at most `n` more draws, and those of them that are kept, (at most n, n_params).
 
+    Draws by the no-U-turn sampler with multinomial weights; the step size is set in the warm-up, to accept 80 %. Half-way
+    through the warm-up the coordinates are turned and scaled by the covariance of the draws so far.
+
     The kept draws are in the turned coordinates: `draws @ state.factor.T` are the samples. In pieces or at once, the
     chain is the same to the last bit.
+
+    Parameters
+    ----------
+    log_density : callable
+    state : ChainState
+        Of `begun`, where the density is not 0, or of an earlier call.
+    n_warmup, n_draws, n : int
+    rng : numpy Generator
+
+    References
+    ----------
+    Hoffman and Gelman (2014), J. Mach. Learn. Res. 15, algorithm 6; Betancourt (2017), arXiv:1701.02434, A.3.
     """
     lengths = (n_warmup // 2, n_warmup - n_warmup // 2, n_draws)
     kept: list[FloatArray] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from scipy import special
@@ -18,6 +17,7 @@ from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Held
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
+from structid.estimation.search.minimum import Stored
 from structid.estimation.search.work import ALONE, Tools, Work
 
 _SEARCH = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-8, initial_damping=1e-4)
@@ -202,7 +202,7 @@ def profiles(
     return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
 
 
-def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> dict[str, Any]:
+def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> Stored:
     """`profile` as a task."""
     problem, estimate, level, max_points = shared
     found = profile(problem, replace(estimate, to_physical=problem.physical), parameter, level, max_points)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from structid.estimation.estimate import Estimate
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.estimation.intervals.nuts import ChainState, begun, continued
 from structid.estimation.problem import Problem
+from structid.estimation.search.minimum import Stored
 from structid.estimation.search.work import ALONE, Tools, Work
 
 SamplerKind = Literal["nuts", "emcee"]
@@ -275,7 +276,7 @@ def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
 ) -> _Drawn:
     """Independent chains, each from a place drawn from Laplace, all of them by so many draws at a time."""
-    states: list[Any] = [{"random": child.bit_generator.state} for child in rng.spawn(n_chains)]
+    states: list[Stored] = [{"random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
     total = n_warmup + n_draws
     for first in range(0, max(total, 1), _AT_ONCE):
@@ -288,7 +289,7 @@ def _by_nuts(
     return _Drawn(draws, *(sum(int(state[count]) for state in states) for count in ("n_divergent", "n_gradients")))
 
 
-def _chain_piece(shared: tuple[_Target, int, int], item: Any, tools: Tools) -> dict[str, Any]:
+def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
     """The next draws of a chain, as a task: its state with the random numbers is the item."""
     target, n_warmup, n_draws = shared
     density = target.density()
@@ -306,7 +307,7 @@ def _chain_piece(shared: tuple[_Target, int, int], item: Any, tools: Tools) -> d
     return {**values, "random": rng.bit_generator.state, "draws": draws}
 
 
-def _generator(state: Mapping[str, Any]) -> np.random.Generator:
+def _generator(state: Stored) -> np.random.Generator:
     """The generator in that state."""
     made = np.random.Generator(getattr(np.random, str(state["bit_generator"]))())
     made.bit_generator.state = state

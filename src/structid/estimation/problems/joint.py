@@ -12,13 +12,14 @@ from scipy import sparse
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization, OperatorLinearization
-from structid.estimation.problem import BaseProblem, Problem, Stages
+from structid.estimation.problem import BaseProblem, OfData, OfUnknowns, Problem, Stages
+from structid.estimation.problems.joint_parts import JointData, JointUnknowns
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class JointProblem(BaseProblem):
+class JointProblem(OfUnknowns, OfData, BaseProblem):
     """Several problems in one fit: different records, set-ups or kinds of data of one structure.
 
     Parameters are merged by name, in the order of their first appearance, and begin where the first problem that has
@@ -46,102 +47,25 @@ class JointProblem(BaseProblem):
         object.__setattr__(self, "problems", tuple(self.problems))
         if not self.problems:
             raise InputError("`problems` must hold at least one problem, got none; give one for each record")
-        for number, (problem, index) in enumerate(self._members(), 1):
-            self._require_alike(number, problem, index)
-
-    def _require_alike(self, number: int, problem: Problem, index: IntArray) -> None:
-        start = self.theta_start
-        for name, unit, column in zip(problem.names, problem.units, index, strict=True):
-            if unit != self.units[column]:
-                raise InputError(
-                    f"{name} must have one unit in all problems, got {self.units[column]} and {unit} in problem"
-                    f" {number}; give one of the two another name"
-                )
-        pairs = (
-            (problem.physical(start[index]), self.physical(start)[index]),
-            (problem.slope(start[index]), self.slope(start)[index]),
-        )
-        alike = np.logical_and(*(np.isclose(a, b, rtol=_SAME, atol=0) for a, b in pairs))
-        if not alike.all():
-            raise InputError(
-                f"{problem.names[int(np.argmin(alike))]} must have the same bounds and transform in all problems,"
-                f" got others in problem {number}; declare it the same way"
-            )
+        _ = self.unknowns  # which must fit together
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(name for problem in self.problems for name in problem.names))
+    def unknowns(self) -> JointUnknowns:
+        return JointUnknowns(self.problems)
 
     @cached_property
-    def columns(self) -> tuple[IntArray, ...]:
-        """For each problem the position of its parameters among all."""
-        place = {name: i for i, name in enumerate(self.names)}
-        return tuple(np.array([place[name] for name in problem.names], dtype=int) for problem in self.problems)
-
-    @cached_property
-    def kinds(self) -> tuple[str, ...]:
-        return self._first_words([problem.kinds for problem in self.problems])
-
-    @cached_property
-    def units(self) -> tuple[str, ...]:
-        return self._first_words([problem.units for problem in self.problems])
-
-    @cached_property
-    def theta_start(self) -> FloatArray:
-        return self._first([np.asarray(problem.theta_start) for problem in self.problems])
-
-    @property
-    def n_data(self) -> int:
-        return sum(problem.n_data for problem in self.problems)
-
-    @cached_property
-    def lines(self) -> IntArray:
-        """Position of each data row along the axes laid end to end."""
-        return _laid_out([np.asarray(problem.lines) for problem in self.problems])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row; those of another problem are other channels."""
-        return _laid_out([np.asarray(problem.series) for problem in self.problems], 2)
-
-    @property
-    def averages(self) -> FloatArray | None:
-        """Of each data row; infinite in problems with known variances."""
-        own = [problem.averages for problem in self.problems]
-        if all(one is None for one in own):
-            return None
-        pairs = zip(self.problems, own, strict=True)
-        return np.concatenate([np.full(problem.n_data, np.inf) if one is None else one for problem, one in pairs])
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self._first([problem.physical(theta[index]) for problem, index in self._members()])
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self._first([problem.slope(theta[index]) for problem, index in self._members()])
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        """What each standard deviation is held against: the largest that a problem names."""
-        sizes = np.zeros(len(self.names))
-        for problem, index in self._members():
-            sizes[index] = np.maximum(sizes[index], problem.sizes(physical[index]))
-        return sizes
-
-    @property
-    def bounds(self) -> FloatArray:
-        return np.stack(
-            [self._first([problem.bounds[:, side] for problem in self.problems]) for side in (0, 1)], axis=1
-        )
-
-    @property
-    def reach(self) -> FloatArray:
-        return np.stack([self._first([problem.reach[:, side] for problem in self.problems]) for side in (0, 1)], axis=1)
+    def data(self) -> JointData:
+        return JointData(self.problems, self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
 
     def linearize(self, theta: FloatArray) -> Linearization:
         parts = [problem.linearize(theta[index]) for problem, index in self._members()]
-        wide = [self._widened(part.jacobian, index) for part, index in zip(parts, self.columns, strict=True)]
+        n_params = len(self.names)
+        wide = [
+            _widened(part.jacobian, index, n_params) for part, index in zip(parts, self.unknowns.columns, strict=True)
+        ]
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
@@ -151,7 +75,7 @@ class JointProblem(BaseProblem):
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         parts = [problem.linearize_operator(theta[index]) for problem, index in self._members()]
-        pairs, n_params = list(zip(parts, self.columns, strict=True)), len(self.names)
+        pairs, n_params = list(zip(parts, self.unknowns.columns, strict=True)), len(self.names)
         ends = np.cumsum([part.n_data for part in parts])[:-1]
         priors = [
             _widened_rows(part.prior[rows - part.n_data], index, n_params)
@@ -170,7 +94,7 @@ class JointProblem(BaseProblem):
                 total[index] += part.adjoint(own)
             return total
 
-        stored = [self._widened(part.jacobian, index) for part, index in pairs if part.jacobian is not None]
+        stored = [_widened(part.jacobian, index, n_params) for part, index in pairs if part.jacobian is not None]
         return OperatorLinearization(
             residual=self._stacked([part.residual for part in parts]),
             forward=forward,
@@ -181,17 +105,6 @@ class JointProblem(BaseProblem):
             jacobian=np.concatenate(stored) if len(stored) == len(parts) else None,
         )
 
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        """The sum of that of each problem."""
-        total, first, independent = np.zeros((len(self.names),) * 2), 0, True
-        for problem, index in self._members():
-            rows = jacobian[first : first + problem.n_data][:, index]
-            own = problem.score_covariance(theta[index], rows)
-            independent &= own is None
-            total[np.ix_(index, index)] += rows.T @ rows if own is None else own
-            first += problem.n_data
-        return None if independent else total
-
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: the ways of each problem, joined stage by stage.
 
@@ -201,7 +114,7 @@ class JointProblem(BaseProblem):
         joined = []
         for way in range(max(len(plans) for plans in own)):
             paths = [plans[min(way, len(plans) - 1)] if plans else () for plans in own]
-            joined.append(tuple(self._joined_stage(paths, k) for k in range(max(map(len, paths)))))
+            joined.append(tuple(_joined_stage(self.problems, paths, k) for k in range(max(map(len, paths)))))
         return tuple(joined)
 
     def thinned(self) -> JointProblem | None:
@@ -211,30 +124,15 @@ class JointProblem(BaseProblem):
             return None
         return JointProblem(tuple(part or whole for part, whole in zip(parts, self.problems, strict=True)))
 
-    def _joined_stage(self, paths: Sequence[Stages], stage: int) -> tuple[str, JointProblem]:
-        names, problems = [], []
-        for problem, path in zip(self.problems, paths, strict=True):
-            name, at = path[min(stage, len(path) - 1)] if path else ("", problem)
-            names.append(name)
-            problems.append(at)
-        return ", ".join(dict.fromkeys(name for name in names if name)), JointProblem(
-            tuple(problems), first_prior_counts=True
-        )
-
     @cached_property
     def _kept_priors(self) -> tuple[IntArray, ...]:
         """Of each problem the rows of those priors that no earlier problem states."""
         priors = [problem.prior_rows(self.theta_start[index]) for problem, index in self._members()]
-        kept = _kept_prior_rows(priors, self.columns, self.names, self.first_prior_counts)
+        kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
     def _members(self) -> list[tuple[Problem, IntArray]]:
-        return list(zip(self.problems, self.columns, strict=True))
-
-    def _widened(self, jacobian: FloatArray, index: IntArray) -> FloatArray:
-        wide = np.zeros((len(jacobian), len(self.names)))
-        wide[:, index] = jacobian
-        return wide
+        return list(zip(self.problems, self.unknowns.columns, strict=True))
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
         """Data rows of all problems, then the priors that are kept."""
@@ -242,28 +140,19 @@ class JointProblem(BaseProblem):
         priors = [part[rows] for part, rows in zip(parts, self._kept_priors, strict=True)]
         return np.concatenate([*data, *priors])
 
-    def _first(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Values of all parameters, each from the first problem that has it."""
-        values = np.zeros(len(self.names))
-        for part, index in reversed(list(zip(parts, self.columns, strict=True))):
-            values[index] = part
-        return values
 
-    def _first_words(self, parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-        words = [""] * len(self.names)
-        for part, index in reversed(list(zip(parts, self.columns, strict=True))):
-            for word, i in zip(part, index, strict=True):
-                words[i] = word
-        return tuple(words)
+def _joined_stage(whole: Sequence[Problem], paths: Sequence[Stages], stage: int) -> tuple[str, JointProblem]:
+    """One stage of each path, its last one where it has fewer, or the whole problem where it has none."""
+    reached = [path[min(stage, len(path) - 1)] if path else ("", one) for one, path in zip(whole, paths, strict=True)]
+    words = ", ".join(dict.fromkeys(name for name, _ in reached if name))
+    return words, JointProblem(tuple(problem for _, problem in reached), first_prior_counts=True)
 
 
-def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Numbers of each part moved beyond those of the parts before, to a multiple of `step`."""
-    moved, first = [], 0
-    for part in parts:
-        moved.append(part + first)
-        first += step * (int(part.max(initial=-1)) // step + 1)
-    return np.concatenate(moved)
+def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
+    """`jacobian` by the parameters at `index` as one by all `n_params`."""
+    wide = np.zeros((len(jacobian), n_params))
+    wide[:, index] = jacobian
+    return wide
 
 
 def _widened_rows(rows: sparse.csr_array, index: IntArray, n_params: int) -> sparse.csr_array:

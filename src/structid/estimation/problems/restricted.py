@@ -10,7 +10,7 @@ from scipy import sparse
 
 from structid.arrays import FloatArray
 from structid.estimation.linearization import Linearization, OperatorLinearization
-from structid.estimation.problem import Problem, Stages
+from structid.estimation.problem import Problem, Stages, Unknowns
 from structid.estimation.problems.wrapped import Wrapped
 
 
@@ -50,6 +50,56 @@ class Shifted(Wrapped):
 
 
 @dataclass(frozen=True, eq=False)
+class _AllButOne:
+    """`every` unknown but the one at `index`, whose free variable is `value`."""
+
+    every: Unknowns
+    index: int
+    value: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._rest(self.every.names)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self._rest(self.every.kinds)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self._rest(self.every.units)
+
+    @property
+    def theta_start(self) -> FloatArray:
+        return np.delete(self.every.theta_start, self.index)
+
+    def whole(self, others: FloatArray) -> FloatArray:
+        """All free variables, (n_params,)."""
+        return np.insert(others, self.index, self.value)
+
+    def physical(self, others: FloatArray) -> FloatArray:
+        return np.delete(self.every.physical(self.whole(others)), self.index)
+
+    def slope(self, others: FloatArray) -> FloatArray:
+        return np.delete(self.every.slope(self.whole(others)), self.index)
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        own = self.every.physical(self.whole(self.theta_start))[self.index]
+        return np.delete(self.every.sizes(np.insert(physical, self.index, own)), self.index)
+
+    @property
+    def bounds(self) -> FloatArray:
+        return np.delete(self.every.bounds, self.index, axis=0)
+
+    @property
+    def reach(self) -> FloatArray:
+        return np.delete(self.every.reach, self.index, axis=0)
+
+    def _rest(self, entries: tuple[str, ...]) -> tuple[str, ...]:
+        return entries[: self.index] + entries[self.index + 1 :]
+
+
+@dataclass(frozen=True, eq=False)
 class Held(Wrapped):
     """`problem` with one free variable held at a value; the others are free.
 
@@ -66,20 +116,8 @@ class Held(Wrapped):
     value: float
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self._without(self.problem.names)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        return self._without(self.problem.kinds)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self._without(self.problem.units)
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return np.delete(self.problem.theta_start, self.index)
+    def unknowns(self) -> _AllButOne:
+        return _AllButOne(self.problem, self.index, self.value)
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -87,7 +125,7 @@ class Held(Wrapped):
 
     def whole(self, others: FloatArray) -> FloatArray:
         """All free variables, (n_params,)."""
-        return np.insert(others, self.index, self.value)
+        return self.unknowns.whole(others)
 
     def residual(self, others: FloatArray) -> FloatArray:
         return self.problem.residual(self.whole(others))
@@ -95,24 +133,6 @@ class Held(Wrapped):
     def linearize(self, others: FloatArray) -> Linearization:
         at = self.problem.linearize(self.whole(others))
         return replace(at, jacobian=np.delete(at.jacobian, self.index, axis=1))
-
-    def physical(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.problem.physical(self.whole(others)), self.index)
-
-    def slope(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.problem.slope(self.whole(others)), self.index)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        own = self.problem.physical(self.whole(self.theta_start))[self.index]
-        return np.delete(self.problem.sizes(np.insert(physical, self.index, own)), self.index)
-
-    @property
-    def bounds(self) -> FloatArray:
-        return np.delete(self.problem.bounds, self.index, axis=0)
-
-    @property
-    def reach(self) -> FloatArray:
-        return np.delete(self.problem.reach, self.index, axis=0)
 
     def data_changes(self, others: FloatArray) -> FloatArray | None:
         return self.problem.data_changes(self.whole(others))
@@ -124,6 +144,3 @@ class Held(Wrapped):
     def prior_rows(self, others: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.problem.prior_rows(self.whole(others))
         return residual, sparse.csr_array(rows[:, np.delete(np.arange(rows.shape[1]), self.index)])
-
-    def _without(self, entries: tuple[str, ...]) -> tuple[str, ...]:
-        return entries[: self.index] + entries[self.index + 1 :]

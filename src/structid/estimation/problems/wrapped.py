@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray
+from structid.arrays import FloatArray
 from structid.estimation.linearization import Linearization, OperatorLinearization
-from structid.estimation.problem import Problem, Stages
+from structid.estimation.problem import Data, OfData, OfUnknowns, Problem, Stages, Unknowns
 
 
 @dataclass(frozen=True, eq=False)
-class Wrapped:
+class Wrapped(OfUnknowns, OfData):
     """Everything as the inner `problem` has it; subclasses change some of it."""
 
     problem: Problem
@@ -23,32 +23,12 @@ class Wrapped:
         return replace(self, problem=problem)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return self.problem.names
+    def unknowns(self) -> Unknowns:
+        return self.problem
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.problem.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.problem.units
-
-    @property
-    def theta_start(self) -> FloatArray:
-        return self.problem.theta_start
-
-    @property
-    def n_data(self) -> int:
-        return self.problem.n_data
-
-    @property
-    def lines(self) -> IntArray:
-        return self.problem.lines
-
-    @property
-    def series(self) -> IntArray:
-        return self.problem.series
+    def data(self) -> Data:
+        return self.problem
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -62,33 +42,6 @@ class Wrapped:
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         return self.problem.linearize_operator(theta)
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return self.problem.physical(theta)
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return self.problem.slope(theta)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return self.problem.sizes(physical)
-
-    @property
-    def bounds(self) -> FloatArray:
-        return self.problem.bounds
-
-    @property
-    def reach(self) -> FloatArray:
-        return self.problem.reach
-
-    @property
-    def averages(self) -> FloatArray | None:
-        return self.problem.averages
-
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
-        return self.problem.data_changes(theta)
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        return self.problem.score_covariance(theta, jacobian)
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         return self.problem.prior_rows(theta)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class Damping:
         return replace(self, factor=self.factor * self.growth, growth=2 * self.growth)
 
 
-P = TypeVar("P")
+P = TypeVar("P", bound=Point)
 
 
 class Method(Protocol[P]):
@@ -136,15 +136,15 @@ class Method(Protocol[P]):
         """The next step from a point."""
         ...
 
-    def for_stages(self) -> Method[Any]:
+    def for_stages(self) -> Method[P]:
         """The method of easier forms of the problem, which only lead near."""
         ...
 
-    def for_polishing(self) -> Method[Any]:
+    def for_polishing(self) -> Method[P]:
         """The same where the minimum is known to be close."""
         ...
 
-    def for_reduced(self) -> Method[Any]:
+    def for_reduced(self) -> Method[P]:
         """The same for a problem whose residual is off by a small part of its own."""
         ...
 
@@ -159,7 +159,7 @@ class Method(Protocol[P]):
 
 def minimize(
     problem: Problem,
-    method: Method[Any],
+    method: Method[P],
     theta: FloatArray | None = None,
     progress: Progress | None = None,
     keeper: Keeper | None = None,
@@ -189,7 +189,7 @@ def minimize(
         history, costs, inner = [*np.array(begun["history"])], [*begun["costs"]], [*begun["inner"]]
         scale, limit = np.array(begun["scale"]), np.array(begun["limit"])
         damping = Damping(float(begun["damping"]), float(begun["growth"]), scale, limit, _reach(problem, history[0]))
-    here: Point[Any] = method.at(problem, history[-1])
+    here = method.at(problem, history[-1])
     costs = [float(cost) for cost in costs] or [here.cost]
     end = End(False, f"stopped after {method.max_iterations} iterations")
     for iteration in range(len(inner), method.max_iterations):

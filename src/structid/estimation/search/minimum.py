@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from structid.estimation.linearization import Linearization, OperatorLinearizati
 from structid.estimation.problem import Problem
 
 Progress = Callable[[int, float], None]
-#: All that a search needs to go on with the same digits: numbers and arrays by name, free variables as ``theta``.
-State = Mapping[str, Any]
+#: Numbers, texts, arrays, and lists or mappings of them by name: what goes to and from checkpoints and other processes.
+Stored: TypeAlias = Mapping[str, Any]
+#: All that a search needs to go on with the same digits, free variables as ``theta``.
+State: TypeAlias = Stored
 
 
 class Keeper(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from scipy import special
@@ -16,7 +16,7 @@ from structid.estimation.diagnostics.bounds import at_bounds
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem, Stages, Way
 from structid.estimation.search.least_squares import Method, sizes_at
-from structid.estimation.search.minimum import Minimum, Progress, residual_at, squared
+from structid.estimation.search.minimum import Minimum, Progress, Stored, residual_at, squared
 from structid.estimation.search.work import (
     ALONE,
     Minimizer,
@@ -147,7 +147,7 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
     return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 
 
-def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Any:
+def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Stored:
     """One of several searches, as a task: its number, its way and its start are the item."""
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
@@ -160,7 +160,7 @@ def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, in
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: Any) -> tuple[Minimum, int]:
+def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
     """What the task found; its failure counts when its turn comes, as if it had run then."""
     if "failed" in task:
         raise SingularModelError(task["failed"])

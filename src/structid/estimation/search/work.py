@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation.problem import Problem
 from structid.estimation.search.least_squares import Method, minimize
-from structid.estimation.search.minimum import Keeper, Minimum, Progress
+from structid.estimation.search.minimum import Keeper, Minimum, Progress, Stored
 
 StageProgress = Callable[[str, int, float], None]
 
@@ -34,9 +34,12 @@ class Tools(NamedTuple):
 #: Of tasks in another process, and of those that make no search.
 PLAIN_TOOLS = Tools(minimize, None)
 
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 #: A function of a module (not a closure) of what all tasks share, the item, and the tools; gives numbers, texts,
 #: arrays, or lists and mappings of them.
-Task = Callable[[Any, Any, Tools], Any]
+Task: TypeAlias = Callable[[Shared, Item, Tools], Found]
 
 
 class Work(Protocol):
@@ -60,12 +63,12 @@ class Work(Protocol):
     def map(
         self,
         name: str,
-        task: Task,
-        shared: Any,
-        items: Sequence[Any],
+        task: Task[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Any]:
+    ) -> list[Found]:
         """`task` of every item, in their order.
 
         Parameters
@@ -102,19 +105,19 @@ class Alone:
     def map(
         self,
         name: str,
-        task: Task,
-        shared: Any,
-        items: Sequence[Any],
+        task: Task[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Any]:
+    ) -> list[Found]:
         return [task(shared, item, Tools(minimize, progress)) for item in items]
 
 
 ALONE = Alone()
 
 
-def stored_minimum(found: Minimum) -> dict[str, Any]:
+def stored_minimum(found: Minimum) -> Stored:
     """A minimum without its linearization, in plain arrays."""
     return {
         "theta": found.theta,
@@ -126,7 +129,7 @@ def stored_minimum(found: Minimum) -> dict[str, Any]:
     }
 
 
-def restored_minimum(problem: Problem, method: Method, stored: Mapping[str, Any]) -> Minimum:
+def restored_minimum(problem: Problem, method: Method, stored: Stored) -> Minimum:
     """The minimum that `stored_minimum` gave, linearized again."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))

@@ -94,7 +94,7 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
     and an error of the load cell is one of all values.
     """
     for problem in problems:
-        if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.measures_force:
+        if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
             return False
         theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
         members = _scaled(problem)

@@ -87,24 +87,10 @@ class Setup(RecordSetup[FrfProblem]):
             reduced=_sweep_error(self.structure, used, options),
             models=self.models,
         )
-        return Prepared(problem, tuple(warnings), tuple(self._measured_warnings(options)))
-
-    def _measured_warnings(self, options: IdentifyOptions) -> list[str]:
-        """What is to be said of measured components, whatever the lines."""
-        words = [text for one in self.structure.measured for text in one.warnings]
-        if self.structure.measured and options.start == "continuation":
-            words.append(
-                'start = "continuation" needs the model beside the lines of the record, where measured components are not known;'
-                " the search begins without it"
-            )
-        return words
+        return Prepared(problem, tuple(warnings), tuple(_measured_warnings(self.structure, options)))
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         return channel_errors(lines or self.record, unknowns) if unknowns else None
-
-    @property
-    def measured(self) -> object:
-        return self.record
 
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
@@ -152,6 +138,17 @@ class Setup(RecordSetup[FrfProblem]):
 
     def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         return record_fit(title, self.record, problem, own, options)
+
+
+def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
+    """What is to be said of measured components, whatever the lines."""
+    words = [text for one in structure.measured for text in one.warnings]
+    if structure.measured and options.start == "continuation":
+        words.append(
+            'start = "continuation" needs the model beside the lines of the record, where measured components are not known;'
+            " the search begins without it"
+        )
+    return words
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:

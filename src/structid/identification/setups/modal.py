@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from structid.arrays import FloatArray
-from structid.declared import NotNegative, Positive
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.identification.before.aligned import ResonancePair
@@ -18,7 +17,7 @@ from structid.identification.fits.record_fit import Own
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
-from structid.observation import ChannelUnknown, ModalForm, ModalProblem, ShapeForm, channel_errors
+from structid.observation import ChannelUnknown, ModalProblem, ModalSettings, channel_errors
 from structid.observation.channel_errors import ChannelErrors, Measured
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -31,20 +30,6 @@ _BARE = (
     "no shape entry is known: modes are paired by frequency alone, and one that the test missed, or that the model has"
     " elsewhere, moves all values; one shape entry at one sensor helps"
 )
-
-
-@dataclass(frozen=True)
-class ModalSettings:
-    """How measured modes are fitted; the fields are those of `ModalProblem`."""
-
-    form: ModalForm = "output"
-    frequency_error: NotNegative = 0.0
-    damping_error: NotNegative = 0.0
-    shape_error: NotNegative = 0.0
-    use_damping: bool = False
-    closeness: NotNegative = 0.02
-    frequency_guard: Positive = 0.3
-    shape_form: ShapeForm = "entries"
 
 
 class _Sensors(NamedTuple):
@@ -74,20 +59,16 @@ class ModalSetup(RecordSetup[ModalProblem]):
     structure: Structure
     parameters: Parameters
     record: ModalRecord
-    settings: ModalSettings = ModalSettings()
+    settings: ModalSettings = field(default_factory=ModalSettings)
     name: str = ""
     channel_unknowns: Sequence[ChannelUnknown] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
         errors = self.channel_errors(self.channel_unknowns)
-        problem = ModalProblem(self.structure, self.parameters, self.record, **asdict(self.settings), channels=errors)
+        problem = ModalProblem(self.structure, self.parameters, self.record, self.settings, errors)
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
         bare = () if problem.data.has_shapes else (_BARE,)
         return Prepared(problem, (*self.record.warnings, *weighed, *bare))
-
-    @property
-    def measured(self) -> object:
-        return self.record
 
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()

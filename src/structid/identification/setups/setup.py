@@ -20,8 +20,10 @@ from structid.identification.before.reduction import Truncation, modes_truncatio
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
 from structid.identification.options import IdentifyOptions
+from structid.modal import ModalRecord
 from structid.observation import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.observation.channel_errors import Measured
+from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.structure import Structure
 from structid.unknowns import Parameters
@@ -53,7 +55,34 @@ class Prepared(Generic[P]):
     of_structure: tuple[str, ...] = ()
 
 
-class RecordSetup(ABC, Generic[P]):
+class ShownBeside(ABC, Generic[P]):
+    """How the model, and the answer, are seen beside a record; what a kind of record does not show has a default here."""
+
+    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
+        """The initial model evaluated, and the record beside it.
+
+        Raises
+        ------
+        SingularModelError, InputError
+            If it cannot be evaluated.
+        """
+        return Look()
+
+    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
+        """What components of the structure leave out, seen by this record; None where it has none."""
+        values = problem.property_values(problem.physical(theta))
+        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
+
+    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
+        """The answer beside its responses, where it has some."""
+        return None
+
+    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
+        """The answer beside its modes, where it has some."""
+        return None
+
+
+class RecordSetup(ShownBeside[P]):
     """One record of any kind and what it was measured on; what it does not say has a default here.
 
     Attributes
@@ -62,6 +91,7 @@ class RecordSetup(ABC, Generic[P]):
         As it was for this record: with its supports and added masses.
     parameters : Parameters
         Those of this structure; names shared with other set-ups are the same unknowns.
+    record : FrfRecord, TimeRecord or ModalRecord
     name : str
         What reports call it.
     faults : tuple of Finding
@@ -70,17 +100,13 @@ class RecordSetup(ABC, Generic[P]):
 
     structure: Structure
     parameters: Parameters
+    record: FrfRecord | TimeRecord | ModalRecord
     name: str
     faults: tuple[Finding, ...] = ()
 
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:
         """The problem of the lines that `options` choose."""
-
-    @property
-    @abstractmethod
-    def measured(self) -> object:
-        """The record itself."""
 
     @abstractmethod
     def modelled_by(
@@ -113,21 +139,6 @@ class RecordSetup(ABC, Generic[P]):
         """Frequencies that are used and that are judged, Hz; infinite where the model is not evaluated at lines."""
         return np.full(1, np.inf), np.full(1, np.inf)
 
-    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
-        """The initial model evaluated, and the record beside it.
-
-        Raises
-        ------
-        SingularModelError, InputError
-            If it cannot be evaluated.
-        """
-        return Look()
-
-    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
-        """What components of the structure leave out, seen by this record; None where it has none."""
-        values = problem.property_values(problem.physical(theta))
-        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
-
     def begun(self, problem: P) -> P:
         """The problem from a better start, where the record alone gives one."""
         return problem
@@ -140,14 +151,6 @@ class RecordSetup(ABC, Generic[P]):
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
         """The estimate by `own_estimator`."""
         raise TypeError("the record has no estimator of its own; search its problem")
-
-    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
-        """The answer beside its responses, where it has some."""
-        return None
-
-    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
-        """The answer beside its modes, where it has some."""
-        return None
 
 
 def look(problem: FrfProblem, predicted: ComplexArray) -> Look:

@@ -18,8 +18,8 @@ from structid.estimation.search.work import StageProgress, Work
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
+from structid.identification.setups.averaged import AveragedHistories
 from structid.identification.setups.frf import inside, used_lines
-from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.observation import (
     ChannelUnknown,
@@ -40,7 +40,6 @@ from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.structure import Structure
-from structid.structure.places.joint_force import together, with_joint_forces
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]
@@ -48,10 +47,7 @@ TimeHold = Literal["band_limited", Hold]
 
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
-_FORCE: Quantity = "force"
 _SUPPORT: Quantity = "support_acceleration"
-#: Distance of the label of a joint force's node from those of the structure, which may get some more.
-_FAR = 1000
 #: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
 _LEAST_NOISE = 1e-6
 
@@ -153,36 +149,15 @@ class TimeSetup(RecordSetup[RecordProblem]):
             raise InputError(f"{self.own_estimator} takes no motion of supports; take fit = 'spectra' for this record")
         if self.settings.fit == "output_error":
             self.channel_errors(self.channel_unknowns)
-            problem = output_error_problem(self.structure, self.parameters, self.record, self._options(options))
+            problem = output_error_problem(
+                self.structure, self.parameters, self.record, _options(self.settings, options)
+            )
         else:
-            problem = self._spectra(options)
+            problem = _spectra(self, options)
         averaged = replace(
             self.shown_problem(options, None).record, coherence=None
         )  # leakage, which the fit has none of
         return Prepared(problem, record_warnings(self.structure, averaged))
-
-    def _spectra(self, options: IdentifyOptions) -> SpectraProblem:
-        record = self.record
-        if (
-            self.own_estimator and record.variance is not None
-        ):  # channels without noise serve there, and have no weight here
-            least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
-            record = replace(record, variance=np.maximum(record.variance, least**2))
-        self.settings.require_heard(record)
-        spectra = finite_spectra(record, band=options.band, straight=self.settings.runs_straight)
-        spectra = spectra.lines(inside(spectra.frequency, options))
-        channels = self.channel_errors(self.channel_unknowns, spectra)
-        return SpectraProblem(
-            self.structure,
-            self.parameters,
-            spectra,
-            self.settings.transient,
-            transient_order(channels),
-            record=record,
-            channels=channels,
-            models=self.models,
-            tones=self.settings.tones,
-        )
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         if not unknowns:
@@ -193,15 +168,15 @@ class TimeSetup(RecordSetup[RecordProblem]):
             raise InputError(NO_WINDOW)
         return channel_errors(lines or finite_spectra(self.record), unknowns)
 
-    @property
-    def measured(self) -> object:
-        return self.record
-
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> TimeSetup:
         return replace(
-            self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns, shown=self._averaged
+            self,
+            structure=structure,
+            parameters=parameters,
+            channel_unknowns=channel_unknowns,
+            shown=self._averaged.frfs,
         )
 
     @property
@@ -214,21 +189,13 @@ class TimeSetup(RecordSetup[RecordProblem]):
         record = self.record
         return (
             f"time histories, {len(record.values)} samples at {record.sampling_rate:g} Hz, {len(record.channels)} channels,"
-            f" fitted by {self.settings.fit.replace('_', ' ')}{self._together_words}"
+            f" fitted by {self.settings.fit.replace('_', ' ')}{self._averaged.words}"
         )
 
-    @property
-    def _together_words(self) -> str:
-        if self._force_parts is None:
-            return ""
-        forces = ", ".join(str(dof) for dof in self._loads)
-        shown = ", ".join(str(dof) for dof in self._averaged.inputs)
-        return f"; forces at {forces} are never apart: responses are shown to what is independent of them, as {shown}"
-
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        shown = self._averaged
+        shown = self._averaged.frfs
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
-        used = super().axes(options)[0] if self.own_estimator else self._spectra(options).frequency
+        used = super().axes(options)[0] if self.own_estimator else _spectra(self, options).frequency
         return used, judged.frequency
 
     def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> Look:
@@ -240,71 +207,60 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
-        return identify_time(self.structure, self.parameters, self.record, self._options(options), work, progress)
+        return identify_time(
+            self.structure, self.parameters, self.record, _options(self.settings, options), work, progress
+        )
 
     def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
-        return record_fit(title, self._averaged, self.shown_problem(options, problem.channels), own, options)
-
-    def _options(self, options: IdentifyOptions) -> TimeOptions:
-        method = self.settings.fit
-        if method == "spectra":
-            raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
-        return TimeOptions(
-            method=method,
-            force="zero" if self.settings.hold == "zero" else "first",
-            initial=self.settings.initial,
-            restarts=options.restarts,
-            seed=options.seed,
-        )
+        return record_fit(title, self._averaged.frfs, self.shown_problem(options, problem.channels), own, options)
 
     @cached_property
-    def _averaged(self) -> FrfRecord:
-        return self.shown or frfs_of(self._with_joint_forces)
-
-    @cached_property
-    def _force_parts(self) -> FloatArray | None:
-        """Of forces that are never apart, what each is made of; see `structid.structure.places.joint_force.together`."""
-        return together(self.record.values[:, self._is_force])
-
-    @property
-    def _is_force(self) -> np.ndarray:
-        return np.array([quantity == "force" for quantity in self.record.quantities])
-
-    @property
-    def _loads(self) -> list[Dof]:
-        return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
-
-    @property
-    def _with_joint_forces(self) -> TimeRecord:
-        """The record with forces that can be told apart: those that are never apart as one, at a node of its own."""
-        record, parts = self.record, self._force_parts
-        if parts is None:
-            return record
-        still = ~self._is_force
-        first = max(self.structure.nodes) + _FAR
-        made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]
-        motions = [
-            (dof, kind) for dof, kind, kept in zip(record.channels, record.quantities, still, strict=True) if kept
-        ]
-        values = np.hstack([record.values[:, ~still] @ parts, record.values[:, still]])
-        noise = None
-        if record.variance is not None:
-            noise = np.concatenate([record.variance[~still] @ parts**2, record.variance[still]])
-        return TimeRecord(
-            record.sampling_rate,
-            values,
-            (*made, *(dof for dof, _ in motions)),
-            (*(_FORCE for _ in made), *(kind for _, kind in motions)),
-            variance=noise,
-        )
+    def _averaged(self) -> AveragedHistories:
+        return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
         """The problem of averaged FRFs, which only shows the fit, with errors of the record's channels."""
-        used = used_lines(self._averaged, options)
+        used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
-        structure = self.structure
-        if self._force_parts is not None:
-            structure = with_joint_forces(structure, used.inputs, self._loads, self._force_parts)
+        structure = self._averaged.drawn_on
         return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, models=self.models)
+
+
+def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
+    """The problem of the finite spectra of the lines that `options` choose."""
+    record, settings = setup.record, setup.settings
+    if (
+        setup.own_estimator and record.variance is not None
+    ):  # channels without noise serve there, and have no weight here
+        least = _LEAST_NOISE * np.sqrt((record.values**2).mean(axis=0))
+        record = replace(record, variance=np.maximum(record.variance, least**2))
+    settings.require_heard(record)
+    spectra = finite_spectra(record, band=options.band, straight=settings.runs_straight)
+    spectra = spectra.lines(inside(spectra.frequency, options))
+    channels = setup.channel_errors(setup.channel_unknowns, spectra)
+    return SpectraProblem(
+        setup.structure,
+        setup.parameters,
+        spectra,
+        settings.transient,
+        transient_order(channels),
+        record=record,
+        channels=channels,
+        models=setup.models,
+        tones=settings.tones,
+    )
+
+
+def _options(settings: TimeFit, options: IdentifyOptions) -> TimeOptions:
+    """Those of `identify_time`."""
+    if settings.fit == "spectra":
+        raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
+    return TimeOptions(
+        method=settings.fit,
+        force="zero" if settings.hold == "zero" else "first",
+        initial=settings.initial,
+        restarts=options.restarts,
+        seed=options.seed,
+    )

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, NumberArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
@@ -240,7 +239,7 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
     return tuple(found)
 
 
-def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NDArray[np.inexact], FloatArray | None]:
+def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
     """Shapes and standard deviations of their entries, one row a channel."""
     names = {}
     for name in table.header:
@@ -257,7 +256,7 @@ def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NDArray[np.inexact], 
             raise FileError(f"{table.path}: {where} is empty beside an imaginary part; give both, or neither")
     n_modes = len(_column(table, "-"))
     real, imaginary, std = (np.array(rows[part]).reshape(-1, n_modes) for part in _PARTS)
-    shapes: NDArray[np.inexact] = real
+    shapes: NumberArray = real
     if not np.isnan(imaginary).all():
         shapes = real.astype(np.complex128)
         shapes.imag = np.where(np.isnan(imaginary), 0.0, imaginary)

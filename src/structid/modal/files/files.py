@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +125,7 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
     return {key: [[float(f"{x:.9g}") for x in row] for row in part.tolist()] for key, part in parts.items()}
 
 
-def _read_changes(path: Path, data: dict[str, Any], shape: tuple[int, int]) -> ModalChanges | None:
+def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
     fields = data.get("changes")
     if fields is None:
         return None
@@ -175,7 +175,7 @@ def _read_json(path: Path) -> ModalRecord:
     )  # fmt: skip
 
 
-def _array(path: Path, data: dict[str, Any], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
+def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
     """The numbers under `key`, null read as NaN."""
     try:
         array = np.array(data.get(key), dtype=float)
@@ -188,13 +188,13 @@ def _array(path: Path, data: dict[str, Any], key: str, n_axes: int, prefix: str 
     return array
 
 
-def _texts(path: Path, data: dict[str, Any], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
     texts = data.get(key, default)
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         raise FileError(f"{path}: `{key}` must be a list of texts, got {_short(texts)}; write it again")
     return tuple(texts)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from structid.arrays import NumberArray
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import FileError
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
@@ -65,7 +66,7 @@ def _mode_lines(modes: ModalRecord, k: int) -> list[str]:
     lines = ["structid", modes.source[:80] or "NONE", "NONE", f"scaling {modes.scaling}"]
     lines.append(f"Mode {k + 1}, frequency {modes.frequency[k]:.5E} Hz")
     lines += [_integers(kind), _integers([2, len(reals), 1, k + 1]), *_reals(reals)]
-    nodes: dict[int, NDArray[np.inexact]] = {}
+    nodes: dict[int, NumberArray] = {}
     for dof, value in zip(modes.channels, modes.mode_shapes[:, k], strict=True):
         nodes.setdefault(dof.node, np.zeros(n_values, dtype=modes.mode_shapes.dtype))[dof.axis] = dof.sign * value
     for node, values in nodes.items():

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +83,7 @@ class PolesAndParticipation:
         poles = self.poles + whole[:n] + 1j * whole[n : 2 * n]
         return PolesAndParticipation(poles, self.participation + entries[0] + 1j * entries[1], self.fixed)
 
-    def select(self, modes: NDArray[Any]) -> PolesAndParticipation:
+    def select(self, modes: IntArray) -> PolesAndParticipation:
         """These modes, in this order."""
         return PolesAndParticipation(self.poles[modes], self.participation[:, modes], self.fixed[modes])
 

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import FloatArray, locked, require_finite
+from structid.arrays import FloatArray, NumberArray, locked, require_finite
 from structid.dof import Dof
 from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, unit_largest
@@ -72,10 +72,10 @@ class StationaryValues:
     motion : FreeMotion
     """
 
-    eigenvalues: NDArray[np.inexact]
-    vectors: NDArray[np.inexact]
-    mode_shapes: NDArray[np.inexact]
-    unsymmetrized: NDArray[np.inexact]
+    eigenvalues: NumberArray
+    vectors: NumberArray
+    mode_shapes: NumberArray
+    unsymmetrized: NumberArray
     gram_eigenvalues: FloatArray
     motion: FreeMotion
 
@@ -242,9 +242,7 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
     return np.where(scale > 0, scale, 1.0)
 
 
-def _real_where_close(
-    eigenvalues: NDArray[np.inexact], x: NDArray[np.inexact]
-) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
     """Conjugate pairs that are a repeated real value up to rounding become two real vectors of the same plane.
 
     Pairs stand side by side, the positive imaginary part first, as LAPACK gives them.
@@ -259,7 +257,7 @@ def _real_where_close(
     return (eigenvalues.real, x.real) if small.all() else (eigenvalues, x)
 
 
-def _omega(eigenvalues: NDArray[np.inexact], step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
+def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
     """Circular frequencies, which of them are meaningful, and words on the others."""
     size = np.abs(eigenvalues)
     value = np.where(eigenvalues.imag == 0, np.maximum(eigenvalues.real, 0.0), size)
@@ -282,7 +280,7 @@ def _omega(eigenvalues: NDArray[np.inexact], step: float) -> tuple[FloatArray, N
     return omega, kept, tuple(notes)
 
 
-def _by_mass(mass: ArrayLike, shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
+def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
     """M^-1 V with V = M Phi (Phi' M Phi)^-1, the dual of Phi that needs no sensor beyond the measured motion."""
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)

@@ -240,22 +240,22 @@ def gradient(data: BandLines, place: Chart, x: FloatArray) -> tuple[float, Float
     inside = np.sum(spectra @ found.kernel, axis=0).real
     outside = found.a.T @ (found.seen.conj()[:, None, :] @ spectra)[:, 0]
     slope_shape = 2 * (modes.shapes @ inside - outside.real)
-    return found.value, _chained(place, x, modes, slope_f, slope_zeta, slope_shape, root, slope_root, slope_noise)
-
-
-def _chained(
-    place: Chart, x: FloatArray, modes: BandModes, slope_f: FloatArray, slope_zeta: FloatArray, slope_shape: FloatArray,
-    root: ComplexArray, slope_root: ComplexArray, slope_noise: float,
-) -> FloatArray:  # fmt: skip
-    """Slopes to frequencies, damping, shapes, L and S_e as slopes to coordinates."""
-    length = np.linalg.norm(_vectors(place, x), axis=0)
-    across = (slope_shape - modes.shapes * np.sum(modes.shapes * slope_shape, axis=0)) / length
-    tangent = np.einsum("mnt,nm->mt", place.tangents, across)
-    below, size = np.tril_indices(modes.n_modes, -1), root.diagonal().real
-    lower = np.tril(root)
-    slope_log = np.sum(slope_root.real * lower.real + slope_root.imag * lower.imag, axis=1)
-    part = slope_root[below] * size[below[0]]
-    return np.concatenate([
-        place.centre.damping_ratio * slope_f, slope_zeta, tangent.ravel(), slope_log, part.real, part.imag,
-        [modes.noise * slope_noise],
+    return found.value, np.concatenate([
+        place.centre.damping_ratio * slope_f, slope_zeta, _along_tangents(place, x, modes, slope_shape),
+        _of_triangle(root, slope_root), [modes.noise * slope_noise],
     ])  # fmt: skip
+
+
+def _along_tangents(place: Chart, x: FloatArray, modes: BandModes, slope: FloatArray) -> FloatArray:
+    """Slopes to shapes as slopes to coordinates."""
+    length = np.linalg.norm(_vectors(place, x), axis=0)
+    across = (slope - modes.shapes * np.sum(modes.shapes * slope, axis=0)) / length
+    return np.einsum("mnt,nm->mt", place.tangents, across).ravel()
+
+
+def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
+    """Slopes to L as slopes to coordinates: logarithms of its diagonal, then parts of the rest."""
+    below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
+    slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
+    part = slope[below] * size[below[0]]
+    return np.concatenate([slope_log, part.real, part.imag])

@@ -6,7 +6,6 @@ import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
@@ -348,7 +347,7 @@ def mode_spectra(record: Record) -> ModeSpectra:
 
 def _provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
     inputs = {Path(path).name: digest(path) for path in paths if path is not None}
-    given: dict[str, Any] = {} if read is None else {name: getattr(read, name) for name in read.given()}
+    given: dict[str, object] = {} if read is None else {name: getattr(read, name) for name in read.given()}
     return Provenance(
         structid=__version__, numpy=np.__version__, scipy=scipy.__version__, python=platform.python_version(),
         inputs=inputs, seed=None, settings={**asdict(options), **given},

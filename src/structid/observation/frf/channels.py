@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import FloatArray, IntArray, NumberArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,20 +45,20 @@ class Channels:
         """From one field or several (n_dofs, n) to what the sensors and contacts read."""
         return sparse.csr_array(self.sensors.T)
 
-    def read(self, fields: ComplexArray) -> ComplexArray:
+    def read(self, fields: NumberArray) -> NumberArray:
         """What sensors and contacts read of fields (n_lines, n_dofs, n), (n_lines, n_outputs + n_contacts, n)."""
         return read(self.reader, fields)
 
-    def under_loads(self, fields: NDArray[Any]) -> NDArray[Any]:
+    def under_loads(self, fields: NumberArray) -> NumberArray:
         """Of fields (..., n_columns) under all `columns` those under the loads, signs included."""
         return fields[..., self.inputs[0]] * self.inputs[1]
 
-    def under_sensors(self, fields: NDArray[Any]) -> NDArray[Any]:
+    def under_sensors(self, fields: NumberArray) -> NumberArray:
         """Of fields (..., n_columns) under all `columns` those under loads at sensors and contacts, signs included."""
         return fields[..., self.outputs[0]] * self.outputs[1]
 
 
-def read(reader: sparse.csr_array, fields: ComplexArray) -> ComplexArray:
+def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
     """Products of `reader` (n_readings, n_dofs) with fields (n_lines, n_dofs, n), (n_lines, n_readings, n)."""
     flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
     found = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, NumberArray
 from structid.dof import Dof
 from structid.dynamics.dense_fields import MOST_SMALLER, solved_few
 from structid.errors import InputError
@@ -88,7 +88,7 @@ class Sliding:
         return known
 
     def add_change(
-        self, derivative: ComplexArray, readings: ComplexArray, reach: ComplexArray, physical: FloatArray, part: slice
+        self, derivative: ComplexArray, readings: NumberArray, reach: NumberArray, physical: FloatArray, part: slice
     ) -> None:
         """Add to derivatives at fixed amplitudes, at a stretch of lines, what the amplitudes' own change makes of them.
 
@@ -195,7 +195,7 @@ def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray
 
 
 def add_amplitude_change(
-    derivative: ComplexArray, motion: ComplexArray, reach: ComplexArray, force: FloatArray, size: FloatArray
+    derivative: ComplexArray, motion: NumberArray, reach: NumberArray, force: FloatArray, size: FloatArray
 ) -> None:
     """Make the derivative of outputs and contacts at fixed sliding amplitudes the whole one, in place.
 

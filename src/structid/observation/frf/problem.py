@@ -25,7 +25,7 @@ from structid.observation.frf.leakage import LeakedFrf, leaking_lines, require_l
 from structid.observation.frf.observed import ObservedFrf
 from structid.observation.frf.products import STORED_BYTES, response_products
 from structid.observation.frf.response import Models, Response, response
-from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
+from structid.observation.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
 from structid.records import FrfRecord
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
@@ -107,44 +107,11 @@ class FrfProblem(ResponseProblem):
                 "the record has no noise level; declare `noise` (relative or absolute), give coherence and averages,"
                 " or give `model_error`"
             )
-        deviation = self._whitened.deviation
-        if self.form != "equation" and not (deviation > 0).all():
-            line, output, load = np.argwhere(deviation <= 0)[0]
-            raise InputError(
-                f"noise of {self.record.outputs[output]}/{self.record.inputs[load]} is 0 at {self.record.frequency[line]:g} Hz;"
-                " declare an absolute noise or a model error, so that every line has a finite weight"
-            )
-        if self.form in ("log", "pole_free") and (self.record.values == 0).any():
-            raise InputError(f"form {self.form!r} needs measured values other than 0; use form 'output'")
+        _require_weights(self.form, self.record, self._whitened.deviation)
         if self.channels is not None:
-            self._require_sound_channels(self.channels)
+            _require_sound_channels(self, self.channels)
         if self.record.segment is not None:
-            self._require_leakage(self.record.segment)
-
-    def _require_leakage(self, segment: float) -> None:
-        require_leaking(self.record, segment)
-        if self.form == "equation":
-            raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
-        if self._has_friction:
-            raise InputError(
-                "leakage of segments needs a structure without friction, which random motion does not know"
-            )
-        self.structure.require_modes("leakage of segments", "leave `leakage` out, where segments are long enough")
-
-    def _require_sound_channels(self, channels: ChannelErrors) -> None:
-        if self.form == "equation":
-            raise InputError("form 'equation' takes no errors of channels; use form 'output'")
-        if channels.decay(channels.start) is not None:
-            if self._has_friction:
-                raise InputError(
-                    "a window's decay as a parameter needs a structure without friction; give its known value, or correct the"
-                    " record for it"
-                )
-            self.structure.require_modes("a window's decay", "correct the record for it")
-
-    @property
-    def _has_friction(self) -> bool:
-        return any(isinstance(element, Friction) for element in self.structure.elements)
+            _require_leakage(self, self.record.segment)
 
     def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> FrfProblem:
         return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
@@ -155,19 +122,6 @@ class FrfProblem(ResponseProblem):
     @property
     def frequency(self) -> FloatArray:
         return self.record.frequency
-
-    @property
-    def line_spacing(self) -> FloatArray:
-        gaps = np.diff(self.frequency)
-        return np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf)
-
-    @property
-    def window_bandwidth(self) -> FloatArray:
-        return self.record.laplace.real / np.pi
-
-    @property
-    def n_channels(self) -> int:
-        return int(np.prod(self.record.values.shape[1:]))
 
     @property
     def is_large(self) -> bool:
@@ -186,18 +140,19 @@ class FrfProblem(ResponseProblem):
         return replace(self, record=self.record.lines(keep))
 
     @property
-    def sources(self) -> tuple[object, ...]:
-        return self.structure, self.record
-
-    @property
-    def noise_words(self) -> str:
-        if self.record.variance is None:
-            return f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
-        return _NOISE.get(self.record.noise_source, "the noise that the record has")
-
-    @property
-    def measures_force(self) -> bool:
-        return not self.record.is_per_motion
+    def facts(self) -> RecordFacts:
+        gaps, record = np.diff(self.frequency), self.record
+        noise = _NOISE.get(record.noise_source, "the noise that the record has")
+        if record.variance is None:
+            noise = f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
+        return RecordFacts(
+            line_spacing=np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf),
+            window_bandwidth=record.laplace.real / np.pi,
+            noise=noise,
+            measures_force=not record.is_per_motion,
+            n_channels=int(np.prod(record.values.shape[1:])),
+            record=record,
+        )
 
     @cached_property
     def averages(self) -> FloatArray | None:
@@ -290,7 +245,7 @@ class FrfProblem(ResponseProblem):
     def linearize(self, theta: FloatArray) -> Linearization:
         predicted, derivative = self._observed.derivatives(self.physical(theta))
         if self.form == "equation":
-            data, change = self._equation(theta, predicted, derivative)
+            data, change = _equation_rows(self, theta, predicted, derivative)
         else:
             data, change = self._whitened.residual(predicted), self._whitened.whitening(predicted).rows(derivative)
         rows = stack_real(change.reshape(-1, len(theta))) * self.slope(theta)
@@ -306,7 +261,7 @@ class FrfProblem(ResponseProblem):
             return "takes no leakage of segments"
         if not self.structure.has_matrices:
             return "takes no FRFs that a solver gives"
-        return "takes no dry friction" if self._has_friction else ""
+        return "takes no dry friction" if _has_friction(self.structure) else ""
 
     def linearize_operator(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> OperatorLinearization:
         """The residual and products with its derivative, which is not formed, for very many parameters.
@@ -337,16 +292,6 @@ class FrfProblem(ResponseProblem):
             words=at.words,
             jacobian=None if at.jacobian is None else at.jacobian * slope,
         )
-
-    def _equation(self, theta: FloatArray, h: ComplexArray, dh: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
-        weight = self.model.sensor_gram(self.physical(theta))
-        factor = np.linalg.cholesky(weight)
-        receptance_scale = self.model.kind_factor[:, None, None]
-        data = np.linalg.solve(factor, (h - self.record.values) / receptance_scale)
-        flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
-        change = np.linalg.solve(factor, flat).reshape(dh.shape)
-        return data, change
 
     def stage_plans(self) -> tuple[FrfStages, ...]:
         """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
@@ -383,6 +328,56 @@ class FrfProblem(ResponseProblem):
         """
         keep = thinned_lines(self.record.omega)
         return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
+
+
+def _has_friction(structure: Structure) -> bool:
+    return any(isinstance(element, Friction) for element in structure.elements)
+
+
+def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
+    """Refuse values whose weight would be infinite, and zeros where the form divides by what was measured."""
+    if form != "equation" and not (deviation > 0).all():
+        line, output, load = np.argwhere(deviation <= 0)[0]
+        raise InputError(
+            f"noise of {record.outputs[output]}/{record.inputs[load]} is 0 at {record.frequency[line]:g} Hz;"
+            " declare an absolute noise or a model error, so that every line has a finite weight"
+        )
+    if form in ("log", "pole_free") and (record.values == 0).any():
+        raise InputError(f"form {form!r} needs measured values other than 0; use form 'output'")
+
+
+def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> None:
+    if problem.form == "equation":
+        raise InputError("form 'equation' takes no errors of channels; use form 'output'")
+    if channels.decay(channels.start) is not None:
+        if _has_friction(problem.structure):
+            raise InputError(
+                "a window's decay as a parameter needs a structure without friction; give its known value, or correct the"
+                " record for it"
+            )
+        problem.structure.require_modes("a window's decay", "correct the record for it")
+
+
+def _require_leakage(problem: FrfProblem, segment: float) -> None:
+    require_leaking(problem.record, segment)
+    if problem.form == "equation":
+        raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
+    if _has_friction(problem.structure):
+        raise InputError("leakage of segments needs a structure without friction, which random motion does not know")
+    problem.structure.require_modes("leakage of segments", "leave `leakage` out, where segments are long enough")
+
+
+def _equation_rows(
+    problem: FrfProblem, theta: FloatArray, h: ComplexArray, dh: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
+    weight = problem.model.sensor_gram(problem.physical(theta))
+    factor = np.linalg.cholesky(weight)
+    receptance_scale = problem.model.kind_factor[:, None, None]
+    data = np.linalg.solve(factor, (h - problem.record.values) / receptance_scale)
+    flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
+    change = np.linalg.solve(factor, flat).reshape(dh.shape)
+    return data, change
 
 
 def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfStages:

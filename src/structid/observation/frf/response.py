@@ -11,7 +11,7 @@ from weakref import WeakSet, WeakValueDictionary
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, NumberArray
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
@@ -91,11 +91,11 @@ class Response:
             fields[part] = found
         return fields
 
-    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, ComplexArray]]:
+    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, NumberArray]]:
         """Motion (n, n_dofs, n_columns) under unit loads at all columns for stretches of lines, one after another."""
         return self.lines.fields(physical, self._coefficients(physical))
 
-    def sensitivity_at(self, physical: FloatArray, x: ComplexArray, y: ComplexArray) -> ComplexArray:
+    def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.
 
         Shapes (n_frequencies, n_dofs, n_x), (n_frequencies, n_dofs, n_y) and (n_frequencies, n_y, n_x, n_params).

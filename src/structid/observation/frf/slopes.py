@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.observation.contraction import DenseSlopes, ParameterForces, dense_slopes, parameter_forces
 from structid.observation.sensitive import (
@@ -74,7 +74,7 @@ class StiffnessSlopes:
         return known[1], factors
 
     def contracted(
-        self, physical: FloatArray, coefficients: ComplexArray, x: ComplexArray, y: ComplexArray
+        self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
     ) -> ComplexArray:
         """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params)."""
         if self.assembled.structure.n_dofs <= DENSE_UP_TO:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from scipy.sparse.linalg import splu
 from structid.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.observation.modal.matrix_slopes import MatrixSlopes
+
+Entry = TypeVar("Entry", bound=np.generic)
 
 _DENSE_UP_TO = 600
 
@@ -31,6 +34,8 @@ class GroupData:
         Measured omega^2, (rad/s)^2.
     shapes : (n_own, m) float array
         In standard deviations of each channel.
+    shape_std : (n_own,) float array
+        Those standard deviations.
     mixing_std : (m, m) float array
         Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
         of a shape turns it towards the others, which shows as that part of their distance in eigenvalue; and never
@@ -41,7 +46,13 @@ class GroupData:
     channels: IntArray
     eigenvalues: FloatArray
     shapes: FloatArray
+    shape_std: FloatArray
     mixing_std: FloatArray
+
+
+def by_mode(groups: Sequence[GroupData], parts: Sequence[NDArray[Entry]]) -> NDArray[Entry]:
+    """Values of the members of each group, in the order of the modes, (n_measured, ...)."""
+    return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in groups]))]
 
 
 @dataclass(frozen=True, eq=False)

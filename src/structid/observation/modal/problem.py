@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +21,12 @@ from structid.observation.latest import Latest
 from structid.observation.modal.dynamic import dynamic_residual
 from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
 from structid.observation.modal.measured import FewSensorsError, MeasuredModes
-from structid.observation.modal.output import GroupData, GroupFit, ModelState, group_changes, group_fit
-from structid.observation.record_problem import DataRows, MeasuredProblem
+from structid.observation.modal.output import GroupData, GroupFit, ModelState, by_mode, group_changes, group_fit
+from structid.observation.modal.settings import ModalForm, ModalSettings
+from structid.observation.record_problem import DataRows, MeasuredProblem, RecordFacts
 from structid.similarity.pairing import assigned, likenesses, pairing_worth
 from structid.structure import Structure
 from structid.unknowns import Parameters
-
-ModalForm = Literal["output", "dynamic"]
-ShapeForm = Literal["entries", "mac"]
 
 _START_ERROR = 0.5
 #: Errors of frequencies and shapes where modes are paired by their order: shapes hardly count.
@@ -62,23 +59,8 @@ class ModalProblem(MeasuredProblem):
         Modes at 0 Hz are left out. Shape entries that are unknown have no part in residual, scale and pairing; of close modes
         the channels count that are known in all of them. A mode without a known entry counts by its frequency (and damping
         ratio) alone, and is paired by it.
-    frequency_error, damping_error : float
-        Standard deviation of each frequency and damping ratio as a part of its value, where the record has no
-        covariance; added to it in quadrature where it has.
-    shape_error : float
-        Standard deviation of every shape entry in parts of the largest, where the record has none; added likewise.
-    use_damping : bool
-        Whether damping ratios count; those of modes in groups never do.
-    closeness : float
-        Relative distance of measured frequencies below which modes form a group; those that their standard deviations
-        do not tell apart form one in any case.
-    form : ModalForm
-        Of the residual, see above.
-    frequency_guard : float
-        A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
-    shape_form : ShapeForm
-        How shapes count: ``entries``, by the standard deviation of each; ``mac``, as (1 - MAC) / ``shape_error**2`` of each
-        mode, for comparison with work that minimizes such sums. MACs have no noise model: intervals are those of the weight.
+    settings : ModalSettings
+        What counts of the modes, and how.
     channels : ChannelErrors, optional
         Gains of sensors, by which shapes are read wrongly; for the form ``output``. One sensor at least keeps
         its gain, as shapes have no scale.
@@ -105,45 +87,21 @@ class ModalProblem(MeasuredProblem):
     structure: Structure
     parameters: Parameters
     record: ModalRecord
-    frequency_error: float = 0.0
-    damping_error: float = 0.0
-    shape_error: float = 0.0
-    use_damping: bool = False
-    closeness: float = 0.02
-    form: ModalForm = "output"
-    frequency_guard: float = 0.3
-    shape_form: ShapeForm = "entries"
+    settings: ModalSettings = field(default_factory=ModalSettings)
     channels: ChannelErrors | None = None
     in_order: bool = False
-
-    @property
-    def leaves_damping_out(self) -> bool:
-        return not self.use_damping and bool((np.nan_to_num(self.record.damping_ratio) > 0).any())
-
-    @property
-    def noise_words(self) -> str:
-        return "the deviations of the modes"
 
     def __post_init__(self) -> None:
         self.structure.require_modes("modes")
         _ = self.data, self._sensors
-        if self.form == "dynamic" and not self.data.has_shapes:
+        if self.settings.form == "dynamic" and not self.data.has_shapes:
             raise InputError("form 'dynamic' needs a known shape entry, of one mode at least; use form 'output'")
         if self.channels is not None:
-            self._require_sound_channels(self.channels)
-
-    def _require_sound_channels(self, channels: ChannelErrors) -> None:
-        if self.form == "dynamic":
-            raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
-        if set(channels.kinds) != {"gain"} or channels.polarity_names:
-            raise InputError(
-                "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
-            )
+            _require_sound_channels(self.settings.form, self.channels)
 
     @cached_property
     def data(self) -> MeasuredModes:
-        errors = self.frequency_error, self.damping_error, self.shape_error
-        return MeasuredModes(self.record, *errors, self.use_damping, self.closeness, self.shape_form)
+        return MeasuredModes(self.record, self.settings)
 
     def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> ModalProblem:
         return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
@@ -153,16 +111,23 @@ class ModalProblem(MeasuredProblem):
         return "takes records of responses, got one of modes"
 
     @property
-    def sources(self) -> tuple[object, ...]:
-        return self.structure, self.record
-
-    @property
     def frequency(self) -> FloatArray:
         return self.record.frequency
 
+    def of_form(self, form: ModalForm) -> ModalProblem:
+        """The same with a residual of another form."""
+        return replace(self, settings=replace(self.settings, form=form))
+
     @property
-    def measures_force(self) -> bool:
-        return False
+    def facts(self) -> RecordFacts:
+        return replace(
+            super().facts,
+            noise="the deviations of the modes",
+            measures_force=False,
+            leaves_damping_out=not self.settings.use_damping
+            and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
+            record=self.record,
+        )
 
     @cached_property
     def _sensors(self) -> FloatArray:
@@ -180,8 +145,8 @@ class ModalProblem(MeasuredProblem):
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
         n = len(self.record.channels)
-        if self.form == "dynamic":
-            mode, place = np.nonzero(self.data.known.T[self.data.measured])
+        if self.settings.form == "dynamic":
+            mode, place = np.nonzero(self.record.known.T[self.data.measured])
             forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
             return DataRows(self.data.measured[mode], 2 * place, forces)
         lines, series = [], []
@@ -191,7 +156,7 @@ class ModalProblem(MeasuredProblem):
             series += [np.repeat(2 * group.channels, m), np.full(m * m, 2 * n)]
         used = np.unique(np.concatenate([group.channels for group in self.data.groups]))
         shapes = [f"shape at {self.record.channels[c]}" for c in used]
-        scalars = ("frequency", "damping ratio") if self.use_damping else ("frequency",)
+        scalars = ("frequency", "damping ratio") if self.settings.use_damping else ("frequency",)
         lines.append(np.tile(self.data.measured, len(scalars)))
         series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
         return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
@@ -208,10 +173,11 @@ class ModalProblem(MeasuredProblem):
         frequency, shape = _ORDER_ERRORS
         ways: list[Stages] = [()]
         with suppress(FewSensorsError):  # errors so wide leave more modes together than the sensors tell
-            ordered = replace(near, form="output", frequency_error=frequency, shape_error=shape, in_order=True)
+            errors = replace(self.settings, form="output", frequency_error=frequency, shape_error=shape)
+            ordered = replace(near, settings=errors, in_order=True)
             ways.append((("modes in their order", ordered),))
         if self.data.has_shapes and self.structure.n_dofs <= _DENSE_UP_TO and self.channels is None:
-            ways.append((("modal dynamic residual", replace(near, form="dynamic")),))
+            ways.append((("modal dynamic residual", near.of_form("dynamic")),))
         return ways
 
     def model_state(self, physical: FloatArray) -> ModelState:
@@ -255,11 +221,11 @@ class ModalProblem(MeasuredProblem):
             clear = use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
             return (clear if len(clear) >= len(self.data.measured) else use)[np.argsort(np.argsort(frequency))]
         likeness = likenesses(shapes, seen[:, use], motion[use] > 0)
-        worth = pairing_worth(likeness, frequency, found.frequency[use], self.frequency_guard)
+        worth = pairing_worth(likeness, frequency, found.frequency[use], self.settings.frequency_guard)
         return use[assigned(worth)[1]]
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        known = self.linearize(theta) if self.form == "dynamic" else self._latest.known(theta)
+        known = self.linearize(theta) if self.settings.form == "dynamic" else self._latest.known(theta)
         if known is not None:
             return known.residual
         data, _, eliminated = self._output(self.physical(theta), with_slopes=False)
@@ -268,7 +234,7 @@ class ModalProblem(MeasuredProblem):
 
     def shape_residual(self, theta: FloatArray) -> FloatArray:
         """The rows of shape values in the residual of form ``output``, in standard deviations."""
-        of = self if self.form == "output" else replace(self, form="output")
+        of = self if self.settings.form == "output" else self.of_form("output")
         return of.residual(theta)[: of.n_data][of.series < 2 * len(self.record.channels)]
 
     @cached_property
@@ -312,7 +278,7 @@ class ModalProblem(MeasuredProblem):
 
     def _found(self, theta: FloatArray) -> Linearization:
         physical = self.physical(theta)
-        if self.form == "dynamic":
+        if self.settings.form == "dynamic":
             data, change, eliminated = *self._dynamic(physical), 0
         else:
             data, change, eliminated = self._output(physical)
@@ -320,16 +286,16 @@ class ModalProblem(MeasuredProblem):
 
     def _dynamic(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Force residual of each mode with a shape in parts of its inertia force, over the error of the shapes."""
-        shown = self.data.known[:, self.data.measured].any(axis=0)
+        shown = self.record.known[:, self.data.measured].any(axis=0)
         found = [
             dynamic_residual(
                 self.structure,
                 self.slopes,
                 physical,
                 self.parameters.start,
-                self._sensors[:, self.data.known[:, mode]],
+                self._sensors[:, self.record.known[:, mode]],
                 2 * np.pi * self.record.frequency[mode],
-                self.data.shapes[self.data.known[:, mode], mode],
+                self.data.shapes[self.record.known[:, mode], mode],
             )
             for mode in self.data.measured[shown]
         ]
@@ -344,9 +310,7 @@ class ModalProblem(MeasuredProblem):
         found = []
         for group in self.data.groups:
             own = group.channels
-            seen = replace(
-                state, sensors=state.sensors[:, own] / self.data.group_std(group), readings=state.readings[own]
-            )
+            seen = replace(state, sensors=state.sensors[:, own] / group.shape_std, readings=state.readings[own])
             found.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
         return found
 
@@ -365,12 +329,15 @@ class ModalProblem(MeasuredProblem):
             n_mixing = len(chosen) ** 2 if len(group.channels) else 0
             eliminated += n_mixing + len(chosen)  # A, and the mixing's empty diagonal
             fits.append(fit)
-        by_mode = self.data.by_mode
-        frequency = by_mode([fit.frequency for fit in fits]) - self.data.frequency
-        damping = by_mode([fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
+        groups = self.data.groups
+        frequency = by_mode(groups, [fit.frequency for fit in fits]) - self.data.frequency
+        damping = by_mode(groups, [fit.damping for fit in fits]) - self.record.damping_ratio[self.data.measured]
         scalar = self.data.whitened(frequency[:, None], damping[:, None])[:, 0]
-        change = by_mode([fit.frequency_slope for fit in fits]), by_mode([fit.damping_slope for fit in fits])
-        unused = int((~self.data.is_alone).sum()) if self.use_damping else 0
+        change = (
+            by_mode(groups, [fit.frequency_slope for fit in fits]),
+            by_mode(groups, [fit.damping_slope for fit in fits]),
+        )
+        unused = int((~self.data.is_alone).sum()) if self.settings.use_damping else 0
         jacobian = np.concatenate([*slopes, self.data.whitened(*change)])
         return np.concatenate([*rows, scalar]), jacobian, eliminated + unused
 
@@ -380,17 +347,17 @@ class ModalProblem(MeasuredProblem):
         None where the record does not say how its numbers vary together; the rows then count as independent.
         """
         changes = self.data.changes
-        if self.form == "dynamic" or changes is None:
+        if self.settings.form == "dynamic" or changes is None:
             return None
         frequency, ratio, shapes = changes
         rows, model = [], []
         for state, group, chosen in self._groups_at(self.physical(theta)):
             own = np.moveaxis(shapes[:, group.channels][:, :, group.members], 0, -1)
-            moved = own / self.data.group_std(group)[:, None, None]
+            moved = own / group.shape_std[:, None, None]
             d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
             rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
             model.append(d_frequency)
-        rows.append(self.data.whitened(self.data.by_mode(model) - frequency.T, -ratio.T))
+        rows.append(self.data.whitened(by_mode(self.data.groups, model) - frequency.T, -ratio.T))
         return np.concatenate(rows).T
 
 
@@ -400,3 +367,12 @@ def _kind_of(row: str) -> str:
     return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
         first, "damping ratios"
     )
+
+
+def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
+    if form == "dynamic":
+        raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
+    if set(channels.kinds) != {"gain"} or channels.polarity_names:
+        raise InputError(
+            "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
+        )

@@ -12,7 +12,7 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray, require_shape
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
-from structid.observation.record_problem import DataRows, RecordProblem
+from structid.observation.record_problem import DataRows, RecordFacts, RecordProblem
 from structid.observation.time.model import TimeModel
 from structid.observation.time.options import Oscillation
 from structid.structure import Structure
@@ -102,12 +102,9 @@ class OutputErrorProblem(RecordProblem):
         return np.fft.rfftfreq(self.n_times, self.model.step)[1:]
 
     @property
-    def line_spacing(self) -> FloatArray:
-        return np.full(len(self.frequency), 1 / (self.n_times * self.model.step))
-
-    @property
-    def n_channels(self) -> int:
-        return len(self.deviation)
+    def facts(self) -> RecordFacts:
+        spacing = np.full(len(self.frequency), 1 / (self.n_times * self.model.step))
+        return replace(super().facts, line_spacing=spacing, n_channels=len(self.deviation))
 
     @property
     def n_times(self) -> int:

@@ -18,7 +18,7 @@ from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.continuation import thinned_lines
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.latest import Latest
-from structid.observation.record_problem import DataRows, ResponseProblem, complex_rows
+from structid.observation.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
 from structid.observation.time.eliminated import Evaluation, orthonormal
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import FrfKind
@@ -130,20 +130,8 @@ class SpectraProblem(ResponseProblem):
         return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
-    def sources(self) -> tuple[object, ...]:
-        return (self.structure,) if self.record is None else (self.structure, self.record)
-
-    @property
     def frequency(self) -> FloatArray:
         return self.spectra.frequency
-
-    @property
-    def line_spacing(self) -> FloatArray:
-        return np.full(len(self.frequency), 1 / self.spectra.duration)
-
-    @property
-    def n_channels(self) -> int:
-        return len(self.spectra.outputs)
 
     def with_lines(self, keep: IntArray) -> SpectraProblem:
         chosen = np.zeros(len(self.frequency), dtype=bool)
@@ -156,8 +144,14 @@ class SpectraProblem(ResponseProblem):
         return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
     @property
-    def measures_force(self) -> bool:
-        return not self.spectra.driven.any()
+    def facts(self) -> RecordFacts:
+        return replace(
+            super().facts,
+            line_spacing=np.full(len(self.frequency), 1 / self.spectra.duration),
+            measures_force=not self.spectra.driven.any(),
+            n_channels=len(self.spectra.outputs),
+            record=self.record,
+        )
 
     @cached_property
     def rows(self) -> DataRows:

@@ -51,13 +51,20 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     own = "with covariance" if record.covariance is not None else "no covariance"
     assumed = [
         f"{percent(value, 3, signed=False)} of each {what}"
-        for value, what in ((problem.frequency_error, "frequency"), (problem.damping_error, "damping ratio"))
+        for value, what in (
+            (problem.settings.frequency_error, "frequency"),
+            (problem.settings.damping_error, "damping ratio"),
+        )
         if value
     ]
-    assumed += [f"{percent(problem.shape_error, 3, signed=False)} of the largest shape entry"] * bool(
-        problem.shape_error
+    assumed += [f"{percent(problem.settings.shape_error, 3, signed=False)} of the largest shape entry"] * bool(
+        problem.settings.shape_error
     )
-    residual = _MAC if problem.shape_form == "mac" and problem.form == "output" else _FORMS[problem.form]
+    residual = (
+        _MAC
+        if problem.settings.shape_form == "mac" and problem.settings.form == "output"
+        else _FORMS[problem.settings.form]
+    )
     f = record.frequency[problem.data.measured]
     scale = (
         "modes give ratios of stiffness to mass only; kilograms rest on "
@@ -69,7 +76,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
         ("Sensors", ", ".join(map(str, record.channels)) + record.unknown_words),
         ("Uncertainty", own),
         ("Error assumed besides", ", ".join(assumed) or "none"),
-        ("Residual", residual + (", with damping ratios" if problem.use_damping else "")),
+        ("Residual", residual + (", with damping ratios" if problem.settings.use_damping else "")),
         ("What pulls", _pull(fit)),
         ("Absolute size", scale),
     )

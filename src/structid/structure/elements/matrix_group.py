@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.arrays import IntArray, locked
@@ -26,13 +27,26 @@ from structid.structure.elements.element import (
     element,
 )
 
+#: Sparse or dense.
+AnyMatrix: TypeAlias = sparse.sparray | sparse.spmatrix | ArrayLike
 Rows: TypeAlias = Annotated[Given[Iterable[str | Dof], tuple[Dof, ...]], "sequence of degrees of freedom"]
-Matrix: TypeAlias = Annotated[Given[Any, sparse.csc_array | None], "(n_dofs, n_dofs) sparse or dense array, optional"]
+Matrix: TypeAlias = Annotated[
+    Given[AnyMatrix, sparse.csc_array | None], "(n_dofs, n_dofs) sparse or dense array, optional"
+]
 _KINDS: dict[str, Kind] = {"mass": "mass", "stiffness": "stiffness", "damping": "viscous_damping"}
 
 
-def _sparse(name: str, given: Any) -> sparse.csc_array:
+def _sparse(name: str, given: AnyMatrix) -> sparse.csc_array:
     return sparse.csc_array(given, dtype=np.float64)
+
+
+class GroupMatrices(TypedDict, total=False):
+    """What `MatrixGroup` takes beside its name and degrees of freedom."""
+
+    mass: AnyMatrix
+    stiffness: AnyMatrix
+    damping: AnyMatrix
+    loss_factor: ArrayLike
 
 
 @element

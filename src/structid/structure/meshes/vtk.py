@@ -3,18 +3,37 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
-from structid.arrays import IntArray, locked
+from structid.arrays import AnyArray, IntArray, locked
 from structid.errors import FileError
 from structid.structure.meshes.mesh import CellBlock, Mesh
 
 SUFFIXES: tuple[str, ...] = (".vtu", ".vtk")
 _LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
 _REMEDY = "write it again, as an unstructured grid"
+
+
+class _Cells(Protocol):
+    """Cells of one type."""
+
+    type: str
+    data: AnyArray
+
+
+class _Grid(Protocol):
+    """What is used of a mesh of meshio."""
+
+    points: AnyArray
+    cells: Sequence[_Cells]
+    point_data: Mapping[str, AnyArray]
+    point_sets: Mapping[str, AnyArray]
+    cell_data: Mapping[str, Sequence[AnyArray]]
+    cell_sets: Mapping[str, Sequence[AnyArray | None]]
 
 
 def read(path: Path, factor: float) -> Mesh:
@@ -44,7 +63,7 @@ def read(path: Path, factor: float) -> Mesh:
     return Mesh(locked(labels), locked(factor * points), tuple(blocks), groups, nodes, path.name)
 
 
-def _read(path: Path, kind: str) -> Any:
+def _read(path: Path, kind: str) -> _Grid:
     """What meshio's own reader of the format gives."""
     _require_meshio(path, kind)
     try:
@@ -66,14 +85,14 @@ def _require_meshio(path: Path, kind: str) -> None:
         ) from error
 
 
-def _labels(given: Any) -> IntArray:
+def _labels(given: _Grid) -> IntArray:
     for name in _LABEL_ARRAYS:
         if name in given.point_data and np.issubdtype(given.point_data[name].dtype, np.integer):
             return np.asarray(given.point_data[name], dtype=np.int64)
     return np.arange(1, len(given.points) + 1)
 
 
-def _groups(given: Any) -> dict[str, tuple[IntArray, ...]]:
+def _groups(given: _Grid) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each block by the name of the group."""
     found: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in given.cell_sets.items():
@@ -84,7 +103,7 @@ def _groups(given: Any) -> dict[str, tuple[IntArray, ...]]:
     return found
 
 
-def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: Any, array: str) -> None:
+def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: _Grid, array: str) -> None:
     """Groups from one number a cell; names that are known already stay as they are."""
     parts = [np.asarray(part) for part in given.cell_data[array]]
     for tag in np.unique(np.concatenate(parts)).tolist():

@@ -37,7 +37,7 @@ def _record(fit: ModalFit) -> dict[str, Any]:
     return {
         "name": fit.name,
         "source": fit.measured.source,
-        "form": problem.form,
+        "form": problem.settings.form,
         "channels": [str(dof) for dof in fit.measured.channels],
         "modes": [
             {

@@ -146,7 +146,7 @@ def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
 
 
 def _facts(setup: AnySetup) -> tuple[str, ...]:
-    record = setup.measured
+    record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
         return ()
     n = record.averages

@@ -241,7 +241,7 @@ def _by_jacobian(ready: Start) -> _Predicted:
     found = identifiability(relative, problem.physical(theta), problem.names)
     identified = covariance.std <= problem.sizes(problem.physical(theta))
     warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
-    if not all(part.measures_force for part in ready.problems):
+    if not all(part.facts.measures_force for part in ready.problems):
         warnings += _ratio_warnings(problem, relative, identified)
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(found)
@@ -299,10 +299,10 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
 
 
 def _mode_checks(found: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
-    axis, spacing = problem.frequency, problem.line_spacing
+    axis, facts = problem.frequency, problem.facts
     near = np.clip(np.searchsorted(axis, found.frequency), 0, len(axis) - 1)
     inside = (axis[0] <= found.frequency) & (found.frequency <= axis[-1])
-    lines = (2 * found.damping_ratio * found.frequency + problem.window_bandwidth[near]) / spacing[near]
+    lines = (2 * found.damping_ratio * found.frequency + facts.window_bandwidth[near]) / facts.line_spacing[near]
     rows = zip(found.frequency, found.damping_ratio, inside, lines, found.rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 

@@ -123,11 +123,11 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
         n_dofs=max(p.structure.n_dofs for p in problems),
         n_elements=max(sum(part.blocks.n_elements for part in p.structure.contributions) for p in problems),
         n_lines=max(len(p.frequency) for p in problems),
-        n_channels=max(p.n_channels for p in problems),
+        n_channels=max(p.facts.n_channels for p in problems),
         n_records=len(problems),
         n_parameters=len({name for p in problems for name in p.names}),
         n_rows=sum(p.n_data for p in problems),
-        record_bytes=sum(_bytes(source) for p in problems for source in p.sources[1:]),
+        record_bytes=sum(_bytes(p.facts.record) for p in problems if p.facts.record is not None),
     )
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.observation.frf.channels import Channels, read
 from structid.observation.frf.lines.protocol import LineDerivatives, Lines
 from structid.observation.frf.slopes import StiffnessSlopes
@@ -60,7 +60,7 @@ class CoupledLines:
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
         right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))

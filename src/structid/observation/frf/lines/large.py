@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.factorization import Analysis, factorizer
 from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import ErrorOf, FieldSweep, reading_error, reduced_sweep
@@ -83,7 +81,7 @@ class LargeLines:
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (1, n_dofs, n_loads) of one line after another.
 
         Where no loads are given under all columns, by a reduced sweep where that serves.
@@ -206,7 +204,7 @@ def sweep_error(
     """
     maps, factors = forces
 
-    def error(line: int, exact: NDArray[Any], found: NDArray[Any]) -> float:
+    def error(line: int, exact: NumberArray, found: NumberArray) -> float:
         readings = reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, found))) / tolerance
         pair = [np.stack(maps.contracted(factors[line], fields[:, loads], fields)) for fields in (exact, found)]
         return max(readings, derivative_error(*pair) / (_DERIVATIVES * tolerance))
@@ -214,7 +212,7 @@ def sweep_error(
     return error
 
 
-def derivative_error(exact: NDArray[Any], found: NDArray[Any]) -> float:
+def derivative_error(exact: NumberArray, found: NumberArray) -> float:
     """Root mean square over parameters of the relative difference of derivatives (n_loads, n_params, n_readings)."""
     size, off = (np.linalg.norm(values, axis=(0, 2)) for values in (exact, found - exact))
     return float(np.sqrt(np.mean((off[size > 0] / size[size > 0]) ** 2))) if size.any() else 0.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.observation.frf.lines.large import LargeLines
 from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.observation.frf.lines.small import SmallLines
@@ -29,7 +29,7 @@ class MediumLines:
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         return self._serving(physical, coefficients, loads).fields(physical, coefficients, loads)
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 
 
 class LineDerivatives(NamedTuple):
@@ -26,9 +26,9 @@ class LineDerivatives(NamedTuple):
     """
 
     part: slice
-    values: ComplexArray
+    values: NumberArray
     derivative: ComplexArray
-    reach: ComplexArray
+    reach: NumberArray
 
 
 class Lines(Protocol):
@@ -41,7 +41,7 @@ class Lines(Protocol):
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
         ...
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
 from structid.observation.frf.channels import Channels
@@ -38,7 +38,7 @@ class SmallLines:
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
         at = self.at(physical, coefficients, loads)
         return at.stretches(coefficients, np.arange(at.loads.shape[1]))

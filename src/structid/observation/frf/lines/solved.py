@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.errors import InputError
 from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.records import FrfRecord
@@ -49,7 +49,7 @@ class SolvedLines:
 
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    ) -> Iterator[tuple[slice, NumberArray]]:
         """There are none.
 
         Raises

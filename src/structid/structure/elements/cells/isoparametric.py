@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
@@ -140,7 +140,7 @@ def _made() -> dict[str, CellShape]:
     triangle6, square8 = _middles(_TRIANGLE, _TRIANGLE_SIDES), _middles(_SQUARE, _SQUARE_SIDES)
     tetra10, cube20 = _middles(_TETRAHEDRON, _TETRAHEDRON_EDGES), _middles(_CUBE, _CUBE_EDGES)
     cube27, wedge15 = [*cube20, *_CUBE_FACES, (0, 0, 0)], _middles(_WEDGE, _WEDGE_EDGES)
-    table: dict[str, tuple[Any, Any, tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]] = {
+    table: dict[str, tuple[ArrayLike, ArrayLike, tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]] = {
         "triangle": (_TRIANGLE, _up_to(1, 2), triangle_rule(1), triangle_rule(2)),
         "triangle6": (triangle6, _up_to(2, 2), triangle_rule(2), triangle_rule(3)),
         "quad": (_SQUARE, bilinear, box_rule(2, 2), box_rule(2, 2)),

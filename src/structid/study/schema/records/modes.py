@@ -12,11 +12,11 @@ import numpy as np
 from structid.declared import Positive
 from structid.dof import Dof, parse_dofs, renamed
 from structid.errors import InputError
-from structid.identification.setups.modal import ModalSettings, chosen_modes
+from structid.identification.setups.modal import chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.files.files import read_modes
 from structid.modal.modal_record import independent_errors, largest_entries
-from structid.observation import ModalProblem
+from structid.observation import ModalSettings
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
 from structid.study.schema.root import InputFiles
@@ -77,7 +77,7 @@ class ModeDeviations:
 
 
 MODES = (
-    table_of(ModalSettings, words_of=ModalProblem)
+    table_of(ModalSettings)
     | table_of(ModeDeviations).keys
     | {"use": Key(_NUMBERS, "Numbers of the modes; all by default")}
 )
