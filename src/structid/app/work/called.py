@@ -17,7 +17,7 @@ from structid.errors import InputError, StructidError
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
     """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
-    from structid.study.results.folder import plain
+    from structid.plain import plain
 
     try:
         found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)

@@ -13,6 +13,7 @@ from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.search.least_squares import Method
 from structid.estimation.search.minimum import Keeper, Progress, State
 from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
+from structid.plain import Entry
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.spread_lines import spread
 from structid.study.run.workers import InProcess, Workers
@@ -39,9 +40,9 @@ class Reached:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Entry]:
         """The values reached, as plain values; no uncertainty belongs to them."""
-        found: dict[str, Any] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
+        found: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         found["sum_of_squares"] = self.cost
         if self.tasks:
             found["tasks"] = self.tasks
@@ -128,7 +129,7 @@ class LongRun:
         items: Sequence[Any],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Any]:
+    ) -> list[Entry]:
         """`task` of every item on the workers, in their order; those of the checkpoint are not run again."""
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
@@ -155,7 +156,7 @@ class LongRun:
         if self.progress is not None and total > 1:
             self.progress(name, done, total)
 
-    def so_far(self) -> dict[str, Any]:
+    def so_far(self) -> dict[str, Entry]:
         """What is reached and how much is done, for the reader."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
