@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -243,12 +243,23 @@ class FrfRecord(Shown):
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
         decay = None if self.decay is None else self.decay[keep]
-        return self._cut((keep,), frequency=self.frequency[keep], decay=decay)
+        return self._cut((keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
-    def _cut(self, index: tuple[Any, ...], **axes: Any) -> FrfRecord:
+    def _cut(
+        self,
+        index: tuple[np.ndarray, ...],
+        frequency: FloatArray,
+        decay: FloatArray | None,
+        outputs: tuple[Dof, ...],
+        inputs: tuple[Dof, ...],
+    ) -> FrfRecord:
         """All that has an entry for every value at `index`, with the axes that go with it."""
-        given = {name: getattr(self, name) for name in ("values", *_BESIDE_VALUES)}
-        return replace(self, **axes, **{name: array[index] for name, array in given.items() if array is not None})
+        beside = (self.variance, self.coherence, self.relative, self.sizes)
+        variance, coherence, relative, sizes = (None if array is None else array[index] for array in beside)
+        return replace(
+            self, frequency=frequency, values=self.values[index], outputs=outputs, inputs=inputs, variance=variance,
+            coherence=coherence, decay=decay, relative=relative, sizes=sizes,
+        )  # fmt: skip
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
         """The same record with these outputs only, in this order."""
@@ -262,9 +273,8 @@ class FrfRecord(Shown):
     def grid(self, outputs: Sequence[int], inputs: Sequence[int]) -> FrfRecord:
         """The outputs and inputs of these numbers only, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
-        return self._cut(
-            index, outputs=tuple(self.outputs[i] for i in outputs), inputs=tuple(self.inputs[i] for i in inputs)
-        )
+        named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
+        return self._cut(index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
         """The same measurement as receptance, mobility or accelerance: multiplied by a power of its Laplace variable.
