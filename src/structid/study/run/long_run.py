@@ -6,17 +6,16 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from structid.arrays import FloatArray
 from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.search.least_squares import Method
 from structid.estimation.search.minimum import Keeper, Progress, State
-from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
+from structid.estimation.search.work import StageProgress, Tools, restored_minimum, stored_minimum
 from structid.plain import Entry
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.spread_lines import spread
-from structid.study.run.workers import InProcess, Workers
+from structid.study.run.workers import Found, InProcess, Item, Shared, TaskOf, Workers
 
 #: Called with what the tasks are, how many are done, and how many there are.
 TaskProgress = Callable[[str, int, int], None]
@@ -124,18 +123,18 @@ class LongRun:
     def map(
         self,
         name: str,
-        task: Task,
-        shared: Any,
-        items: Sequence[Any],
+        task: TaskOf[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Entry]:
+    ) -> list[Found]:
         """`task` of every item on the workers, in their order; those of the checkpoint are not run again."""
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
         done = {} if self.checkpoint is None else self.checkpoint.entries
-        results = {number: done[own] for number, own in enumerate(names) if own in done}
+        results: dict[int, Found] = {number: done[own] for number, own in enumerate(names) if own in done}
         missing = {number: item for number, item in enumerate(items) if number not in results}
 
         def tools(number: int) -> Tools:
