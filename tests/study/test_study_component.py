@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from structid import FrfRecord, Unknown, parameters, simulated_record, with_declared_noise
 from structid.cli.app import app
+from structid.errors import InputError
 from structid.records import write_record
 from structid.study.results.folder import estimate_summary
 from structid.study.run.check import check_study
@@ -135,6 +136,12 @@ def test_what_is_wrong_is_told_with_its_place(study, old, new, words):
     assert done.exit_code == 2
     assert words in text
     assert "[[structure." in text
+
+
+def test_a_band_that_is_no_range_is_told_with_its_own_place(study):
+    given = ("up_to = 300.0\n", ""), ("band = [2.0, 60.0]", "band = 60.0")
+    with pytest.raises(InputError, match=r"\[method\] band: must be two increasing numbers"):
+        load_study(study(*given))
 
 
 def test_an_unknown_inside_is_refused_with_its_place(study):

@@ -10,9 +10,10 @@ import pytest
 
 from structid import identify
 from structid.errors import InputError
+from structid.plain import json_text
 from structid.report.identification.page import report_page
 from structid.report.identification.tables import span_text
-from structid.study.results.folder import estimate_summary, json_text
+from structid.study.results.folder import estimate_summary
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import chain_record, replaced, write_chain

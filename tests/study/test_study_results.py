@@ -12,7 +12,8 @@ import pytest
 
 from structid.errors import FileError
 from structid.files import digest
-from structid.study.results.folder import json_text, staged_folder, write_results
+from structid.plain import json_text
+from structid.study.results.folder import staged_folder, write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, TRUE, chain_record, write_chain

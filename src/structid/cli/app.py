@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import ast
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import CompletionItem, TyperGroup
+from typer.core import CompletionItem, TyperCommand, TyperGroup
 
 from structid._version import __version__
 from structid.cli.base import DONE, EXIT_CODES
 from structid.cli.flags import command
+
+if TYPE_CHECKING:
+    from typer._click import Command, Context, HelpFormatter
 
 #: Commands by the job that they do, in the order of a project. Each is the function of that name in the module of that
 #: name in `commands`; its docstring is the help.
@@ -47,7 +51,7 @@ Examples:
 
 Exit codes: {"; ".join(f"{code} {words}" for code, words in EXIT_CODES.items())}.
 """
-_SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None, "pretty_exceptions_enable": False}
+_typer = partial(typer.Typer, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 class _OnCall(TyperGroup):
@@ -55,21 +59,23 @@ class _OnCall(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands: dict[str, Any] = dict.fromkeys(COMMANDS)
+        self.commands = {name: TyperCommand(name) for name in COMMANDS}
+        self._loaded: set[str] = set()
 
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name in self.commands and self.commands[cmd_name] is None:
-            alone = typer.Typer(**_SETTINGS)
+    def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
+        if cmd_name in self.commands and cmd_name not in self._loaded:
+            alone = _typer(add_completion=False)
             alone.command(cmd_name)(command(vars(import_module(_module(cmd_name)))[cmd_name]))
             self.commands[cmd_name] = typer.main.get_command(alone)
+            self._loaded.add(cmd_name)
         return self.commands.get(cmd_name)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
         for job, names in JOBS.items():
             with formatter.section(job):
                 formatter.write_dl([(f"{name:<{_WIDEST}}", _summary(name)) for name in names])
 
-    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+    def shell_complete(self, ctx: Context, incomplete: str) -> list[CompletionItem]:
         """Names for a shell, with their summaries; no command is loaded for them."""
         if incomplete.startswith("-"):
             return super().shell_complete(ctx, incomplete)
@@ -89,7 +95,7 @@ def _summary(name: str) -> str:
     return (ast.get_docstring(function) or "").splitlines()[0]
 
 
-app = typer.Typer(name="structid", cls=_OnCall, no_args_is_help=True, **_SETTINGS | {"add_completion": True})
+app = _typer(name="structid", cls=_OnCall, no_args_is_help=True)
 
 
 def main() -> None:

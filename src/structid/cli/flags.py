@@ -7,15 +7,15 @@ given as one text, which the dataclass takes apart.
 from __future__ import annotations
 
 import inspect
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, TypeVar, get_type_hints
 
 import typer
 
 from structid.cli.base import reported
 
+T = TypeVar("T")
 _AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
 _PAIR = tuple[float, float] | None
 #: Flags by another name than that of their field.
@@ -28,12 +28,14 @@ _NAMES = {
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """`function` as typer takes it, with what a user can cause reported as one message and an exit code."""
     signature = inspect.signature(function, eval_str=True)
-    options: dict[str, Any] = {
-        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    options: dict[str, type] = {
+        p.name: p.annotation
+        for p in signature.parameters.values()
+        if isinstance(p.annotation, type) and is_dataclass(p.annotation)
     }
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
-    def run(**given: Any) -> None:
+    def run(**given: object) -> None:
         with reported():
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
@@ -49,28 +51,30 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _inner(kind: Any) -> Any:
+def _inner(kind: object) -> type | None:
     """The dataclass that a field holds, or None."""
     from structid.declared import alternatives  # not needed until a command is loaded
 
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 
-def _made(options: Any, told: dict[str, Any]) -> Any:
+def _made(options: type[T], told: Mapping[str, object]) -> T:
     """A dataclass from its flags, what begins with the name of a field that is a dataclass itself for that one."""
     kinds, own = get_type_hints(options), dict(told)
-    for field in fields(options):
-        inner, prefix = _inner(kinds[field.name]), f"{field.name}_"
+    for field in inspect.signature(options).parameters:
+        inner, prefix = _inner(kinds[field]), f"{field}_"
         if inner is not None:
             of_inner = [name for name in own if name.startswith(prefix)]
             parts = {name.removeprefix(prefix): own.pop(name) for name in of_inner}
-            own |= {field.name: _made(inner, parts)} if parts else {}
+            own |= {field: _made(inner, parts)} if parts else {}
     return options(**own)
 
 
-def _flags(options: Any, prefix: str = "") -> Iterator[inspect.Parameter]:
+def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
     """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
-    kinds, words = get_type_hints(options), _words(options)
+    from structid.declared import declared_words
+
+    kinds, words = get_type_hints(options), declared_words(options)
     for field in fields(options):
         kind, default = kinds[field.name], None if field.default is MISSING else field.default
         inner = _inner(kind)
@@ -81,22 +85,9 @@ def _flags(options: Any, prefix: str = "") -> Iterator[inspect.Parameter]:
             kind, default = str, str(default) if default else ""
         name = prefix + field.name
         names = _NAMES.get(name, (f"--{name.replace('_', '-')}",))
-        option = typer.Option(*names, help=words[field.name], metavar="LOW HIGH" if kind == _PAIR else None)
+        option = typer.Option(
+            *names, help=words[field.name].replace("`", ""), metavar="LOW HIGH" if kind == _PAIR else None
+        )
         yield inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
         )
-
-
-def _words(options: Any) -> dict[str, str]:
-    """What the docstring of a dataclass says of each field."""
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in inspect.cleandoc(options.__doc__ or "").splitlines():
-        head = re.match(r"([a-z_, ]+) : ", line)
-        if head:
-            names = head[1].split(", ")
-        elif line.startswith("    "):
-            found.update({name: f"{found.get(name, '')} {line.strip()}".strip() for name in names})
-        else:
-            names = []
-    return {name: text.replace("`", "") for name, text in found.items()}

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from structid.plain import Entry
 
 _LINE_SECONDS = 60.0
 #: Of a file of progress: parameters whose values it holds at most, lines until it leaves some out, and the time between them
@@ -34,7 +35,7 @@ class ProgressFile:
         Gives ``parameters``, see `Reached.summary`.
     """
 
-    def __init__(self, path: Path, reached: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, path: Path, reached: Callable[[], Mapping[str, Entry]]) -> None:
         self.path, self.reached = path, reached
         self._written, self._lines = 0.0, 0
         path.touch()
@@ -46,10 +47,11 @@ class ProgressFile:
             return
         self._written = now
         self._lines += 1
-        line: dict[str, Any] = {"time": now, "name": name, "done": done, "total": total, "words": words}
+        line: dict[str, Entry] = {"time": now, "name": name, "done": done, "total": total, "words": words}
         if cost is not None and math.isfinite(cost):
-            parameters = self.reached().get("parameters", [])
-            line |= {"sum_of_squares": cost, "parameters": parameters if len(parameters) <= _MOST_VALUES else []}
+            parameters = self.reached().get("parameters")
+            are_few = isinstance(parameters, list) and len(parameters) <= _MOST_VALUES
+            line |= {"sum_of_squares": cost, "parameters": parameters if are_few else []}
         with suppress(OSError), self.path.open("a", encoding="utf-8") as stream:  # a full disk does not end the search
             stream.write(json.dumps(line) + "\n")
 

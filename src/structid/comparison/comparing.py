@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from structid.estimation.estimate import estimate
 from structid.estimation.search.work import StageProgress
 from structid.identification.together import together
 from structid.observation import RecordProblem
+from structid.plain import Plain, plain_table
 from structid.shown import listed
-from structid.study.results.folder import plain
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
 from structid.study.run.solver.rounds import about_answer
 from structid.study.run.start import started
@@ -56,6 +56,12 @@ class CompareOptions:
         if isinstance(self.unchanged, str):
             names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
             object.__setattr__(self, "unchanged", names)
+
+
+class _Settings(TypedDict):
+    level: float
+    power: float
+    correction: Correction
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +119,7 @@ def compare(
         If a file cannot be used, or the states have nothing in common to compare.
     """
     chosen = options or CompareOptions()
-    settings: dict[str, Any] = {"level": chosen.level, "power": chosen.power, "correction": chosen.correction}
+    settings: _Settings = {"level": chosen.level, "power": chosen.power, "correction": chosen.correction}
     require_levels(chosen.level, chosen.power, chosen.correction)
     first = _state(Path(baseline), progress)
     if not chosen.unchanged:
@@ -228,7 +234,7 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
     return tuple(warnings)
 
 
-def comparison_summary(result: ComparisonResult) -> dict[str, Any]:
+def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
     """The content of compare.json, in the types of JSON; what is not finite is None."""
     found = result.comparison
     z = 1.959963984540054
@@ -258,7 +264,7 @@ def comparison_summary(result: ComparisonResult) -> dict[str, Any]:
         word: {"title": state.title, "status": state.estimate.status.value, "inputs": state.inputs}
         for word, state in (("baseline", result.baseline), ("later", result.later))
     }
-    content: dict[str, Any] = plain(
+    return plain_table(
         {
             "text": found.words,
             "status": found.status.value,
@@ -279,4 +285,3 @@ def comparison_summary(result: ComparisonResult) -> dict[str, Any]:
             "warnings": result.warnings,
         }
     )
-    return content

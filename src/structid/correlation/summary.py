@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,9 +10,10 @@ from structid.correlation.correlating import StudyCorrelation
 from structid.correlation.modes import ModesCorrelation
 from structid.correlation.responses import ResponsesCorrelation
 from structid.modal import ModalRecord
+from structid.plain import Entry
 
 
-def correlation_summary(found: StudyCorrelation) -> dict[str, Any]:
+def correlation_summary(found: StudyCorrelation) -> dict[str, Entry]:
     """The content of correlation.json, before what is not finite becomes null. Modes count from 1."""
     return {
         "title": found.study.title,
@@ -26,7 +26,7 @@ def correlation_summary(found: StudyCorrelation) -> dict[str, Any]:
     }
 
 
-def _modes(part: ModesCorrelation) -> dict[str, Any]:
+def _modes(part: ModesCorrelation) -> dict[str, Entry]:
     pairing, expanded = part.pairing, part.expanded
     number = pairing.number
     rows = [
@@ -92,7 +92,7 @@ def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
     return list(zip(residual.tolist(), median.tolist(), strict=True))
 
 
-def _responses(part: ResponsesCorrelation) -> dict[str, Any]:
+def _responses(part: ResponsesCorrelation) -> dict[str, Entry]:
     record = part.record
     pairs = [
         {"output": str(output), "input": str(load), "frac": part.frac[o, i]}

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from structid.criticism.candidate import Candidate
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
+from structid.plain import Plain
 from structid.study.schema.kinds import as_list
 from structid.study.schema.model.structure import dofs_of_text
+from structid.study.schema.section import Tables
 
 #: A study file as nested tables, plain ones or those of an editor of TOML that keeps comments.
-Tables = MutableMapping[str, Any]
 
 #: Tables that hold places together: no elements.
 _TIES = ("rigid_link", "constraint")
@@ -50,18 +50,18 @@ def _entries(study: Tables) -> Iterator[tuple[str, Tables]]:
     """The type and the table of every element set and tie."""
     for kind, entries in study["structure"].items():
         for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, MutableMapping):
+            if isinstance(entry, dict):
                 yield kind, entry
 
 
-def _append(table: Tables, key: str, entry: dict[str, Any]) -> None:
+def _append(table: Tables, key: str, entry: Tables) -> None:
     if key in table:
         table[key].append(entry)
     else:
         table[key] = [entry]
 
 
-def _unknown(study: Tables, prop: str, elements: str | Sequence[str], **more: Any) -> None:
+def _unknown(study: Tables, prop: str, elements: str | Sequence[str], **more: Plain) -> None:
     _append(study, "unknown", {"property": prop, "elements": elements, **more})
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.screen import Screened
@@ -20,12 +18,11 @@ from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
 from structid.explanation.kindred import kindred
-from structid.explanation.refits import MISFIT, Change, Fitted, approached, likewise, refitted, restored
+from structid.explanation.refits import MISFIT, Change, Fit, Fitted, Item, approached, likewise, refitted, restored
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
 #: A change with its strength, and free variables where its fit begins.
-Item: TypeAlias = tuple[Candidate, float, FloatArray]
 _FINALISTS = 8
 #: Changes of a large model's records that are refitted, each from two starts.
 _OF_LARGE = 4
@@ -250,8 +247,8 @@ def _first_alike(rows: Sequence[Screened]) -> list[int]:
 
 
 def _mapped(
-    task: Task, base: Fitted, items: Sequence[Any], alike: Sequence[int], work: Work, name: str
-) -> list[dict[str, Any]]:
+    task: Task, base: Fitted, items: Sequence[Change] | Sequence[Item], alike: Sequence[int], work: Work, name: str
+) -> list[Fit]:
     """`task` of every item, but of those that may be `alike` of the first only, where the others can take its answer."""
     first = [k for k, other in enumerate(alike) if other == k]
     found = dict(zip(first, work.map(name, task, base, [items[k] for k in first]), strict=True))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -69,11 +68,26 @@ class Fitted:
         return (found.model_error if found.misfit else found.noise).matrix
 
 
+class Fit(TypedDict, total=False):
+    """What a fit of a change gave, in numbers and texts: of `approached` free variables and misfit, of `refitted` all of it.
+
+    Empty where there is no model with the change.
+    """
+
+    theta: FloatArray
+    cost: float
+    aside: float
+    where: list[str]
+    strength: float
+
+
 #: A change and its strength.
 Change = tuple[Candidate, float]
+#: A change, its strength, and free variables to fit it from.
+Item = tuple[Candidate, float, FloatArray]
 
 
-def approached(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
+def approached(base: Fitted, change: Change, tools: Tools) -> Fit:
     """Free variables and misfit of the anchored fit of a change; nothing where the study has no place for it."""
     try:
         trial = base.trial.changed(*change)
@@ -83,7 +97,7 @@ def approached(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
         return {}  # not a cause that could be offered
 
 
-def refitted(base: Fitted, item: tuple[Candidate, float, FloatArray], tools: Tools) -> dict[str, Any]:
+def refitted(base: Fitted, item: Item, tools: Tools) -> Fit:
     """The fit of a change as the study asks for, from `approached`; nothing where there is no model with it."""
     candidate, strength, theta = item
     try:
@@ -102,7 +116,7 @@ def _is_no_gain(base: Fitted, found: Fitted) -> bool:
     return any(abs(np.log(value)) > np.log(_MOST_GAIN) and not unit_of(candidate, value) for value in added)
 
 
-def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Tools) -> dict[str, Any]:
+def likewise(base: Fitted, item: tuple[Task, Change | Item, Fit], tools: Tools) -> Fit:
     """What the fit of another change gave, where it has the same misfit with this one; else this one's own fit.
 
     At mirrored places of a symmetric structure changes answer alike.
@@ -122,7 +136,7 @@ def likewise(base: Fitted, item: tuple[Task, Any, Mapping[str, Any]], tools: Too
             return {**first, "where": list(candidate.where)}
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
-    found: dict[str, Any] = task(base, item[1], tools)
+    found: Fit = task(base, item[1], tools)
     return found
 
 
@@ -137,14 +151,16 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
 
-def _stored(found: Fitted) -> dict[str, Any]:
+def _stored(found: Fitted) -> Fit:
     """A fit of one change more in numbers and texts."""
     candidate, strength = found.trial.changes[-1]
-    own = {"where": list(candidate.where), "strength": float(strength)}
-    return {**own, "theta": found.theta, "cost": found.cost, "aside": found.aside}
+    return {
+        "where": list(candidate.where), "strength": float(strength), "theta": found.theta, "cost": found.cost,
+        "aside": found.aside,
+    }  # fmt: skip
 
 
-def restored(base: Fitted, candidate: Candidate, stored: Mapping[str, Any]) -> Fitted:
+def restored(base: Fitted, candidate: Candidate, stored: Fit) -> Fitted:
     """The fit that `refitted` gave of a candidate."""
     trial = base.trial.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
     return Fitted(trial, np.asarray(stored["theta"]), float(stored["cost"]), float(stored["aside"]))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates
 from structid.criticism.pool import exchanges, pool
@@ -61,7 +62,7 @@ def _left_by_step(base: Fitted, changes: Sequence[Change], work: Work, name: str
     return [one["left"] for one in work.map(name, _stepped, base, items)]
 
 
-def _stepped(base: Fitted, change: Change, tools: Tools) -> dict[str, Any]:
+def _stepped(base: Fitted, change: Change, tools: Tools) -> dict[str, float]:
     try:
         trial = base.trial.changed(*change)
         at = trial.target.linearize(trial.theta_of(base.values))
@@ -229,7 +230,7 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> 
     return [rows[k] for k in (*first, *order)]
 
 
-def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, Any]:
+def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, FloatArray]:
     """The best strength of every candidate at a point, and what it leaves."""
     point = points[number]
     rows = point.screened(list(pool(point.records)))

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.observation.frf.continuation import LEVELS
 from structid.observation.frf.problem import smooth_stage
 from structid.observation.scatter import scatter_problems
+from structid.plain import Plain
 from structid.records import FrfRecord
 from structid.study.run.start import loaded
 from structid.study.schema.study import Study, edited_study
@@ -199,7 +199,7 @@ def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[Reco
 
 
 def read_study(
-    study: Study, tables: Mapping[str, Any], before: Sequence[tuple[Mapping[str, Any], AnySetup]]
+    study: Study, tables: Mapping[str, Plain], before: Sequence[tuple[Mapping[str, Plain], AnySetup]]
 ) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
     """The study with other tables; records whose tables are as before are not read again."""
     edited = edited_study(study, tables)
@@ -236,5 +236,5 @@ def _is_same(one: FrfRecord, other: FrfRecord) -> bool:
     )  # fmt: skip
 
 
-def _of_record(table: Mapping[str, Any]) -> dict[str, Any]:
+def _of_record(table: Mapping[str, Plain]) -> dict[str, Plain]:
     return {key: value for key, value in table.items() if key not in _OF_MODEL}

@@ -14,15 +14,19 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from structid.errors import FileError
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import filled
+from structid.plain import Plain
+
+T = TypeVar("T")
 
 _SECONDS, _BYTES_A_SECOND = 15.0, 1e6  # a slow network drive
 _START_SECONDS = 120.0
@@ -44,6 +48,14 @@ class _LostError(Exception):
         self.is_late = is_late
 
 
+class _Answer(NamedTuple):
+    """What the child gave: a tree with numbers in place of its arrays, and these; or what it raised."""
+
+    tree: Plain = None
+    arrays: tuple[np.ndarray, ...] = ()
+    error: ReaderError | None = None
+
+
 class _Child:
     """A running `worker.py`."""
 
@@ -60,7 +72,7 @@ class _Child:
         )
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
-    def ask(self, request: dict[str, Any], seconds: float) -> Any:
+    def ask(self, request: Mapping[str, Plain], seconds: float) -> _Answer:
         """The answer to `request`."""
         assert self.process.stdin is not None
         self.served += 1
@@ -71,7 +83,7 @@ class _Child:
             raise _LostError("ended") from error
         return self._timed(seconds, _answer)
 
-    def _timed(self, seconds: float, read: Any) -> Any:
+    def _timed(self, seconds: float, read: Callable[[IO[bytes]], T | None]) -> T:
         """What `read` takes from the child's answers; the child is killed when it takes longer."""
         assert self.process.stdout is not None
         timer = threading.Timer(seconds, self.process.kill)
@@ -97,26 +109,28 @@ class _Child:
                     stream.close()
 
 
-def _answer(stream: IO[bytes]) -> dict[str, Any]:
-    """One answer with its arrays; {} where the stream ends before it is whole."""
+def _answer(stream: IO[bytes]) -> _Answer | None:
+    """One answer with its arrays; None where the stream ends before it is whole."""
     line = stream.readline()
     if not line.endswith(b"\n"):
-        return {}
-    answer: dict[str, Any] = json.loads(line)
+        return None
+    answer = json.loads(line)
+    if "error" in answer:
+        return _Answer(error=ReaderError(answer["error"], answer["words"]))
     arrays = []
-    for form, shape in answer.get("arrays", ()):
+    for form, shape in answer["arrays"]:
         array = np.empty(math.prod(shape) * np.dtype(form).itemsize, np.uint8)
         if stream.readinto(array.data) != array.size:  # type: ignore[attr-defined]  # it is a buffered reader
-            return {}
+            return None
         arrays.append(array.view(form).reshape(shape))
-    return {**answer, "arrays": arrays}
+    return _Answer(answer["tree"], tuple(arrays))
 
 
 _lock = threading.Lock()
 _running: list[_Child] = []
 
 
-def contained(path: Path, reader: str, seconds: float | None = None, **options: Any) -> Any:
+def contained(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
     """What the reader of `structid.files.worker` called `reader` gives for the file at `path`, in so many s and more by its size.
 
     Raises
@@ -127,16 +141,16 @@ def contained(path: Path, reader: str, seconds: float | None = None, **options: 
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
     seconds = (_SECONDS if seconds is None else seconds) + path.stat().st_size / _BYTES_A_SECOND
-    request = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
+    request: dict[str, Plain] = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
     with _lock:
         answer = _asked(path, request, seconds)
-        if "error" in answer:
+        if answer.error is not None:
             end()  # damage may have left it in a state that the next file should not meet
-            raise ReaderError(answer["error"], answer["words"])
-    return filled(answer["tree"], answer["arrays"].__getitem__)
+            raise answer.error
+    return filled(answer.tree, answer.arrays.__getitem__)
 
 
-def _asked(path: Path, request: dict[str, Any], seconds: float) -> Any:
+def _asked(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
     """The answer of the child; of a new one where that which served others before is lost."""
     while True:
         if not _running or _running[0].owner != os.getpid():

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.errors import FileError
 from structid.files.contained import ReaderError, contained
 from structid.files.reading import require_readable
 
 #: A dataset as read: numbers, a text, or a list of texts.
-Field = NDArray[Any] | str | tuple[str, ...]
+Field = np.ndarray | str | tuple[str, ...]
 
 
 class Dataset(NamedTuple):
     """Shape and type of a dataset, and the byte of the file where its values begin: None where they lie in pieces."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype
     offset: int | None
 
 
@@ -33,7 +33,8 @@ def hdf5_datasets(path: Path) -> dict[str, Dataset]:
     FileError
         If the file is not HDF5, is damaged, or has links to other files.
     """
-    found = _read(path, "hdf5_shapes")
+    with _damage_told(path):
+        found = contained(path, "hdf5_shapes")
     return {
         name: Dataset(tuple(shape), np.dtype(object) if form == "text" else np.dtype(form), offset)
         for name, (shape, form, offset) in found.items()
@@ -48,28 +49,32 @@ def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
     FileError
         If the file is damaged, or the values of a dataset lie in other files or were never written.
     """
-    return _fields(_read(path, "hdf5_fields", names=list(names)))
+    with _damage_told(path):
+        return _fields(contained(path, "hdf5_fields", names=list(names)))
 
 
-def hdf5_part(path: Path, name: str, begin: int, stop: int, axis: int) -> NDArray[Any]:
+def hdf5_part(path: Path, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
     """Entries `begin` to `stop` along one axis of a dataset of two."""
-    part: NDArray[Any] = _read(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
+    with _damage_told(path):
+        part: np.ndarray = contained(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
     return part
 
 
 def matlab_73_fields(path: Path) -> dict[str, Field]:
     """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
-    return _fields(_read(path, "matlab_73"))
+    with _damage_told(path):
+        return _fields(contained(path, "matlab_73"))
 
 
-def _fields(found: dict[str, Any]) -> dict[str, Field]:
+def _fields(found: Mapping[str, Field | list[str]]) -> dict[str, Field]:
     return {name: tuple(field) if isinstance(field, list) else field for name, field in found.items()}
 
 
-def _read(path: Path, reader: str, **options: Any) -> Any:
-    path = require_readable(path)
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    require_readable(path)
     try:
-        return contained(path, reader, **options)
+        yield
     except ReaderError as error:
         if error.kind == "UnusableError":
             raise FileError(f"{path}: {error}") from error

@@ -9,11 +9,23 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-Channel = dict[str, Any]
+from structid.arrays import FloatArray
+
+
+class Channel(NamedTuple):
+    """A channel with its clock."""
+
+    name: str
+    unit: str
+    values: FloatArray
+    rate: float
+    start: float
+    off: float
 
 
 def logger(path: str, kind: str) -> list[Channel]:
@@ -27,9 +39,11 @@ def logger(path: str, kind: str) -> list[Channel]:
         return list(_READERS[kind](path))
 
 
-def _entry(name: str, unit: Any, values: Any, rate: float = 0.0, start: float = 0.0, off: float = 0.0) -> Channel:
+def _entry(
+    name: str, unit: str | None, values: ArrayLike, rate: float = 0.0, start: float = 0.0, off: float = 0.0
+) -> Channel:
     kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return {"name": str(name), "unit": str(unit or ""), "values": kept, "rate": rate, "start": start, "off": off}
+    return Channel(str(name), str(unit or ""), kept, rate, start, off)
 
 
 def _is_series(values: np.ndarray) -> bool:

@@ -13,17 +13,16 @@ import math
 import struct
 import zlib
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.files.reading import damage_told, require_readable
 from structid.files.sparse import compressed, coordinates
 
 #: A variable: numbers, a text, or a list of texts.
-Variable: TypeAlias = NDArray[Any] | sparse.csc_array | str | tuple[str, ...]
+Variable: TypeAlias = np.ndarray | sparse.csc_array | str | tuple[str, ...]
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXTS = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
@@ -114,7 +113,7 @@ def _element(whole: _Bytes, at: int, end: int) -> _Element:
     return _Element(kind, start, start + size, min(behind, end))
 
 
-def _numbers(whole: _Bytes, element: _Element) -> NDArray[Any]:
+def _numbers(whole: _Bytes, element: _Element) -> np.ndarray:
     if element.kind not in _TYPES:
         raise ValueError(f"numbers cannot be of type {element.kind}")
     dtype = np.dtype(whole.order + _TYPES[element.kind])
@@ -159,7 +158,7 @@ def _variable(whole: _Bytes, element: _Element, found: dict[str, Variable], pref
         raise ValueError(f"{name!r} is of class {kind}")
 
 
-def _parts(whole: _Bytes, at: int, end: int, count: int, is_complex: bool) -> tuple[NDArray[Any], int]:
+def _parts(whole: _Bytes, at: int, end: int, count: int, is_complex: bool) -> tuple[np.ndarray, int]:
     """`count` or more values, complex where the element is followed by imaginary parts, and the byte behind."""
     element = _element(whole, at, end)
     values, at = _numbers(whole, element), element.behind
@@ -171,9 +170,7 @@ def _parts(whole: _Bytes, at: int, end: int, count: int, is_complex: bool) -> tu
     return values, at
 
 
-def _full(
-    whole: _Bytes, at: int, end: int, dims: tuple[int, ...], dtype: np.dtype[Any], is_complex: bool
-) -> NDArray[Any]:
+def _full(whole: _Bytes, at: int, end: int, dims: tuple[int, ...], dtype: np.dtype, is_complex: bool) -> np.ndarray:
     count = math.prod(dims)
     values, _ = _parts(whole, at, end, count, is_complex) if count else (np.zeros(0), at)
     if len(values) != count:
@@ -272,7 +269,7 @@ def _version_4(data: bytes) -> dict[str, Variable]:
     return found
 
 
-def _variable_4(table: NDArray[Any], content: int) -> Variable:
+def _variable_4(table: np.ndarray, content: int) -> Variable:
     if content == 0:
         return table
     if content == 1:

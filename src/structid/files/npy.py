@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import zipfile
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.errors import FileError
 from structid.files.reading import damage_told, require_readable
@@ -22,7 +21,7 @@ class Header(NamedTuple):
 
     shape: tuple[int, ...]
     fortran: bool
-    dtype: np.dtype[Any]
+    dtype: np.dtype
     offset: int
 
     @property
@@ -43,7 +42,7 @@ def npy_header(path: Path) -> Header:
         return _header(stream, path.stat().st_size)
 
 
-def npy_array(path: Path) -> NDArray[Any]:
+def npy_array(path: Path) -> np.ndarray:
     """The array in the NPY file at `path`, as `npy_header` checks it."""
     header = npy_header(path)
     with damage_told(path, "a whole NPY array"):
@@ -53,7 +52,7 @@ def npy_array(path: Path) -> NDArray[Any]:
 
 def npz_arrays(
     path: Path, kind: str = "a whole NPZ archive", remedy: str = "copy or write it again"
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, np.ndarray]:
     """Every array in the NPZ archive at `path` by its name; `kind` and `remedy` are for the error.
 
     Raises
@@ -72,7 +71,7 @@ def _name(path: Path, member: zipfile.ZipInfo) -> str:
     return member.filename[: -len(".npy")]
 
 
-def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename} is packed in a way that NumPy does not use")
     if member.file_size > _DENSEST * member.compress_size + _MAGIC:

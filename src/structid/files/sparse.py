@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -13,9 +11,7 @@ _LARGEST = 2**40
 _EMPTY_ROWS, _ROWS_AN_ENTRY = 1_000_000, 64
 
 
-def compressed(
-    shape: tuple[int, int], starts: NDArray[Any], indices: NDArray[Any], values: NDArray[Any]
-) -> sparse.csc_array:
+def compressed(shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, values: np.ndarray) -> sparse.csc_array:
     """A matrix by columns from where each begins, the row of each entry, and the values.
 
     Raises
@@ -35,9 +31,7 @@ def compressed(
     return sparse.csc_array((values, indices, starts), (n_rows, n_columns))
 
 
-def coordinates(
-    shape: tuple[int, int], rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any]
-) -> sparse.csc_array:
+def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> sparse.csc_array:
     """A matrix from the row, column and value of each entry; entries at one place add up.
 
     Raises
@@ -64,7 +58,7 @@ def _sides(shape: tuple[int, int]) -> tuple[int, int]:
     return n_rows, n_columns
 
 
-def _whole(name: str, numbers: NDArray[Any]) -> NDArray[np.int64]:
+def _whole(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
     array = np.asarray(numbers).ravel()
     if array.dtype.kind not in "iu" and not (abs(array) < 2**53).all():
         raise ValueError(f"its {name} must be whole numbers")

@@ -11,30 +11,37 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 import psutil
+
+if TYPE_CHECKING:  # it starts without them
+    import h5py
+
+    from structid.plain import Entry, Plain
 
 _DENSEST = 1032  # bytes that deflate can make of one
 _HEADROOM = 2**30
 
 
-def plain(value: Any, arrays: list[np.ndarray]) -> Any:
+def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
     """`value`, a tree of mappings, lists, numbers, texts and arrays, as JSON has it; its arrays go to `arrays`."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, Mapping):
         return {"map": {str(key): plain(entry, arrays) for key, entry in value.items()}}
-    if isinstance(value, list | tuple):
+    if isinstance(value, np.generic):
+        return plain(value.item(), arrays)
+    if isinstance(value, Sequence) and not isinstance(value, str):
         return {"list": [plain(entry, arrays) for entry in value]}
-    return value.item() if isinstance(value, np.generic) else value
+    return value
 
 
-def filled(value: Any, array: Callable[[int], np.ndarray]) -> Any:
+def filled(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
     """The reverse of `plain`; `array` gives each array by its number."""
     if not isinstance(value, dict):
         return value
@@ -49,13 +56,13 @@ class UnusableError(Exception):
     """The file is whole, and what is asked for cannot be taken from it."""
 
 
-def hdf5_shapes(path: str) -> dict[str, Any]:
+def hdf5_shapes(path: str) -> dict[str, Entry]:
     """Shape, type and first byte (None where it lies in pieces) of every dataset, by its path without the leading slash."""
     import h5py
 
-    found: dict[str, Any] = {}
+    found: dict[str, Entry] = {}
 
-    def note(name: str, item: Any) -> None:
+    def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -69,7 +76,7 @@ def hdf5_shapes(path: str) -> dict[str, Any]:
     return found
 
 
-def hdf5_fields(path: str, names: list[str]) -> dict[str, Any]:
+def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
     """The datasets called `names`: arrays of numbers, a text, or lists of texts."""
     import h5py
 
@@ -89,13 +96,13 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
         return np.asarray(dataset[begin:stop] if axis == 0 else dataset[:, begin:stop])
 
 
-def matlab_73(path: str) -> dict[str, Any]:
+def matlab_73(path: str) -> dict[str, Entry]:
     """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
     import h5py
 
-    found: dict[str, Any] = {}
+    found: dict[str, Entry] = {}
 
-    def note(name: str, item: Any) -> None:
+    def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             field = _field_73(item.file, item)
             if field is not None:
@@ -107,7 +114,7 @@ def matlab_73(path: str) -> dict[str, Any]:
     return found
 
 
-def _require_own_links(file: Any) -> None:
+def _require_own_links(file: h5py.File) -> None:
     import h5py
 
     linked: list[str] = []
@@ -118,7 +125,7 @@ def _require_own_links(file: Any) -> None:
         )
 
 
-def _refusal(dataset: Any) -> str | None:
+def _refusal(dataset: h5py.Dataset) -> str | None:
     """Why the values of a dataset cannot be taken as they are."""
     if dataset.external:
         return "has its values in another file, which is not read; copy them into this file"
@@ -129,7 +136,7 @@ def _refusal(dataset: Any) -> str | None:
     return None
 
 
-def _require_own_values(dataset: Any) -> None:
+def _require_own_values(dataset: h5py.Dataset) -> None:
     refusal = _refusal(dataset)
     if refusal is not None:
         raise UnusableError(f"{dataset.name[1:]!r} {refusal}")
@@ -138,7 +145,7 @@ def _require_own_values(dataset: Any) -> None:
         raise ValueError(f"{dataset.name[1:]!r} declares {declared} bytes in a file of {there}")
 
 
-def _field(dataset: Any) -> Any:
+def _field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
     import h5py
 
     _require_own_values(dataset)
@@ -148,7 +155,7 @@ def _field(dataset: Any) -> Any:
     return texts if isinstance(texts, str) else [str(text) for text in texts.ravel()]
 
 
-def _field_73(file: Any, dataset: Any) -> Any:
+def _field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list[str] | None:
     """A dataset in MATLAB's conventions: axes reversed, characters as codes, cells as references."""
     matlab_class = dataset.attrs.get("MATLAB_class", b"")
     if matlab_class == b"char" and dataset.attrs.get("MATLAB_empty", 0):
@@ -164,7 +171,7 @@ def _field_73(file: Any, dataset: Any) -> Any:
     return _as_complex(np.asarray(dataset[()])).T
 
 
-def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+def _complex_type(dtype: np.dtype) -> np.dtype:
     """complex128 for a compound of real and imaginary parts, as other programs write; else `dtype`."""
     names = tuple(name.lower() for name in dtype.names or ())
     return np.dtype(np.complex128) if names in (("real", "imag"), ("r", "i"), ("re", "im")) else dtype
@@ -178,20 +185,20 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def ansys(path: str) -> dict[str, Any]:
+def ansys(path: str) -> dict[str, Entry]:
     """What `ansys-mapdl-reader` finds: of a ``.full`` file rows and matrices, of a ``.emat`` file those of each element."""
     from ansys.mapdl.reader import read_binary
 
     opened = read_binary(path)
     if path.lower().endswith(".full"):
         dofs, stiffness, mass = opened.load_km(sort=True)
-        found: dict[str, Any] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
+        found: dict[str, Entry] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
         for name, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
             if matrix is not None:
                 compact = matrix.tocsc()
                 found[name] = [list(compact.shape), compact.indptr, compact.indices, compact.data]
         return found
-    elements = []
+    elements: list[list[np.ndarray | dict[str, np.ndarray]]] = []
     for index in range(opened.n_elements):
         where, data = opened.read_element(index)
         parts = {key: np.asarray(values, np.float64) for key, values in data.items()}
@@ -200,14 +207,14 @@ def ansys(path: str) -> dict[str, Any]:
     return {"nodes": nodes, "labels": labels, "n_dof": int(opened.n_dof), "elements": elements}
 
 
-def logger(path: str, kind: str) -> Any:
+def logger(path: str, kind: str) -> Entry:
     """The channels of a logger's file."""
     from structid.files.loggers import logger as read  # with a library that takes its time: only when it is asked for
 
     return read(path, kind)
 
 
-READERS: dict[str, Callable[..., Any]] = {
+READERS: dict[str, Callable[..., Entry]] = {
     reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab_73, ansys, logger)
 }
 

@@ -101,7 +101,6 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _enough(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
-        determined=everything.determined,
     )
 
 

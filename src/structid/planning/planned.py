@@ -163,8 +163,6 @@ class Plan:
     enough : Enough or None
     identifiability : Identifiability
         Rank, undetermined directions and collinear groups of the chosen test, from its data alone.
-    determined : bool
-        Whether all candidates together determine every parameter of interest to better than its own size.
     """
 
     structure: Structure
@@ -179,7 +177,11 @@ class Plan:
     next_sensors: tuple[PlannedTest, ...]
     enough: Enough | None
     identifiability: Identifiability
-    determined: bool
+
+    @property
+    def determined(self) -> bool:
+        """Whether all candidates together determine every parameter of interest to better than its own size."""
+        return self.everything.determined
 
     @property
     def is_undamped(self) -> bool:

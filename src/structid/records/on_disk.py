@@ -10,10 +10,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Literal, NamedTuple, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
@@ -143,7 +142,7 @@ class OnDiskRecord:
         self._require_whole(chunk, begin)
         return chunk
 
-    def _read(self, begin: int, stop: int) -> NDArray[Any]:
+    def _read(self, begin: int, stop: int) -> np.ndarray:
         """These samples, as they lie in the file; opened anew for each chunk, so that a change is noticed."""
         shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
         stored = _stored(self.path, self.array, f"at sample {begin}")
@@ -163,7 +162,7 @@ class OnDiskRecord:
             mapped = np.memmap(self.path, stored.dtype, "r", stored.offset, shape, order)
             return np.array(mapped[begin:stop] if self.samples_first else mapped[:, begin:stop])
 
-    def _read_rows(self, offset: int, dtype: np.dtype[Any], begin: int, stop: int) -> NDArray[Any]:
+    def _read_rows(self, offset: int, dtype: np.dtype, begin: int, stop: int) -> np.ndarray:
         """Whole samples by plain reading: no mapped pages, and no fault where the file is cut."""
         count = len(self.channels)
         with _damage_told(self.path, f"at sample {begin}"):
@@ -312,7 +311,7 @@ class _Stored(NamedTuple):
     """Shape, type and order of the array, and the byte where it begins; None where it lies in pieces (HDF5)."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype
     offset: int | None
     fortran: bool
 

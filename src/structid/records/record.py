@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -167,7 +167,7 @@ class FrfRecord(Shown):
             object.__setattr__(self, name, array)
             require_shape(name, array, shape)
             require_finite(name, array)
-            self._require_within(name, array)
+            _require_within(self, name, array)
         if self.decay is not None:
             object.__setattr__(self, "decay", locked(self.decay, np.float64))
             require_shape("decay", self.decay, self.frequency.shape, "one value a line")
@@ -176,17 +176,6 @@ class FrfRecord(Shown):
                 raise InputError(f"`decay` must be at least 0, got {self.decay.min():g} 1/s")
         if self.segment is not None and not 0 < self.segment < np.inf:
             raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
-
-    def _require_within(self, name: str, array: FloatArray) -> None:
-        """Refuse a coherence outside of 0 to 1, or what else is below 0, and say where."""
-        most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
-        wrong = np.argwhere((array < 0) | (array > most))
-        if len(wrong):
-            line, output, load = wrong[0].tolist()
-            raise InputError(
-                f"`{name}` must be {words}, got {array[line, output, load]:.9g} of {self.outputs[output]}/{self.inputs[load]} at"
-                f" {self.frequency[line]:g} Hz ({counted(len(wrong), 'such value')}); repair or remove these lines"
-            )
 
     def overview(self) -> Overview:
         """Kind, lines, channels, noise, and one row a sensor."""
@@ -243,12 +232,7 @@ class FrfRecord(Shown):
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
         decay = None if self.decay is None else self.decay[keep]
-        return self._cut((keep,), frequency=self.frequency[keep], decay=decay)
-
-    def _cut(self, index: tuple[Any, ...], **axes: Any) -> FrfRecord:
-        """All that has an entry for every value at `index`, with the axes that go with it."""
-        given = {name: getattr(self, name) for name in ("values", *_BESIDE_VALUES)}
-        return replace(self, **axes, **{name: array[index] for name, array in given.items() if array is not None})
+        return _cut(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
         """The same record with these outputs only, in this order."""
@@ -262,9 +246,8 @@ class FrfRecord(Shown):
     def grid(self, outputs: Sequence[int], inputs: Sequence[int]) -> FrfRecord:
         """The outputs and inputs of these numbers only, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
-        return self._cut(
-            index, outputs=tuple(self.outputs[i] for i in outputs), inputs=tuple(self.inputs[i] for i in inputs)
-        )
+        named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
+        return _cut(self, index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
         """The same measurement as receptance, mobility or accelerance: multiplied by a power of its Laplace variable.
@@ -287,6 +270,35 @@ class FrfRecord(Shown):
         variance = None if self.variance is None else self.variance * (np.abs(factor) ** 2)[:, None, None]
         sizes = None if self.sizes is None else self.sizes * np.abs(factor)[:, None, None]
         return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance, sizes=sizes)
+
+
+def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
+    """Refuse a coherence outside of 0 to 1, or what else is below 0, and say where."""
+    most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
+    wrong = np.argwhere((array < 0) | (array > most))
+    if len(wrong):
+        line, output, load = wrong[0].tolist()
+        raise InputError(
+            f"`{name}` must be {words}, got {array[line, output, load]:.9g} of {record.outputs[output]}/{record.inputs[load]} at"
+            f" {record.frequency[line]:g} Hz ({counted(len(wrong), 'such value')}); repair or remove these lines"
+        )
+
+
+def _cut(
+    record: FrfRecord,
+    index: tuple[np.ndarray, ...],
+    frequency: FloatArray,
+    decay: FloatArray | None,
+    outputs: tuple[Dof, ...],
+    inputs: tuple[Dof, ...],
+) -> FrfRecord:
+    """All that has an entry for every value at `index`, with the axes that go with it."""
+    beside = (record.variance, record.coherence, record.relative, record.sizes)
+    variance, coherence, relative, sizes = (None if array is None else array[index] for array in beside)
+    return replace(
+        record, frequency=frequency, values=record.values[index], outputs=outputs, inputs=inputs, variance=variance,
+        coherence=coherence, decay=decay, relative=relative, sizes=sizes,
+    )  # fmt: skip
 
 
 #: By how much a coherence may lie below 1 that a file of six digits holds as 1.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from structid.study.schema import kinds
+from structid.study.schema.kinds import Schema
 from structid.study.schema.method import method_table
 from structid.study.schema.model.matrices import MATRICES
 from structid.study.schema.model.structure import changes_table, structure_table
@@ -43,31 +44,43 @@ def study_table() -> Table:
     return SECTIONS | {name: replace(SECTIONS.keys[name], holds=table) for name, table in inner.items()}
 
 
-def study_schema() -> dict[str, Any]:
+def study_schema() -> dict[str, object]:
     """The schema of study files, draft 2020-12, as plain values."""
     elements = {name: key.holds for name, key in changes_table().keys.items() if key.listed}
     names = {_text(held.schema): name for name, held in (_NAMED | elements).items()}
-    parts: dict[str, Any] = {}
+    parts: dict[str, Schema] = {}
     whole = _with_references(study_table().schema, names, parts)
-    parts["record"], one = whole["properties"]["record"], {"$ref": "#/$defs/record"}
+    one: Schema = {"$ref": "#/$defs/record"}
+    parts["record"] = whole["properties"]["record"]
     whole["properties"]["record"] = {"anyOf": [one, {"type": "array", "items": one}]}
     return {"$schema": _DIALECT, "title": "structid study", **whole, "$defs": dict(sorted(parts.items()))}
 
 
-def _text(schema: Any) -> str:
+def _text(schema: Schema) -> str:
     return json.dumps(schema, sort_keys=True)
 
 
-def _with_references(schema: Any, names: dict[str, str], parts: dict[str, Any]) -> Any:
+def _with_references(schema: Schema, names: Mapping[str, str], parts: dict[str, Schema]) -> Schema:
     """`schema` with a reference in place of each part that has a name; those are added to `parts`."""
-    if isinstance(schema, list):
-        return [_with_references(one, names, parts) for one in schema]
-    if not isinstance(schema, dict):
-        return schema
-    about = {key: schema[key] for key in ("description", "default") if key in schema}
-    bare = {key: value for key, value in schema.items() if key not in about or isinstance(value, dict)}
+    about: Schema = {}
+    bare: Schema = {**schema}
+    if "description" in bare:
+        about["description"] = bare.pop("description")
+    if "default" in bare:
+        about["default"] = bare.pop("default")
     name = names.get(_text(bare))
-    made = {key: _with_references(value, names, parts) for key, value in bare.items()}
+    made: Schema = {**bare}
+    if "anyOf" in made:
+        made["anyOf"] = [_with_references(one, names, parts) for one in made["anyOf"]]
+    if "items" in made:
+        made["items"] = _with_references(made["items"], names, parts)
+    if "properties" in made:
+        made["properties"] = {key: _with_references(one, names, parts) for key, one in made["properties"].items()}
+    if "patternProperties" in made:
+        found = {key: _with_references(one, names, parts) for key, one in made["patternProperties"].items()}
+        made["patternProperties"] = found
+    if "additionalProperties" in made and not isinstance(made["additionalProperties"], bool):
+        made["additionalProperties"] = _with_references(made["additionalProperties"], names, parts)
     if name is None:
         return {**made, **about}
     parts[name] = made

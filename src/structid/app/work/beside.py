@@ -48,7 +48,8 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
     known = {} if results is None else stored_values(results)
     values = unknown.values(values_at(unknown.names, unknown.start, known))
     aimed = channel_names([tie for tie in structure.ties if isinstance(tie, AimedSensor)])
-    relabel = {} if model.record is None else model.record.table.get("relabel", {})
+    given = {} if model.record is None else model.record.inner("relabel").table
+    relabel = {name: str(own) for name, own in given.items()}
     channels = measured.channels
     for names in (relabel, aimed):
         channels = renamed(channels, (), used_names(names, channels))[0]

@@ -17,7 +17,7 @@ from structid.errors import InputError, StructidError
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
     """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
-    from structid.study.results.folder import plain
+    from structid.plain import plain
 
     try:
         found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
@@ -48,11 +48,12 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
     from structid.app.work.model import read_model, read_record_section
     from structid.app.work.scene import placed_channels
     from structid.app.work.signals import channels, options_of
+    from structid.study.schema.kinds import as_list
 
     path = opened.inside(study)
     section = read_record_section(path, number)
-    names = section.table.get("path") or (section.table.get("repeats") or [""])[0]
-    file = (path.parent / str(names)).resolve()
+    names = as_list(section.table.get("path") or section.table.get("repeats") or "")
+    file = (path.parent / str(names[0])).resolve()
     if not file.is_file():
         raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
     found = channels(file, options_of(dict(section.table)))

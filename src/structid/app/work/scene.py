@@ -74,7 +74,7 @@ def scene(path: Path, number: int = 0) -> dict[str, Any]:
             if isinstance(tie, MeshPoint)
         ],
         "planned": {
-            key: [str(dof) for dof in parse_dofs(as_list(plan.get(f"installed_{key}", [])))]
+            key: [str(dof) for dof in parse_dofs(map(str, as_list(plan.get(f"installed_{key}", []))))]
             for key in ("sensors", "loads")
         },
         "has_record": model.record is not None,

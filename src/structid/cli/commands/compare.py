@@ -11,8 +11,9 @@ from structid.cli.base import NOT_DETERMINED, WRONG_MODEL, Png, Report, check_pn
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.comparison import comparing
+from structid.plain import json_text
 from structid.report.comparison.text import comparison_text
-from structid.study.results.folder import json_text, staged_folder
+from structid.study.results.folder import staged_folder
 
 
 def compare(

@@ -14,8 +14,9 @@ from structid.correlation.correlating import correlate as correlated
 from structid.correlation.options import CorrelateOptions
 from structid.correlation.summary import correlation_summary, expanded_record
 from structid.modal.files.files import write_modes
+from structid.plain import json_text
 from structid.report.correlation.text import correlation_text
-from structid.study.results.folder import json_text, staged_folder
+from structid.study.results.folder import staged_folder
 from structid.study.schema.study import load_study
 
 

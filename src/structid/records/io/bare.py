@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ _FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coheren
 _TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
 
 #: Shape and type of each array in a file, without its values.
-Shapes = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]
+Shapes = Mapping[str, tuple[tuple[int, ...], np.dtype]]
 
 
 def require_option(path: Path, options: ReadOptions, name: str, purpose: str) -> None:
@@ -32,7 +32,7 @@ def require_option(path: Path, options: ReadOptions, name: str, purpose: str) ->
 
 
 def read_bare(
-    path: Path, shapes: Shapes, load: Callable[[str], NDArray[Any]], options: ReadOptions
+    path: Path, shapes: Shapes, load: Callable[[str], np.ndarray], options: ReadOptions
 ) -> FrfRecord | TimeRecord:
     """A record from arrays by name, as `options` describe them.
 
@@ -91,7 +91,7 @@ def _array_name(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str
     )
 
 
-def _require_numbers(path: Path, array: NDArray[Any], allowed: str, what: str) -> None:
+def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> None:
     if array.dtype.kind not in allowed:
         raise FileError(f"{path}: the array of {what} must hold numbers, got type {array.dtype}")
 
@@ -140,7 +140,7 @@ def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates
         )
 
 
-def time_from_array(path: Path, values: NDArray[Any], options: ReadOptions) -> TimeRecord:
+def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> TimeRecord:
     """A time record from `values` (n_times, n_channels) as `options` describe them.
 
     Raises
@@ -203,9 +203,9 @@ def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
 
 def frf_from_array(
     path: Path,
-    values: NDArray[Any],
-    frequency: NDArray[Any],
-    coherence: NDArray[Any] | None,
+    values: np.ndarray,
+    frequency: np.ndarray,
+    coherence: np.ndarray | None,
     options: ReadOptions,
 ) -> FrfRecord:
     """An FRF record from `values` (n_frequencies, n_outputs, n_inputs) as `options` describe them.
@@ -254,7 +254,7 @@ def frf_from_array(
     )
 
 
-def _shaped(path: Path, name: str, values: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:
+def _shaped(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """`values` in `shape`; axes of length 1 may be missing at the end."""
     full = values
     while full.ndim < 3:

@@ -24,6 +24,13 @@ class Whole(NamedTuple):
     note: str
 
 
+class Lines(NamedTuple):
+    """Line of a file that holds the first sample, and the number of each channel's column there, from 1."""
+
+    first: int
+    columns: Sequence[int]
+
+
 def whole(
     path: Path,
     values: FloatArray,
@@ -32,8 +39,7 @@ def whole(
     start: float,
     options: ReadOptions,
     named: bool = True,
-    first_line: int | None = None,
-    columns: Sequence[int] | None = None,
+    lines: Lines | None = None,
 ) -> Whole:
     """The samples from `options.start` to `options.stop`, gaps up to `options.longest_gap` filled by cubics.
 
@@ -49,10 +55,8 @@ def whole(
     options : ReadOptions
     named : bool
         Whether the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
-    first_line : int, optional
-        Line of the file that holds the first sample, where it has lines.
-    columns : sequence of int, optional
-        Number of each channel's column there, from 1; after a first column of times by default.
+    lines : Lines, optional
+        Of a file that has lines.
 
     Raises
     ------
@@ -72,9 +76,8 @@ def whole(
     longest = options.longest_gap or 0
     gaps = {j: flagged_runs(missing[:, j]) for j in np.flatnonzero(missing.any(axis=0)).tolist()}
     if any(b - a > longest or a == 0 or b == len(kept) for found in gaps.values() for a, b in found):
-        line = None if first_line is None else first_line + first
-        places = range(2, len(channels) + 2) if columns is None else columns
-        raise FileError(f"{path}: {_words(gaps, missing, channels, rate, begins, line, places, named)}")
+        here = None if lines is None else Lines(lines.first + first, lines.columns)
+        raise FileError(f"{path}: {_words(gaps, missing, channels, rate, begins, here, named)}")
     for j in gaps:
         kept[:, j] = filled(kept[:, j], missing[:, j])
     counts = ", ".join(f"{channels[j]} {missing[:, j].sum()}" for j in gaps)
@@ -92,8 +95,7 @@ def _words(
     channels: Sequence[Dof],
     rate: float,
     start: float,
-    line: int | None,
-    columns: Sequence[int],
+    lines: Lines | None,
     named: bool,
 ) -> str:
     """The first gap, all of them in numbers, and what can be done."""
@@ -102,7 +104,9 @@ def _words(
     number = sum(len(found) for found in gaps.values())
     sound = flagged_runs(np.asarray(~missing.any(axis=1)))
     inside = all(a > 0 and b < len(missing) for found in gaps.values() for a, b in found)
-    name = f"channel {channels[j]}" if line is None else f"line {line + a}, column {columns[j]} (channel {channels[j]})"
+    name = f"channel {channels[j]}"
+    if lines is not None:
+        name = f"line {lines.first + a}, column {lines.columns[j]} ({name})"
     text = (
         f"{name} is NaN or infinite for {b - a} samples from sample {a} ({start + a / rate:.6g} s) on; "
         f"in {len(gaps)} of {len(channels)} channels there are {number} gaps of {int(missing.sum())} samples in all. "

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
-from structid.records.io.uff.blocks import datasets
+from structid.records.io.uff.blocks import Dataset, datasets
 from structid.records.io.uff.scales import unit_factors
 
 Point = tuple[float, float, float]
@@ -73,7 +72,7 @@ def _of_universal_file(path: Path) -> Geometry:
     return Geometry(nodes, tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82))
 
 
-def _nodes(path: Path, tables: list[dict[str, Any]], scale: float) -> dict[int, Point]:
+def _nodes(path: Path, tables: list[Dataset], scale: float) -> dict[int, Point]:
     nodes: dict[int, Point] = {}
     for table in tables:
         if not len(table["node_nums"]) == len(table["x"]) == len(table["y"]) == len(table["z"]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from structid.records.io.layout import MARK, Field, fields_of, record_from
 from structid.records.io.options import ReadOptions
 from structid.records.io.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
+
+if TYPE_CHECKING:
+    import h5py
 
 SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 
@@ -64,7 +67,7 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
         temporary.write_bytes(content.getbuffer())
 
 
-def _store(file: Any, name: str, field: Field) -> None:
+def _store(file: h5py.File, name: str, field: Field) -> None:
     import h5py
 
     if isinstance(field, np.ndarray):

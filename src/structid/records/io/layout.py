@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +150,7 @@ def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
     )
 
 
-def _in_shape(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _in_shape(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """`array` in `shape` where only axes of length 1 differ, as MATLAB drops and adds them."""
     if array.shape != shape and tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1):
         return array.reshape(shape)
@@ -164,7 +163,7 @@ def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
     return fields[name]
 
 
-def _array(path: Path, fields: Mapping[str, Field], name: str) -> NDArray[Any]:
+def _array(path: Path, fields: Mapping[str, Field], name: str) -> np.ndarray:
     value = _field(path, fields, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fciu":
         raise FileError(f"{path}: field {name!r} must hold numbers; the file is damaged, write it again")

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.errors import FileError, InputError
 from structid.files.contained import ReaderError, contained
-from structid.files.loggers import PACKAGES
+from structid.files.loggers import PACKAGES, Channel
 from structid.records.io.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
@@ -68,7 +67,7 @@ class LoggerFormat:
         """Refused."""
         raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
 
-    def _channels(self, path: Path) -> list[_Channel]:
+    def _channels(self, path: Path) -> list[Channel]:
         if not self.is_installed:
             raise FileError(
                 f"{path}: {self.words} files need the package {PACKAGES[self.kind]}; pip install structid[{self.extra}], or"
@@ -80,21 +79,10 @@ class LoggerFormat:
             raise FileError(
                 f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"
             ) from error
-        channels = [_Channel(**entry) for entry in found]
+        channels = [Channel(*entry) for entry in found]
         if not channels:
             raise FileError(f"{path}: holds no time histories of numbers; export the channels again")
         return channels
-
-
-class _Channel(NamedTuple):
-    """A channel with its clock: see `structid.files.loggers`."""
-
-    name: str
-    unit: str
-    values: FloatArray
-    rate: float
-    start: float
-    off: float
 
 
 LOGGERS: tuple[LoggerFormat, ...] = (
@@ -106,7 +94,7 @@ LOGGERS: tuple[LoggerFormat, ...] = (
 )
 
 
-def _together(path: Path, channels: Sequence[_Channel], options: ReadOptions, words: str) -> NamedChannels:
+def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
     """The channels that are read on one clock, cut to the span that they share."""
     names = [channel.name for channel in channels]
     numbers = list(range(1, len(channels) + 1))
@@ -134,7 +122,7 @@ def _together(path: Path, channels: Sequence[_Channel], options: ReadOptions, wo
     )
 
 
-def _time_channel(path: Path, channels: Sequence[_Channel], options: ReadOptions) -> int | None:
+def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions) -> int | None:
     """The channel that holds the times: as told, or where no channel has a clock, by its name."""
     names = [channel.name for channel in channels]
     if options.time_column:
@@ -144,7 +132,7 @@ def _time_channel(path: Path, channels: Sequence[_Channel], options: ReadOptions
     return next((j for j, name in enumerate(names) if is_time(name)), None)
 
 
-def _clock_of(path: Path, channel: _Channel) -> tuple[float, float]:
+def _clock_of(path: Path, channel: Channel) -> tuple[float, float]:
     """Rate and start by a channel of times."""
     unit = channel.unit or name_and_unit(channel.name)[1] or "s"
     scale = TIME_UNITS.get(unit.lower())
@@ -159,7 +147,7 @@ def _clock_of(path: Path, channel: _Channel) -> tuple[float, float]:
     return float(1 / step), float(time[0])
 
 
-def _own_clock(path: Path, channel: _Channel, options: ReadOptions) -> tuple[float, float]:
+def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Rate and start by what the file says of a channel, or by `sampling_rate`."""
     given = options.sampling_rate
     if not channel.rate:
@@ -182,7 +170,7 @@ def _own_clock(path: Path, channel: _Channel, options: ReadOptions) -> tuple[flo
     return channel.rate if given is None else given, channel.start
 
 
-def _one_rate(path: Path, channels: Sequence[_Channel], rates: Sequence[float]) -> float:
+def _one_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -> float:
     for channel, rate in zip(channels, rates, strict=True):
         if abs(rate / rates[0] - 1) > _SAME_RATE:
             raise InputError(
@@ -193,7 +181,7 @@ def _one_rate(path: Path, channels: Sequence[_Channel], rates: Sequence[float]) 
 
 
 def _cut(
-    path: Path, channels: Sequence[_Channel], starts: Sequence[float], rate: float
+    path: Path, channels: Sequence[Channel], starts: Sequence[float], rate: float
 ) -> tuple[list[FloatArray], float, str]:
     """The samples that all channels have, the time of the first, and words where any were cut off."""
     offsets = (np.asarray(starts) - max(starts)) * rate

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -67,5 +66,5 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
         )
 
 
-def _as_matlab(field: Field) -> Any:
+def _as_matlab(field: Field) -> np.ndarray | str:
     return np.array(field, dtype=object) if isinstance(field, tuple) else field

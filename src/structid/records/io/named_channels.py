@@ -17,7 +17,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.errors import FileError, InputError, about
 from structid.records.io.bare import channel_units, require_same_rotation
-from structid.records.io.gaps import sourced, whole
+from structid.records.io.gaps import Lines, sourced, whole
 from structid.records.io.options import ReadOptions
 from structid.records.io.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
@@ -143,10 +143,8 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
     quantities, factors = _units(part, channels, options)
     chosen_here = replace(options, channels=()) if by_user else options
-    kept = whole(
-        found.path, part.values, channels, found.rate, found.start, chosen_here, first_line=found.first_line,
-        columns=part.numbers,
-    )  # fmt: skip
+    lines = None if found.first_line is None else Lines(found.first_line, part.numbers)
+    kept = whole(found.path, part.values, channels, found.rate, found.start, chosen_here, lines=lines)
     words = "" if part.tells_all and not by_user else _understood(part, channels, options)
     record = TimeRecord(
         sampling_rate=found.rate,

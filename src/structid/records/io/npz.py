@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structid.files import atomic_write
 from structid.files.npy import npz_arrays
@@ -36,7 +34,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     return read_bare(path, shapes, arrays.__getitem__, options)
 
 
-def _as_field(array: NDArray[Any]) -> Field:
+def _as_field(array: np.ndarray) -> Field:
     if array.dtype.kind != "U":
         return array
     return str(array) if array.ndim == 0 else tuple(str(text) for text in array.ravel())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any
 
 from structid.declared import Count, Positive
 from structid.errors import InputError
@@ -124,11 +124,11 @@ def option_words(**values: object) -> str:
     return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
 
 
-def _is_positive(value: Any) -> bool:
+def _is_positive(value: object) -> bool:
     return isinstance(value, (int, float)) and math.isfinite(value) and value > 0
 
 
-def _as_texts(name: str, value: Any) -> tuple[str, ...]:
+def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
     if isinstance(value, str):
         return tuple(part.strip() for part in value.split(",") if part.strip())
     try:

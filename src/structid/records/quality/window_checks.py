@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.records.record import TimeRecord
-from structid.records.transforms.spectra import window_weights
+from structid.records.transforms.spectra import Window, window_weights
 
 #: Part of a peak that a window may take off; and part of the motion's power that segments may differ by, or end with.
 _LOWERED, _DIFFERS, _AT_REST = 0.05, 0.02, 0.01
@@ -18,9 +16,7 @@ _FINE, _MOST, _SEGMENTS = 8, 1e4, 3
 _END = 0.02
 
 
-def leakage(
-    record: TimeRecord, length: int, window: str | tuple[Any, ...], frequency: FloatArray, damping_ratio: FloatArray
-) -> str:
+def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArray, damping_ratio: FloatArray) -> str:
     """How far segments of `length` samples lower the peaks of modes, in words; "" where they hardly do.
 
     Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the

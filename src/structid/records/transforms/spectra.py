@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from structid.records.repeats import require_shared
 
 Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]
+#: As `scipy.signal.get_window` takes it: a name, or a name and its numbers.
+Window = str | tuple[str | float | None, ...]
 #: Kind of the FRFs of motions, by quantity.
 KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 #: Largest condition number of the input spectra (each input scaled to 1) that counts as separable.
@@ -36,7 +38,7 @@ def frf_from_time(
     estimator: Estimator = "H1",
     segment_length: int | None = None,
     overlap: float = 0.5,
-    window: str | tuple[Any, ...] = "hann",
+    window: Window = "hann",
     detrend: Detrend = "constant",
     quantity: Quantity | None = None,
 ) -> FrfRecord:
@@ -297,7 +299,7 @@ def segment_step(length: int, overlap: float) -> int:
     return max(length - int(overlap * length), 1)
 
 
-def window_weights(window: str | tuple[Any, ...], length: int) -> FloatArray:
+def window_weights(window: Window, length: int) -> FloatArray:
     """Window as `scipy.signal.get_window` knows it, (length,)."""
     from scipy.signal import get_window
 

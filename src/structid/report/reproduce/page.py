@@ -9,12 +9,12 @@ from pathlib import Path
 
 from structid._version import __version__
 from structid.files import atomic_write, made_folder
+from structid.plain import Plain, json_text, plain
 from structid.report.figures.reproduction import panels_figure
 from structid.report.page import Page
 from structid.report.reproduce.tables import table_text
 from structid.report.text import NOTHING, number, unit_text
 from structid.reproduce.item import Curve, Item, Table, Verdict
-from structid.study.results.folder import json_text, plain
 
 _CLASSES = {
     Verdict.AGREES: "agrees",
@@ -53,13 +53,13 @@ def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -
     return reproduction_page(items).write(folder, png)
 
 
-def reproduction_summary(items: Sequence[Item]) -> dict[str, object]:
+def reproduction_summary(items: Sequence[Item]) -> dict[str, Plain]:
     """The content of reproduction.json: `printed` and `computed` are those of the first table, row by row."""
     return {"structid": __version__, "items": [_item_summary(item) for item in items]}
 
 
-def _item_summary(item: Item) -> dict[str, object]:
-    blank: dict[str, object] = {"rows": [], "columns": [], "printed": [], "computed": []}
+def _item_summary(item: Item) -> dict[str, Plain]:
+    blank: dict[str, Plain] = {"rows": [], "columns": [], "printed": [], "computed": []}
     return {
         "item": item.name,
         "title": item.title,
@@ -80,12 +80,12 @@ def _item_summary(item: Item) -> dict[str, object]:
     }
 
 
-def _rounded_fields(part: Table | Curve) -> dict[str, object]:
+def _rounded_fields(part: Table | Curve) -> dict[str, Plain]:
     """What is known of a table or a curve."""
     return {name: _rounded(plain(value)) for name, value in asdict(part).items() if value is not None}
 
 
-def _rounded(value: object) -> object:
+def _rounded(value: Plain) -> Plain:
     """Numbers, also in lists, to the digits of the JSON file."""
     if isinstance(value, list):
         return [_rounded(entry) for entry in value]

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import Any
 
 import numpy as np
 
 from structid.arrays import FloatArray
 from structid.estimation import Estimate
 from structid.estimation.search.matrix_free import dense_search_fits
+from structid.plain import Entry
 
 PARAMETERS = "parameters.csv"
 #: How many of the largest changes estimate.json names.
 _MOST_CHANGES = 50
 
 
-def search_summary(found: Estimate) -> dict[str, Any]:
+def search_summary(found: Estimate) -> dict[str, Entry]:
     """How a matrix-free search was done, and why."""
     return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.determined}
 
@@ -27,7 +27,7 @@ def search_reason(found: Estimate) -> str:
     return dense_search_fits(len(found.names), found.n_data)[1]
 
 
-def changes_summary(found: Estimate) -> dict[str, Any]:
+def changes_summary(found: Estimate) -> dict[str, Entry]:
     """The parameters that moved most, and where all of them are."""
     beyond, limit = found.beyond_chance()
     rows = _columns(found)
@@ -59,7 +59,7 @@ def changes_table(found: Estimate) -> str:
     return text.getvalue()
 
 
-def _columns(found: Estimate) -> dict[str, list[Any]]:
+def _columns(found: Estimate) -> dict[str, list[Entry]]:
     """What is told of every parameter."""
     return {
         "name": list(found.names),

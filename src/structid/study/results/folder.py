@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +18,7 @@ from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
+from structid.plain import Entry, json_text
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
@@ -96,27 +94,7 @@ def write_results(result: StudyResult, folder: Path) -> None:
         result.solver.write(folder)
 
 
-def json_text(value: Any) -> str:
-    """Strict JSON: what is not finite becomes null."""
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def plain(value: Any) -> Any:
-    """`value` in the types of JSON."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def estimate_summary(result: StudyResult) -> dict[str, Any]:
+def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     """The content of estimate.json, before what is not finite becomes null."""
     found = result.identification
     estimate, identifiability = found.estimate, found.estimate.identifiability
@@ -175,13 +153,13 @@ def estimate_summary(result: StudyResult) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def reduction_summary(found: Identification) -> dict[str, Any]:
+def reduction_summary(found: Identification) -> dict[str, Entry]:
     """What components were reduced to, and what that and reduced sweeps change; {} where nothing is reduced."""
     parts, changes = ([one.words for one in told] for told in (found.structure.reductions, found.truncations))
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
-def varied_summary(found: Identification) -> dict[str, Any]:
+def varied_summary(found: Identification) -> dict[str, Entry]:
     """What differs from record to record, where something does."""
     if not found.varied:
         return {}
@@ -203,7 +181,7 @@ def varied_summary(found: Identification) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _verdict(criticism: Criticism | None) -> dict[str, Any]:
+def _verdict(criticism: Criticism | None) -> dict[str, Entry]:
     """The verdict and the causes of a misfit."""
     if criticism is None:
         return {}
@@ -218,7 +196,7 @@ def _verdict(criticism: Criticism | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _strengths(item: Held, has_matrix: bool) -> dict[str, Any]:
+def _strengths(item: Held, has_matrix: bool) -> dict[str, Entry]:
     """Of every row, or of a smoothness over very many the one that all rows have."""
     return (
         {"strengths": item.strengths}
@@ -227,7 +205,7 @@ def _strengths(item: Held, has_matrix: bool) -> dict[str, Any]:
     )
 
 
-def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:
+def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
     """The fit of each record where there are several, and the polarities that the data decided."""
     if len(fits) > 1:
         rows = [
@@ -239,10 +217,10 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Any]:
     return {"polarities": polarities} if polarities else {}
 
 
-def fit_summary(fit: RecordFit) -> dict[str, Any]:
+def fit_summary(fit: RecordFit) -> dict[str, Entry]:
     """How well the identified model does on the lines of a record's evaluation band."""
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
-    channels = [
+    channels: list[Entry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
         for o, output in enumerate(record.outputs)
         for i, load in enumerate(record.inputs)
@@ -260,7 +238,7 @@ def fit_summary(fit: RecordFit) -> dict[str, Any]:
     }
 
 
-def _at_bound(one: AtBound | None) -> dict[str, Any] | None:
+def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
     """The bound that a parameter is at, and how hard the data push it beyond."""
     if one is None:
         return None
@@ -274,7 +252,7 @@ def _at_bound(one: AtBound | None) -> dict[str, Any] | None:
     }
 
 
-def _parameters(identification: Identification) -> list[dict[str, Any]]:
+def _parameters(identification: Identification) -> list[dict[str, Entry]]:
     found = identification.estimate
     parts = [problem.parameters for problem in identification.problems]
     share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share

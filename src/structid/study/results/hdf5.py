@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from structid.dynamics import Modes
 from structid.estimation import Estimate
@@ -13,6 +15,9 @@ from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.structure import Structure
 from structid.study.results.result import StudyResult, correlation
+
+if TYPE_CHECKING:
+    import h5py
 
 
 def hdf5_bytes(result: StudyResult) -> bytes:
@@ -46,7 +51,7 @@ def hdf5_bytes(result: StudyResult) -> bytes:
     return buffer.getvalue()
 
 
-def _record(group: Any, fit: RecordFit) -> None:
+def _record(group: h5py.Group, fit: RecordFit) -> None:
     """What belongs to one record: groups ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
     _frf(group.create_group("frf"), fit)
     _evaluation(group.create_group("evaluation"), fit)
@@ -54,7 +59,7 @@ def _record(group: Any, fit: RecordFit) -> None:
     _modes(group.create_group("modes_initial"), fit.modes_initial, fit.problem.structure)
 
 
-def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
+def _put(group: h5py.Group, name: str, values: ArrayLike, unit: str = "") -> None:
     """One array, its unit beside it."""
     array = np.asarray(values)
     dataset = group.create_dataset(name, data=array, track_times=False)
@@ -62,12 +67,12 @@ def _put(group: Any, name: str, values: Any, unit: str = "") -> None:
         dataset.attrs["unit"] = unit
 
 
-def _texts(group: Any, name: str, values: Any) -> None:
+def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
     """Texts as bytes of one length."""
     group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
 
 
-def _parameters(group: Any, found: Estimate) -> None:
+def _parameters(group: h5py.Group, found: Estimate) -> None:
     _texts(group, "names", found.names)
     _texts(group, "kinds", found.kinds)
     _texts(group, "units", found.units)
@@ -90,7 +95,7 @@ def _parameters(group: Any, found: Estimate) -> None:
     _put(group, "history", found.history, note)
 
 
-def _frf(group: Any, fit: RecordFit) -> None:
+def _frf(group: h5py.Group, fit: RecordFit) -> None:
     record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
@@ -107,7 +112,7 @@ def _frf(group: Any, fit: RecordFit) -> None:
         _put(group, "coherence", record.coherence, "1")
 
 
-def _evaluation(group: Any, fit: RecordFit) -> None:
+def _evaluation(group: h5py.Group, fit: RecordFit) -> None:
     """The lines on which the fit is judged, which may be more than were fitted."""
     unit = fit.evaluation.unit
     _put(group, "frequency", fit.evaluation.frequency, "Hz")
@@ -117,7 +122,7 @@ def _evaluation(group: Any, fit: RecordFit) -> None:
     _put(group, "relative_error", fit.relative_error, "1")
 
 
-def _modal(group: Any, fit: ModalFit) -> None:
+def _modal(group: h5py.Group, fit: ModalFit) -> None:
     """Measured modes beside those of the model."""
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
@@ -133,7 +138,7 @@ def _modal(group: Any, fit: ModalFit) -> None:
         _put(group, f"mac_{name}", pairs.mac, "1")
 
 
-def _modes(group: Any, modes: Modes, structure: Structure) -> None:
+def _modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
     _texts(group, "dofs", structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
+from structid.plain import Entry
 
 
-def modal_summary(found: Identification) -> dict[str, Any]:
+def modal_summary(found: Identification) -> dict[str, Entry]:
     """The entries ``modal_records`` and ``ratios``; nothing where no record holds modes."""
     if not found.modal_fits:
         return {}
@@ -30,7 +29,7 @@ def modal_summary(found: Identification) -> dict[str, Any]:
     }
 
 
-def _record(fit: ModalFit) -> dict[str, Any]:
+def _record(fit: ModalFit) -> dict[str, Entry]:
     problem = fit.problem
     sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}
     damping = problem.record.damping_ratio[problem.data.measured]

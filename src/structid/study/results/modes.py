@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from structid.modal.files.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
 from structid.modal.survey.survey import ModesResult
+from structid.plain import Entry, json_text
 from structid.records import FrfRecord, Geometry
-from structid.study.results.folder import json_text
 
 
 def write_modes_results(result: ModesResult, folder: Path) -> None:
@@ -36,7 +35,7 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
         write_modes(folder / f"modes.{suffix}", modes, geometry)
 
 
-def modes_summary(result: ModesResult) -> dict[str, Any]:
+def modes_summary(result: ModesResult) -> dict[str, Entry]:
     """The content of modes.json, before what is not finite becomes null; `read_modes` reads it back."""
     found = result.identification
     fields = modal_fields(result.modes)
@@ -60,7 +59,7 @@ def modes_summary(result: ModesResult) -> dict[str, Any]:
     }
 
 
-def _clusters(result: ModesResult) -> dict[str, Any]:
+def _clusters(result: ModesResult) -> dict[str, Entry]:
     """The poles of all orders behind each mode; null where the method has no orders."""
     clusters = result.identification.clusters
     names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
@@ -78,7 +77,7 @@ def _clusters(result: ModesResult) -> dict[str, Any]:
     return dict(zip(names, columns, strict=True))
 
 
-def options_used(result: ModesResult) -> dict[str, Any]:
+def options_used(result: ModesResult) -> dict[str, Entry]:
     """The settings of the identification, defaults filled in where the method made a choice."""
     options = result.identification.options
     used = asdict(options)
@@ -89,7 +88,7 @@ def options_used(result: ModesResult) -> dict[str, Any]:
     return used
 
 
-def _record(result: ModesResult) -> dict[str, Any]:
+def _record(result: ModesResult) -> dict[str, Entry]:
     record = result.record
     if isinstance(record, FrfRecord):
         return {

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from structid._version import __version__
+from structid.dof import Dof
+from structid.plain import Entry, json_text
 from structid.planning.planned import Enough, Plan, PlannedTest
-from structid.study.results.folder import json_text
 from structid.study.schema.plan import PlanStudy
 
 #: Name of the page that is written beside plan.json.
@@ -24,7 +24,7 @@ def write_plan(found: Plan, study: PlanStudy, folder: Path) -> None:
 
 def plan_summary(
     found: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
-) -> dict[str, Any]:
+) -> dict[str, Entry]:
     """The content of plan.json, before what is not finite becomes null.
 
     Parameters
@@ -92,7 +92,7 @@ def plan_summary(
     }
 
 
-def _test(found: Plan, test: PlannedTest) -> dict[str, Any]:
+def _test(found: Plan, test: PlannedTest) -> dict[str, Entry]:
     return {
         "label": test.label,
         "sensors": _texts(test.sensors),
@@ -107,7 +107,7 @@ def _test(found: Plan, test: PlannedTest) -> dict[str, Any]:
     }
 
 
-def _enough(found: Plan, enough: Enough) -> dict[str, Any]:
+def _enough(found: Plan, enough: Enough) -> dict[str, Entry]:
     return {
         "target": enough.target,
         "sensors": None if enough.sensors is None else _test(found, enough.sensors),
@@ -116,5 +116,5 @@ def _enough(found: Plan, enough: Enough) -> dict[str, Any]:
     }
 
 
-def _texts(dofs: Any) -> list[str]:
+def _texts(dofs: Iterable[Dof]) -> list[str]:
     return [str(dof) for dof in dofs]

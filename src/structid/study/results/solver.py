@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from structid.plain import Entry
 
 #: Folder of the updated deck, inside that of the results.
 UPDATED = "updated"
@@ -43,7 +44,7 @@ class SolverAnswer:
     check: str
     difference: float
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Entry]:
         """As in estimate.json."""
         return {
             "command": self.command,

@@ -80,17 +80,11 @@ class ModeCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckResult:
-    """What `check_study` found.
+class Predicted:
+    """What a linearization at the initial values tells.
 
     Attributes
     ----------
-    study : Study
-    records : tuple of str
-        What was measured, and which part of it is used, a line each.
-    channels : tuple of ChannelCheck
-    modes : tuple of ModeCheck
-        Of the first set-up.
     problem : Problem
         All that would be fitted.
     start : (n_params,) float array
@@ -100,32 +94,15 @@ class CheckResult:
         regularizations of given strength; by draws where the parameters are too many for a Jacobian.
     identifiability : Identifiability
         Rank, condition and undetermined directions there, from the data alone; of very many parameters the rank only.
-    total_mass, total_mass_std : float
-        Of the initial model, kg, and predicted.
     warnings : tuple of str
         The gravest first.
-    beside : tuple of RecordCheck
-        Each record beside its initial model.
-    mesh : MeshErrors or str
-        Of the first set-up's structure; in words why it was not judged, "" where it has no elements with a size.
-    places : tuple of PlacedFinding
-        What is doubtful about that structure, and where.
     """
 
-    study: Study
-    records: tuple[str, ...]
-    channels: tuple[ChannelCheck, ...]
-    modes: tuple[ModeCheck, ...]
     problem: Problem
     start: FloatArray
     covariance: Covariance
     identifiability: Identifiability
-    total_mass: float
-    total_mass_std: float
     warnings: tuple[str, ...]
-    beside: tuple[RecordCheck, ...]
-    mesh: MeshErrors | str
-    places: tuple[PlacedFinding, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -150,6 +127,39 @@ class CheckResult:
     def determined(self) -> bool:
         """Whether data and priors determine every parameter to better than its own size."""
         return bool((self.std <= self.sizes).all())
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult(Predicted):
+    """What `check_study` found: the prediction, and what was looked at for it.
+
+    Attributes
+    ----------
+    study : Study
+    records : tuple of str
+        What was measured, and which part of it is used, a line each.
+    channels : tuple of ChannelCheck
+    modes : tuple of ModeCheck
+        Of the first set-up.
+    total_mass, total_mass_std : float
+        Of the initial model, kg, and predicted.
+    beside : tuple of RecordCheck
+        Each record beside its initial model.
+    mesh : MeshErrors or str
+        Of the first set-up's structure; in words why it was not judged, "" where it has no elements with a size.
+    places : tuple of PlacedFinding
+        What is doubtful about that structure, and where.
+    """
+
+    study: Study
+    records: tuple[str, ...]
+    channels: tuple[ChannelCheck, ...]
+    modes: tuple[ModeCheck, ...]
+    total_mass: float
+    total_mass_std: float
+    beside: tuple[RecordCheck, ...]
+    mesh: MeshErrors | str
+    places: tuple[PlacedFinding, ...]
 
 
 def check_study(study: Study) -> CheckResult:
@@ -191,7 +201,7 @@ def check_study(study: Study) -> CheckResult:
         ),
         modes=checked[0],
         problem=problem,
-        start=by_name(problem.names, ready.problems, lambda part: part.start),
+        start=predicted.start,
         covariance=predicted.covariance,
         identifiability=predicted.identifiability,
         total_mass=study.structure.mass_of(values, options.direction),
@@ -215,23 +225,13 @@ def check_study(study: Study) -> CheckResult:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Predicted:
-    """What a linearization at the initial values tells."""
-
-    problem: Problem
-    covariance: Covariance
-    identifiability: Identifiability
-    warnings: tuple[str, ...]
-
-
 def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
     """All of the problems, with these regularizations."""
     rows = unit_penalties(ready.problems, terms)
     return together(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
-def _by_jacobian(ready: Start) -> _Predicted:
+def _by_jacobian(ready: Start) -> Predicted:
     terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
     theta = np.asarray(problem.theta_start)
@@ -246,10 +246,10 @@ def _by_jacobian(ready: Start) -> _Predicted:
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(found)
     warnings += [f"predicted without the {' and '.join(left)} that `identify` will use"] if left else []
-    return _Predicted(problem, covariance, found, tuple(warnings))
+    return Predicted(problem, _start(problem, ready), covariance, found, tuple(warnings))
 
 
-def _by_draws(ready: Start) -> _Predicted:
+def _by_draws(ready: Start) -> Predicted:
     """Of very many parameters: with every smoothness, at a usual strength where the data are to choose it."""
     terms = ready.study.options.regularization
     strengths = [USUAL_STRENGTH if term.given is None else term.given for term in terms]
@@ -264,7 +264,11 @@ def _by_draws(ready: Start) -> _Predicted:
     ]
     covariance = drawn_covariance(problem, theta, at, draws)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return _Predicted(problem, covariance, rank, tuple(words))
+    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words))
+
+
+def _start(problem: Problem, ready: Start) -> FloatArray:
+    return by_name(problem.names, ready.problems, lambda part: part.start)
 
 
 def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:

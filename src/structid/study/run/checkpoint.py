@@ -11,15 +11,17 @@ import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
 from structid._version import __version__
 from structid.errors import FileError
+from structid.estimation.search.minimum import State
 from structid.files import atomic_write, claim, damage_told, made_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import filled, plain
+from structid.plain import Entry, Plain
 from structid.study.schema.study import Study
 
 _LAYOUT = "structid checkpoint 1"
@@ -29,7 +31,13 @@ _MOST_FILES = 64
 #: At most one file in this time, s: what a killed run may have to do again.
 CHECKPOINT_SECONDS = 5.0
 
-State = Mapping[str, Any]
+
+class Owner(TypedDict):
+    """What decides about every digit of a run: versions, and the content of all input files."""
+
+    layout: str
+    versions: dict[str, str]
+    inputs: dict[str, str]
 
 
 def checkpoint_folder(results: Path) -> Path:
@@ -37,8 +45,8 @@ def checkpoint_folder(results: Path) -> Path:
     return results.parent / f"{results.name}.checkpoint"
 
 
-def fingerprint(study: Study) -> dict[str, Any]:
-    """What decides about every digit of a run: versions, and the content of all input files."""
+def fingerprint(study: Study) -> Owner:
+    """What the run of a study is known by."""
     import scipy
 
     versions = {"structid": __version__, "numpy": np.__version__, "scipy": scipy.__version__}
@@ -51,7 +59,7 @@ class Checkpoint:
     Parameters
     ----------
     folder : Path
-    owner : mapping
+    owner : Owner
         The `fingerprint` of the study.
     resume : bool
         Whether to go on from what is there; otherwise it is removed.
@@ -65,10 +73,8 @@ class Checkpoint:
         writes to it.
     """
 
-    def __init__(
-        self, folder: Path, owner: Mapping[str, Any], resume: bool = False, seconds: float = CHECKPOINT_SECONDS
-    ) -> None:
-        self.folder, self.owner, self.seconds = folder, dict(owner), seconds
+    def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = CHECKPOINT_SECONDS) -> None:
+        self.folder, self.owner, self.seconds = folder, owner, seconds
         self.entries: dict[str, Any] = {}
         self._search: tuple[str, State] | None = None
         self._latest: tuple[str, Callable[[], State]] | None = None
@@ -97,7 +103,7 @@ class Checkpoint:
         """Where the search `name` was when the run before ended; None where it had not begun or was finished."""
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
-    def finished(self, name: str, result: Any) -> None:
+    def finished(self, name: str, result: object) -> None:
         """Take the result of a search or task."""
         self.entries[name] = result
         self._unwritten.append(name)
@@ -109,7 +115,7 @@ class Checkpoint:
         self._latest = name, state
         self._write_if_due()
 
-    def write(self, so_far: Mapping[str, Any] | None = None) -> None:
+    def write(self, so_far: Mapping[str, Entry] | None = None) -> None:
         """Write all that is not written yet, and `so_far` for the reader.
 
         Raises
@@ -123,7 +129,7 @@ class Checkpoint:
                 self._write_all()
             else:
                 self._files += 1
-                _save(self._part(self._files), {name: self.entries[name] for name in self._unwritten})
+                _save(_part(self.folder, self._files), {name: self.entries[name] for name in self._unwritten})
             self._unwritten.clear()
         if self._latest is not None:
             name, state = self._latest
@@ -152,14 +158,11 @@ class Checkpoint:
             _write_json(self.folder / _RUN, self.owner)
             self._is_made = True
 
-    def _part(self, number: int) -> Path:
-        return self.folder / f"done-{number:05d}.npz"
-
     def _write_all(self) -> None:
         """All of it in one file, and the parts away; the first part holds it, the others then repeat it."""
-        _save(self._part(1), self.entries)
+        _save(_part(self.folder, 1), self.entries)
         for number in range(2, self._files + 1):
-            self._part(number).unlink(missing_ok=True)
+            _part(self.folder, number).unlink(missing_ok=True)
         self._files = 1
 
     def _read(self) -> None:
@@ -167,7 +170,7 @@ class Checkpoint:
             raise FileError(f"{self.folder}: there is no checkpoint to go on from; run without --resume")
         with damage_told(self.folder / _RUN, _WHOLE, _ANEW):
             owner = json.loads((self.folder / _RUN).read_text(encoding="utf-8"))
-        self._require_same(owner)
+        _require_same(self.folder, self.owner, owner)
         for stale in self.folder.glob(".*"):
             stale.unlink(missing_ok=True)
         for path in sorted(self.folder.glob("done-*.npz")):
@@ -175,27 +178,33 @@ class Checkpoint:
             self._files = int(path.stem.split("-")[1])
         if (self.folder / _SEARCH).is_file():
             found = _load(self.folder / _SEARCH)
-            if not isinstance(found.get("name"), str) or not isinstance(found.get("state"), dict):
+            name, state = found.get("name"), found.get("state")
+            if not isinstance(name, str) or not isinstance(state, dict):
                 raise FileError(f"{self.folder / _SEARCH}: is not {_WHOLE} (no name and state); {_ANEW}")
-            self._search = found["name"], found["state"]
+            self._search = name, state
 
-    def _require_same(self, owner: Any) -> None:
-        """Refuse the checkpoint of another run, and name what differs."""
-        anew = f"put it back, or {_ANEW}"
-        if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
-            raise FileError(f"{self.folder}: is no checkpoint of this program; {anew}")
-        inputs, versions = owner.get("inputs"), owner.get("versions")
-        if not isinstance(inputs, dict) or not isinstance(versions, dict):
-            raise FileError(f"{self.folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")
-        for name in sorted({*inputs, *self.owner["inputs"]}):
-            if inputs.get(name) != self.owner["inputs"].get(name):
-                raise FileError(f"{self.folder}: {name} has changed since this checkpoint was written; {anew}")
-        for name, version in self.owner["versions"].items():
-            if versions.get(name) != version:
-                raise FileError(
-                    f"{self.folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"
-                    f" differ; install that version, or {_ANEW}"
-                )
+
+def _part(folder: Path, number: int) -> Path:
+    return folder / f"done-{number:05d}.npz"
+
+
+def _require_same(folder: Path, own: Owner, owner: Plain) -> None:
+    """Refuse the checkpoint of another run, and name what differs."""
+    anew = f"put it back, or {_ANEW}"
+    if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
+        raise FileError(f"{folder}: is no checkpoint of this program; {anew}")
+    inputs, versions = owner.get("inputs"), owner.get("versions")
+    if not isinstance(inputs, dict) or not isinstance(versions, dict):
+        raise FileError(f"{folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")
+    for name in sorted({*inputs, *own["inputs"]}):
+        if inputs.get(name) != own["inputs"].get(name):
+            raise FileError(f"{folder}: {name} has changed since this checkpoint was written; {anew}")
+    for name, version in own["versions"].items():
+        if versions.get(name) != version:
+            raise FileError(
+                f"{folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"
+                f" differ; install that version, or {_ANEW}"
+            )
 
 
 def _require_ours(folder: Path) -> None:
@@ -208,12 +217,12 @@ def _require_ours(folder: Path) -> None:
         raise FileError(f"{folder}: holds {other[0]}, which is no checkpoint; move it, or give another --out")
 
 
-def _write_json(path: Path, value: Mapping[str, Any]) -> None:
+def _write_json(path: Path, value: Mapping[str, object]) -> None:
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
 
 
-def _save(path: Path, tree: Mapping[str, Any]) -> None:
+def _save(path: Path, tree: Mapping[str, Entry]) -> None:
     """A tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the shape, arrays beside it, bit for bit."""
     arrays: list[np.ndarray] = []
     text = json.dumps(plain(tree, arrays))
@@ -222,7 +231,7 @@ def _save(path: Path, tree: Mapping[str, Any]) -> None:
         np.savez(stream, tree=np.array(text), **named)
 
 
-def _load(path: Path) -> dict[str, Any]:
+def _load(path: Path) -> dict[str, Entry]:
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
         found = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])

@@ -18,8 +18,18 @@ from distributed.core import rpc
 from threadpoolctl import ThreadpoolController
 
 from structid.errors import InputError
-from structid.estimation.search.work import Task
-from structid.study.run.workers import Answer, Batch, RemoteWorkers, WorkersLostError, one_thread, results
+from structid.study.run.workers import (
+    Answer,
+    Batch,
+    Found,
+    Item,
+    RemoteWorkers,
+    Shared,
+    TaskOf,
+    WorkersLostError,
+    one_thread,
+    results,
+)
 
 #: How long a scheduler may take to answer, and workers to be there, s.
 ANSWER_SECONDS = 10.0
@@ -58,7 +68,7 @@ class Cluster(RemoteWorkers):
         self.words = f"{self.n_workers} workers of the Dask scheduler {address}"
 
     @staticmethod
-    def answer(name: str, task: Task, batch: Batch) -> Answer:
+    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()
@@ -76,7 +86,7 @@ class Cluster(RemoteWorkers):
     def forget(self, name: str) -> None:
         self._client.unregister_worker_plugin(name)
 
-    def asked(self, question: Callable[[Any], str], argument: Any) -> Mapping[str, str]:
+    def asked(self, question: Callable[[Shared], str], argument: Shared) -> Mapping[str, str]:
         found: dict[str, str] = self._client.run(question, argument)
         return {f"worker {worker}": answer for worker, answer in found.items()}
 
@@ -192,7 +202,7 @@ def _require_workers(client: Client, address: str, seconds: float) -> None:
                 )
 
 
-def _versions(told: Mapping[str, Any]) -> dict[str, str | None]:
+def _versions(told: Mapping[str, Mapping[str, str]]) -> dict[str, str | None]:
     """What decides about digits, by name."""
     python = ".".join(told["host"]["python"].split(".")[:2])
     return {"Python": python, **{name: told["packages"].get(name) for name in ("structid", "numpy", "scipy")}}

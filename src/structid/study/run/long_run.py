@@ -6,16 +6,16 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from structid.arrays import FloatArray
 from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.search.least_squares import Method
 from structid.estimation.search.minimum import Keeper, Progress, State
-from structid.estimation.search.work import StageProgress, Task, Tools, restored_minimum, stored_minimum
+from structid.estimation.search.work import StageProgress, Tools, restored_minimum, stored_minimum
+from structid.plain import Entry
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.spread_lines import spread
-from structid.study.run.workers import InProcess, Workers
+from structid.study.run.workers import Found, InProcess, Item, Shared, TaskOf, Workers
 
 #: Called with what the tasks are, how many are done, and how many there are.
 TaskProgress = Callable[[str, int, int], None]
@@ -39,9 +39,9 @@ class Reached:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Entry]:
         """The values reached, as plain values; no uncertainty belongs to them."""
-        found: dict[str, Any] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
+        found: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         found["sum_of_squares"] = self.cost
         if self.tasks:
             found["tasks"] = self.tasks
@@ -123,18 +123,18 @@ class LongRun:
     def map(
         self,
         name: str,
-        task: Task,
-        shared: Any,
-        items: Sequence[Any],
+        task: TaskOf[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Any]:
+    ) -> list[Found]:
         """`task` of every item on the workers, in their order; those of the checkpoint are not run again."""
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
         done = {} if self.checkpoint is None else self.checkpoint.entries
-        results = {number: done[own] for number, own in enumerate(names) if own in done}
+        results: dict[int, Found] = {number: done[own] for number, own in enumerate(names) if own in done}
         missing = {number: item for number, item in enumerate(items) if number not in results}
 
         def tools(number: int) -> Tools:
@@ -155,7 +155,7 @@ class LongRun:
         if self.progress is not None and total > 1:
             self.progress(name, done, total)
 
-    def so_far(self) -> dict[str, Any]:
+    def so_far(self) -> dict[str, Entry]:
         """What is reached and how much is done, for the reader."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}

@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,9 @@ from structid.estimation import Status
 from structid.observation.motion.checkpoint import load_motion_fit
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
 from structid.observation.motion.stream import MotionSolution, Progress, motion_solution
+from structid.plain import Entry, json_text
 from structid.records.on_disk import OnDiskRecord, open_record
 from structid.regression.local_reduction import Kernels
-from structid.study.results.folder import json_text
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
 from structid.study.run.workers import Workers, workers_for
 from structid.study.schema.study import Study, load_study
@@ -159,7 +158,7 @@ def _number(value: float) -> str:
     return repr(float(value)) if math.isfinite(value) else ""
 
 
-def motion_summary(result: MotionResult) -> dict[str, Any]:
+def motion_summary(result: MotionResult) -> dict[str, Entry]:
     """What the pass found and what it cost, as plain values."""
     found, fit = result.solution, result.solution.fit
     return {

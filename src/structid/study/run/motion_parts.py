@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
+from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.search.work import Tools
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
@@ -88,7 +89,16 @@ def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0)
     return found
 
 
-def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> dict[str, Any]:
+class Reduced(TypedDict):
+    """Triangles, energies and counts of one stretch."""
+
+    triangles: FloatArray
+    energy: FloatArray
+    n_rows: int
+    n_samples: int
+
+
+def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> Reduced:
     """Triangles, energies and counts of one stretch, as a task."""
     number, first, last = item
     fit = whole.start
@@ -134,7 +144,7 @@ def reduced_on(
     whole = replace(whole, work=Kernels("numba" if compiled else "numpy", work.threads))
     _require_seen(workers, whole)
     items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
-    early: dict[int, dict[str, Any]] = {}
+    early: dict[int, Reduced] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
     try:
         for number, result in workers.completed(reduced_stretch, whole, items):
@@ -167,7 +177,7 @@ def reduced_alone(
     return fit
 
 
-def _merged(fit: RecursiveMotionFit, part: dict[str, Any]) -> RecursiveMotionFit:
+def _merged(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
     """`fit` and the samples of one stretch; the first one is taken as it is."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
     own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])

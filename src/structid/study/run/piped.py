@@ -10,14 +10,17 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
-from typing import Any
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class ProcessLostError(Exception):
@@ -43,7 +46,7 @@ class PipedProcesses(Executor):
         self._processes: list[BaseProcess] = []
         self._is_ended = False
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """What a function of a module gives or raises, or `ProcessLostError`.
 
         Parameters
@@ -54,10 +57,12 @@ class PipedProcesses(Executor):
         """
         return self._threads.submit(self._asked, fn, args, kwargs)
 
-    def _asked(self, *call: Any) -> Any:
+    def _asked(self, fn: Callable[..., T], given: tuple[object, ...], named: Mapping[str, object]) -> T:
         try:
             pipe = self._pipe()
-            pipe.send(call)
+            pipe.send((fn, given, named))
+            error: Exception | None
+            answer: T
             error, answer = pipe.recv()
         except (EOFError, OSError) as gone:
             raise ProcessLostError("a process ended before its answer was whole") from gone

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -53,13 +52,13 @@ class SpreadLines(Wrapped):
         return Stretches(self.problem)
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._joined("residual", self._parts(theta, False))
+        return _joined("residual", self._parts(theta, False))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         parts = self._parts(theta, True)
-        return Linearization(self._joined("residual", parts), self._joined("jacobian", parts))
+        return Linearization(_joined("residual", parts), _joined("jacobian", parts))
 
-    def _parts(self, theta: FloatArray, with_jacobian: bool) -> list[Mapping[str, FloatArray]]:
+    def _parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
         n_lines = len(self.problem.record.frequency)
         count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
@@ -67,17 +66,26 @@ class SpreadLines(Wrapped):
         found = dict(self.workers.completed(stretch, self.stretches, items))
         return [found[k] for k in range(count)]
 
-    def _joined(self, name: str, parts: list[Mapping[str, FloatArray]]) -> FloatArray:
-        """Real parts of all stretches, imaginary parts of all, and the rows of the priors once."""
-        real, imaginary = [], []
-        for part in parts:
-            rows, half = part[name], int(part["n_data"]) // 2
-            real.append(rows[:half])
-            imaginary.append(rows[half : 2 * half])
-        return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
+
+class _Lines(TypedDict):
+    """Residual, and Jacobian where it is wanted, of some lines, and how many rows are of their data."""
+
+    residual: FloatArray
+    jacobian: NotRequired[FloatArray]
+    n_data: int
 
 
-def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> dict[str, Any]:
+def _joined(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> FloatArray:
+    """Real parts of all stretches, imaginary parts of all, and the rows of the priors once."""
+    real, imaginary = [], []
+    for part in parts:
+        rows, half = part[name], part["n_data"] // 2
+        real.append(rows[:half])
+        imaginary.append(rows[half : 2 * half])
+    return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
+
+
+def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> _Lines:
     """Residual, and Jacobian where it is wanted, of some lines, as a task."""
     first, last, theta, with_jacobian = item
     part = stretches.at(first, last)

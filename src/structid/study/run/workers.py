@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from threadpoolctl import ThreadpoolController, threadpool_limits
@@ -27,7 +27,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.errors import InputError, StructidError
 from structid.estimation import Problem
-from structid.estimation.search.work import PLAIN_TOOLS, Task, Tools
+from structid.estimation.search.work import PLAIN_TOOLS, Tools
 from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
@@ -40,9 +40,15 @@ _PATIENCE = 5.0
 #: Entries of a Jacobian up to which a second thread costs more than it gains.
 SMALL_JACOBIAN = 500_000
 
-Batch = list[tuple[int, Any]]
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+#: A task of what all of them share and an item; see `structid.estimation.search.work.Task`.
+TaskOf = Callable[[Shared, Item, Tools], Found]
+#: Numbered items or results.
+Batch = list[tuple[int, Item]]
 #: Numbered results and the seconds that they took.
-Answer = tuple[Batch, float]
+Answer = tuple[Batch[Found], float]
 ToolsOf = Callable[[int], Tools]
 
 
@@ -71,8 +77,8 @@ class Workers(ABC):
 
     @abstractmethod
     def completed(
-        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Any]]:
+        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Found]]:
         """Number and result of each item, as they come.
 
         Parameters
@@ -88,7 +94,7 @@ class Workers(ABC):
         WorkersLostError
         """
 
-    def asked(self, question: Callable[[Any], str], argument: Any) -> Mapping[str, str]:
+    def asked(self, question: Callable[[Shared], str], argument: Shared) -> Mapping[str, str]:
         """The answer of a function of a module on every other machine's worker, by its name."""
         return {}
 
@@ -104,8 +110,8 @@ class InProcess(Workers):
     words = "this process"
 
     def completed(
-        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Any]]:
+        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Found]]:
         pools = ThreadpoolController()
         for place, (number, item) in enumerate(items.items()):
             if place == 1:
@@ -130,11 +136,11 @@ class RemoteWorkers(Workers):
     losses: tuple[type[BaseException], ...]
 
     def __init__(self) -> None:
-        self._given: dict[str, Any] = {}
+        self._given: dict[str, object] = {}
 
     @staticmethod
     @abstractmethod
-    def answer(name: str, task: Task, batch: Batch) -> Answer:
+    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         """Of a worker, which looks up what the tasks of a batch share by its name."""
 
     @abstractmethod
@@ -162,8 +168,8 @@ class RemoteWorkers(Workers):
         """Refuse to wait for workers that are gone; asked where nothing comes for some seconds."""
 
     def completed(
-        self, task: Task, shared: Any, items: Mapping[int, Any], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Any]]:
+        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, Found]]:
         missing, name, losses = dict(items), self._name(shared), 0
         while missing:
             try:
@@ -175,10 +181,10 @@ class RemoteWorkers(Workers):
                 losses += 1
                 self.lost(error, losses > MOST_LOSSES)
 
-    def _sent(self, name: str, task: Task, batch: Batch) -> Future[Answer]:
+    def _sent(self, name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Future[Answer[Found]]:
         return self.executor().submit(self.answer, name, task, batch)
 
-    def _name(self, shared: Any) -> str:
+    def _name(self, shared: object) -> str:
         """Under which workers have `shared`; it is kept here too, so that the same object is given once."""
         for name, known in self._given.items():
             if known is shared:
@@ -216,7 +222,7 @@ class Processes(RemoteWorkers):
         self._folder = tempfile.TemporaryDirectory(prefix="structid-")
 
     @staticmethod
-    def answer(name: str, task: Task, batch: Batch) -> Answer:
+    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         return results(_read(name), task, batch)
 
     def executor(self) -> Executor:
@@ -265,7 +271,7 @@ def _read(path: str) -> Any:
     return pickle.loads(Path(path).read_bytes())
 
 
-def results(shared: Any, task: Task, batch: Batch) -> Answer:
+def results(shared: Shared, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
     """Of a batch on a worker, and the seconds that they took."""
     begun = time.perf_counter()
     found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
@@ -308,14 +314,14 @@ def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
 
 
 def in_batches(
-    send: Callable[[Batch], Future[Answer]],
+    send: Callable[[Batch[Item]], Future[Answer[Found]]],
     n_workers: int,
-    items: Mapping[int, Any],
+    items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
-) -> Iterator[tuple[int, Any]]:
+) -> Iterator[tuple[int, Found]]:
     """Number and result of each item as batches come back; the first are single tasks, which show how long one takes."""
     waiting, n_waiting = iter(tuple(items.items())), len(items)
-    pending: set[Future[Answer]] = set()
+    pending: set[Future[Answer[Found]]] = set()
     seconds, count, size = 0.0, 0, 1
     try:
         while n_waiting or pending:

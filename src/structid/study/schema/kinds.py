@@ -6,24 +6,51 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_origin, overload
 
 from structid.declared import Limits, alternatives
 from structid.dof import Dof
+from structid.plain import Plain
 from structid.structure.elements.connector import Ends, OtherEnds
 from structid.structure.elements.element import Nodes, OptionalValues, Values, Vector
 from structid.structure.elements.friction import End, OtherEnd
 from structid.structure.elements.inertia import Translations
 from structid.structure.elements.joint import At
 
+T = TypeVar("T")
 _LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero
-_TYPES: Mapping[str, Any] = {
+_TYPES: Mapping[str, type | tuple[type, ...]] = {
     "string": str, "integer": int, "number": (int, float), "boolean": bool, "array": list, "object": dict,
 }  # fmt: skip
-Schema = Mapping[str, Any]
+#: The keywords of JSON Schema that study files use.
+Schema = TypedDict(
+    "Schema",
+    {
+        "$ref": str,
+        "type": str,
+        "description": str,
+        "default": Plain,
+        "anyOf": "list[Schema]",
+        "enum": list[str],
+        "pattern": str,
+        "items": "Schema",
+        "minItems": int,
+        "maxItems": int,
+        "minimum": float,
+        "exclusiveMinimum": float,
+        "maximum": float,
+        "exclusiveMaximum": float,
+        "properties": "dict[str, Schema]",
+        "required": list[str],
+        "additionalProperties": "bool | Schema",
+        "patternProperties": "dict[str, Schema]",
+        "minProperties": int,
+    },
+    total=False,
+)
 
 
-def fits(value: Any, schema: Schema) -> bool:
+def fits(value: Plain, schema: Schema) -> bool:
     """Whether a value of a TOML file is what `schema` asks, by the keywords of JSON Schema that kinds use.
 
     What it cannot say of every number and text: no number but 0 is so large or so small that its square is lost, and no
@@ -31,18 +58,17 @@ def fits(value: Any, schema: Schema) -> bool:
     """
     if "anyOf" in schema:
         return any(fits(value, one) for one in schema["anyOf"])
-    kind = schema["type"]
-    if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "boolean"):
+    if not isinstance(value, _TYPES[schema["type"]]) or isinstance(value, bool) != (schema["type"] == "boolean"):
         return False
-    if kind == "string":
+    if isinstance(value, str):
         shown = all(letter.isprintable() or letter in "\n\t" for letter in value)
         return (
             shown and value in schema.get("enum", (value,)) and re.search(schema.get("pattern", ""), value) is not None
         )
-    if kind == "array":
+    if isinstance(value, list):
         few, many = schema.get("minItems", 0), schema.get("maxItems", len(value))
         return few <= len(value) <= many and all(fits(entry, schema["items"]) for entry in value)
-    if kind in ("integer", "number"):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         low, high = schema.get("minimum", -math.inf), schema.get("maximum", math.inf)
         above, below = schema.get("exclusiveMinimum", -math.inf), schema.get("exclusiveMaximum", math.inf)
         return _has_square(value) and low <= value <= high and above < value < below
@@ -55,15 +81,11 @@ def _has_square(value: int | float) -> bool:
     return 1 / _LARGEST <= abs(value) <= _LARGEST and (isinstance(value, float) or abs(value) < 2**63)
 
 
-#: What JSON Schema calls the limits, in the order of the fields of `Limits`.
-_LIMITS = ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
-
-
-def _same(value: Any) -> Any:
+def _same(value: T) -> T:
     return value
 
 
-def _any(value: Any) -> bool:
+def _any(value: Plain) -> bool:
     return True
 
 
@@ -88,17 +110,17 @@ class Kind:
     rule: Callable[[Any], bool] = _any
     made: Callable[[Any], Any] = _same
 
-    def accepts(self, value: Any) -> bool:
+    def accepts(self, value: Plain) -> bool:
         """Whether the key may hold `value`."""
         return fits(value, self.schema) and self.rule(value)
 
 
-def list_of(schema: Schema, size: int | None = None) -> dict[str, Any]:
-    limits = {"minItems": 1} if size is None else {"minItems": size, "maxItems": size}
+def list_of(schema: Schema, size: int | None = None) -> Schema:
+    limits: Schema = {"minItems": 1} if size is None else {"minItems": size, "maxItems": size}
     return {"type": "array", "items": schema, **limits}
 
 
-def _tuple(value: Any) -> Any:
+def _tuple(value: Plain) -> Plain:
     return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
@@ -110,9 +132,16 @@ def choice(*names: str) -> Kind:
 def limited(kind: Kind, limits: Limits) -> Kind:
     """A number within `limits`."""
     words = ("of " if limits.words.startswith("at least") else "") + limits.words
-    given = (limits.least, limits.above, limits.most, limits.below)
-    schema = {key: value for key, value in zip(_LIMITS, given, strict=True) if value is not None}
-    return replace(kind, words=f"{kind.words.partition(',')[0]} {words}", schema={**kind.schema, **schema})
+    schema: Schema = {**kind.schema}
+    if limits.least is not None:
+        schema["minimum"] = limits.least
+    if limits.above is not None:
+        schema["exclusiveMinimum"] = limits.above
+    if limits.most is not None:
+        schema["maximum"] = limits.most
+    if limits.below is not None:
+        schema["exclusiveMaximum"] = limits.below
+    return replace(kind, words=f"{kind.words.partition(',')[0]} {words}", schema=schema)
 
 
 def several(kind: Kind) -> Kind:
@@ -125,22 +154,27 @@ def several(kind: Kind) -> Kind:
 def either(*kinds: Kind) -> Kind:
     """Any of several kinds."""
 
-    def made(value: Any) -> Any:
+    def made(value: Plain) -> Any:
         return next(kind for kind in kinds if kind.accepts(value)).made(value)
 
-    words, schema = " or ".join(kind.words for kind in kinds), {"anyOf": [kind.schema for kind in kinds]}
-    return Kind(words, schema, lambda value: any(kind.accepts(value) for kind in kinds), made)
+    words = " or ".join(kind.words for kind in kinds)
+    return Kind(
+        words,
+        {"anyOf": [kind.schema for kind in kinds]},
+        lambda value: any(kind.accepts(value) for kind in kinds),
+        made,
+    )
 
 
-def _increase(pair: Any) -> bool:
-    return bool(pair[0] < pair[1])
+def _increase(pair: Sequence[float]) -> bool:
+    return pair[0] < pair[1]
 
 
-def _increase_all(pairs: Any) -> bool:
+def _increase_all(pairs: Sequence[Sequence[float]]) -> bool:
     return all(map(_increase, pairs))
 
 
-def _floats(pair: Any) -> tuple[float, ...]:
+def _floats(pair: Sequence[float]) -> tuple[float, ...]:
     return tuple(map(float, pair))
 
 
@@ -191,7 +225,7 @@ CHANNEL_NAMES = Kind(
     lambda table: bool(table) and all(map(TEXT.accepts, table.values())),
 )
 
-_PLAIN: dict[Any, Kind] = {
+_PLAIN: dict[object, Kind] = {
     float: NUMBER,
     int: INTEGER,
     bool: BOOLEAN,
@@ -212,7 +246,7 @@ _PLAIN: dict[Any, Kind] = {
 }
 
 
-def kind_of(annotation: Any) -> Kind:
+def kind_of(annotation: object) -> Kind:
     """What a key may hold that goes to a field or argument of this annotation.
 
     Raises
@@ -244,11 +278,25 @@ def kind_of(annotation: Any) -> Kind:
     raise TypeError(f"no value of a study file could be {annotation}")
 
 
-def _is_list(annotation: Any) -> bool:
+def _is_list(annotation: object) -> bool:
     origin = get_origin(annotation)
     return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
 
 
-def as_list(value: Any) -> list[Any]:
+@overload
+def as_list(value: list[T] | tuple[T, ...]) -> list[T]: ...
+@overload
+def as_list(value: str) -> list[str]: ...
+@overload
+def as_list(value: Sequence[T]) -> list[T]: ...
+@overload
+def as_list(value: T) -> list[T]: ...
+def as_list(value: object) -> object:
     """A single entry as a list of one."""
     return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def flat(nodes: int | Sequence[int | Sequence[int]]) -> list[int]:
+    """Node numbers as `NODES` allows them, one after another."""
+    rows = [nodes] if isinstance(nodes, int) else nodes
+    return [node for row in rows for node in ([row] if isinstance(row, int) else row)]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import TypeVar
 
 from structid.declared import declared_types, declared_words
 from structid.estimation import GaussNewton, LevenbergMarquardt
 from structid.identification.options import IdentifyOptions
 from structid.study.schema.kinds import choice
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, table_of
+from structid.study.schema.tables import Given, Key, Table, table_of
 
 #: Fields that the file knows by another name.
 _NAMES = {"direction": "total_mass_direction"}
@@ -21,13 +22,15 @@ _ELSEWHERE = ("regularization", "matrix_free")
 _SEARCHES = {"method": (LevenbergMarquardt, GaussNewton)}
 _MATRIX_FREE = "matrix_free"
 
+T = TypeVar("T")
+
 
 def read_method(section: Section | None) -> IdentifyOptions:
     """The options that ``[method]`` gives; the defaults where there is none."""
     if section is None:
         return IdentifyOptions()
     given = section.values(method_table())
-    made: IdentifyOptions = _made(IdentifyOptions, given, given.pop("search", None))
+    made = _made(IdentifyOptions, given, given.pop("search", None))
     for name in given:
         raise section.error("is none of this `search`; leave it out, or choose another search", name)
     return made
@@ -46,18 +49,18 @@ def method_table(options: type = IdentifyOptions) -> Table:
     return made
 
 
-def _made(options: type, given: dict[str, Any], search: str | None) -> Any:
+def _made(options: type[T], given: Given, search: str | None) -> T:
     """An object of this class from keys, which are taken out of `given`, and the `search` that is asked for."""
-    made = {}
-    for item in fields(options):
-        kinds, name = _groups(options, item.name), _NAMES.get(item.name, item.name)
+    made: Given = {}
+    for item in inspect.signature(options).parameters:
+        kinds, name = _groups(options, item), _NAMES.get(item, item)
         if kinds:
             chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
-            made[item.name] = _made(chosen, given, search)
-        elif item.name == _MATRIX_FREE and search is not None:
-            made[item.name] = search == _MATRIX_FREE
+            made[item] = _made(chosen, given, search)
+        elif item == _MATRIX_FREE and search is not None:
+            made[item] = search == _MATRIX_FREE
         elif name in given:
-            made[item.name] = given.pop(name)
+            made[item] = given.pop(name)
     return options(**made)
 
 

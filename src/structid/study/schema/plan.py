@@ -28,7 +28,7 @@ from structid.study.schema.records.record import NoiseSource, load_record, read_
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.root import InputFiles, read_root, title_of
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, table_of
+from structid.study.schema.tables import Given, Key, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
 
@@ -169,7 +169,7 @@ def _options(
 ) -> tuple[PlanOptions, tuple[str, ...]]:
     given = section.values(PLAN)
     frequency, line_notes = _lines(section, given, structure, unknown, record, method)
-    noise, noise_notes = _noise(section, record, declared, method.model_error)
+    relative, absolute, noise_notes = _noise(section, record, declared, method.model_error)
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
             given[key] = _in_structure(parse_dofs(as_list(given.get(key, []))), aimed, key in _LOADS)
@@ -181,7 +181,10 @@ def _options(
         given["installed_sensors"] = given["installed_sensors"] or record.outputs
         given["installed_loads"] = given["installed_loads"] or record.inputs
     given["of_interest"] = tuple(as_list(given.get("of_interest", [])))
-    return PlanOptions(frequency, **given, **noise), (*line_notes, *noise_notes)
+    return PlanOptions(frequency, **given, relative_noise=relative, absolute_noise=absolute), (
+        *line_notes,
+        *noise_notes,
+    )
 
 
 def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bool) -> tuple[Dof, ...]:
@@ -192,7 +195,7 @@ def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bo
 
 def _lines(
     section: Section,
-    given: dict[str, Any],
+    given: Given,
     structure: Structure,
     unknown: Parameters,
     record: FrfRecord | None,
@@ -231,8 +234,8 @@ def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, fl
 
 def _noise(
     section: Section, record: FrfRecord | None, declared: NoiseSource, model_error: float
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Noise as [plan] or [record] declares it, as the record has it in the median, or 1 %; with the error of the model."""
+) -> tuple[float, float, tuple[str, ...]]:
+    """Relative and absolute noise, with the model's error: as [plan] or [record] declares it, the record's median, or 1 %."""
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE
     if inner is not None:
@@ -257,4 +260,4 @@ def _noise(
     if model_error > 0:
         relative = float(np.hypot(relative, model_error))
         notes = (*notes, f"the model error of [method], {100 * model_error:.3g} %, counts as noise")
-    return {"relative_noise": relative, "absolute_noise": absolute}, notes
+    return relative, absolute, notes

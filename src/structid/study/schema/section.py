@@ -5,19 +5,22 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from structid.errors import InputError
+from structid.plain import Plain
 from structid.study.schema.kinds import Kind
-from structid.study.schema.tables import Key, Table, own_table
+from structid.study.schema.tables import Given, Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, toml_lines
 
 T = TypeVar("T")
+#: Tables of a study file to be changed, which are checked when they are read again.
+Tables: TypeAlias = MutableMapping[str, Any]
 _LABEL = re.compile(r"\d{1,9}")
 
 
@@ -39,10 +42,10 @@ class StudyText:
 
     path: Path
     text: str
-    edited: Mapping[str, Any] | None = None
+    edited: Mapping[str, Plain] | None = None
 
     @cached_property
-    def table(self) -> Mapping[str, Any]:
+    def table(self) -> Mapping[str, Plain]:
         """Its content, as edited; a `TOMLDecodeError` of `tomllib` where it is not TOML."""
         return tomllib.loads(self.text) if self.edited is None else self.edited
 
@@ -73,7 +76,7 @@ class Section:
 
     source: StudyText
     path: KeyPath
-    table: Mapping[str, Any]
+    table: Mapping[str, Plain]
 
     @property
     def title(self) -> str:
@@ -101,7 +104,7 @@ class Section:
         except InputError as error:
             raise self.error(str(error), error.option if error.option in self.table else key) from error
 
-    def values(self, table: Table) -> dict[str, Any]:
+    def values(self, table: Table) -> Given:
         """Every given key of `table` that is no table itself, checked, with its value as its kind makes it.
 
         Raises
@@ -163,7 +166,7 @@ class Section:
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
 
 
-def _nearest(name: str, value: Any, keys: Mapping[str, Key]) -> list[str]:
+def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
     """Those of `keys` that are most like `name`: of tables where tables are given, of plain values else."""
     in_tables = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict) for one in value))
     alike = [one for one, key in keys.items() if (key.holds_tables if in_tables else key.holds_values)] or keys
@@ -171,6 +174,6 @@ def _nearest(name: str, value: Any, keys: Mapping[str, Key]) -> list[str]:
     return [one for one, ratio in ratios.items() if ratio == max(ratios.values())]
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Plain) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

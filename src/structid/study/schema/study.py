@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.options import IdentifyOptions
+from structid.plain import Entry, Plain
 from structid.solver.solved import Solved
 from structid.structure import MeasuredComponent, Structure
 from structid.study.schema.method import read_method
@@ -73,7 +73,7 @@ class Study:
         return self.root.source.text
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Entry]:
         """Options with their defaults, as plain values."""
         settings = asdict(self.options)
         settings["search"] = {"type": type(self.options.method).__name__, **settings.pop("method")}
@@ -106,7 +106,7 @@ def load_study(path: str | Path, work: Work = ALONE) -> Study:
     return _read(root, files)
 
 
-def edited_study(study: Study, tables: Mapping[str, Any], work: Work = ALONE) -> Study:
+def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) -> Study:
     """The study with other tables, as `load_study` reads it.
 
     Structures whose tables are as before are not made again, nor measured components read whose tables and files are.

@@ -6,11 +6,14 @@ import inspect
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
 from structid.declared import alternatives, declared_types, declared_words
 from structid.dof import Dof
 from structid.study.schema.kinds import Kind, Schema, kind_of
+
+#: Values of the keys of a table, each as its kind makes it.
+Given: TypeAlias = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +26,7 @@ class Key:
     words : str
         What it is.
     required : bool
-    default : Any
+    default : object
         None where there is none, or it is not a plain value.
     listed : bool
         Whether it holds an array of tables: 1 or more of ``[[...]]``.
@@ -32,7 +35,7 @@ class Key:
     holds: Kind | Table
     words: str = ""
     required: bool = False
-    default: Any = None
+    default: object = None
     listed: bool = False
 
     @property
@@ -48,10 +51,12 @@ class Key:
     @property
     def schema(self) -> Schema:
         """As JSON Schema."""
-        own = {"type": "array", "items": self.holds.schema} if self.listed else self.holds.schema
-        words = {"description": self.words} if self.words else {}
-        default = self.default if isinstance(self.default, str | int | float | list) else None
-        return {**own, **words, **({} if default is None else {"default": default})}
+        own: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
+        if self.words:
+            own["description"] = self.words
+        if isinstance(self.default, str | int | float | list):
+            own["default"] = self.default
+        return own
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +86,14 @@ class Table:
         return Table({name: self.keys[name] for name in names}, self.labels, self.short)
 
     @property
-    def defaults(self) -> dict[str, Any]:
+    def defaults(self) -> Given:
         """What its keys hold where nothing is given, of those that say so."""
         return {name: key.default for name, key in self.keys.items() if key.default is not None}
 
     @property
     def schema(self) -> Schema:
         """As JSON Schema."""
-        own: dict[str, Any] = {"type": "object", "additionalProperties": False}
+        own: Schema = {"type": "object", "additionalProperties": False}
         if self.keys:
             own["properties"] = {name: key.schema for name, key in self.keys.items()}
         required = [name for name, key in self.keys.items() if key.required]
@@ -100,9 +105,9 @@ class Table:
 
 
 def table_of(
-    made: Callable[..., Any],
+    made: Callable[..., object],
     leave_out: Collection[str] = (),
-    words_of: Callable[..., Any] | None = None,
+    words_of: Callable[..., object] | None = None,
     **others: Kind | Table,
 ) -> Table:
     """The table whose keys are the arguments of a class or function, by their annotations and its docstring.
@@ -130,10 +135,10 @@ def table_of(
 
 
 #: The same without more said, kept for the next entry of its kind.
-own_table: Callable[[Callable[..., Any]], Table] = cache(table_of)
+own_table: Callable[[Callable[..., object]], Table] = cache(table_of)
 
 
-def held_by(annotation: Any) -> Kind | Table:
+def held_by(annotation: object) -> Kind | Table:
     """What a key of an argument with this annotation holds: the table of a dataclass, or a kind."""
     parts = alternatives(annotation)
     if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:
@@ -146,7 +151,7 @@ def _types(schema: Schema) -> set[str]:
     return {schema["type"]} if "type" in schema else set().union(*map(_types, schema["anyOf"]))
 
 
-def _said(annotation: Any) -> str:
+def _said(annotation: object) -> str:
     """The text that stands in an annotation."""
     marks = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((mark for mark in marks if isinstance(mark, str)), "")

@@ -7,10 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
 
 from structid.errors import FileError, InputError
 from structid.files import atomic_write, made_folder
+
+T = TypeVar("T")
 
 #: What stands at the end of every new study until a record is there.
 NO_RECORD = """
@@ -30,7 +32,7 @@ class Template(ABC):
         """The study file, for `folder`, where the files are that it names."""
 
 
-def asked(words: str, unit: str, default: Any, choices: tuple[str, ...] = ()) -> Any:
+def asked(words: str, unit: str, default: T, choices: tuple[str, ...] = ()) -> T:
     """A field of a template: what it is, its unit, the value that stands where none is given, and all that it may be."""
     return field(default=default, metadata={"words": words, "unit": unit, "default": default, "choices": choices})
 
@@ -61,7 +63,7 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
         If a name is unknown, or a value cannot be used, see `asked_value`.
     """
     known = {one.name: one for one in asked_of(template)}
-    values: dict[str, Any] = {}
+    values: dict[str, float | int | str] = {}
     for name, value in given.items():
         if name not in known:
             raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(known)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -27,6 +27,41 @@ class Block(NamedTuple):
     number: int
 
 
+class Dataset(TypedDict, total=False):
+    """A dataset as pyuff reads it: what those of each number have of these."""
+
+    type: int
+    # of 58
+    func_type: int
+    id1: str
+    id2: str
+    id3: str
+    id4: str
+    id5: str
+    rsp_node: int
+    rsp_dir: int
+    ref_node: int
+    ref_dir: int
+    num_pts: int
+    abscissa_spacing: int
+    abscissa_inc: float
+    ordinate_spec_data_type: int
+    ordinate_axis_units_lab: str
+    orddenom_spec_data_type: int
+    orddenom_axis_units_lab: str
+    data: np.ndarray
+    x: np.ndarray
+    # of 15 and 2411, with x
+    node_nums: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    # of 82
+    nodes: np.ndarray
+    # of 164
+    length: float
+    force: float
+
+
 class _Form(NamedTuple):
     """How the values of a dataset 58 are stored."""
 
@@ -36,7 +71,7 @@ class _Form(NamedTuple):
     item: int
 
 
-def datasets(path: Path) -> list[dict[str, Any]]:
+def datasets(path: Path) -> list[Dataset]:
     """The datasets of the universal file at `path` that structid reads, as pyuff's dictionaries.
 
     Raises
@@ -167,7 +202,7 @@ def _form(path: Path, data: bytes, at: int, count: int) -> tuple[_Form, int]:
     return _Form(binary, points, per_value + abscissa_item, item), body
 
 
-def _through_pyuff(path: Path, blocks: list[Block]) -> list[dict[str, Any]]:
+def _through_pyuff(path: Path, blocks: list[Block]) -> list[Dataset]:
     import pyuff
 
     # pyuff raises nothing but the plain class Exception, so no narrower name exists for what it reports.
@@ -175,7 +210,7 @@ def _through_pyuff(path: Path, blocks: list[Block]) -> list[dict[str, Any]]:
         file = pyuff.UFF(str(path))
         same = file.get_n_sets() == len(blocks)
         read = [b.number in READ_TYPES for b in blocks] if same else []
-        return_sets = [dict(file.read_sets(i)) if wanted else {} for i, wanted in enumerate(read)]
+        return_sets: list[Dataset] = [file.read_sets(i) if wanted else {} for i, wanted in enumerate(read)]
     except Exception as error:
         if type(error) is not Exception:
             raise
@@ -185,7 +220,7 @@ def _through_pyuff(path: Path, blocks: list[Block]) -> list[dict[str, Any]]:
     return return_sets
 
 
-def _require_all_points(path: Path, data: bytes, block: Block, number: int, values: dict[str, Any]) -> None:
+def _require_all_points(path: Path, data: bytes, block: Block, number: int, values: Dataset) -> None:
     """Raise unless pyuff found as many points as the header says, with an abscissa for each."""
     got = len(values["data"])
     if got != values["num_pts"] or len(values["x"]) < got:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,18 +13,23 @@ from structid.dof import Dof
 from structid.errors import FileError, InputError
 from structid.records.io.options import ReadOptions, option_words
 from structid.records.io.selection import positions, selected
+from structid.records.io.uff.blocks import Dataset
 from structid.records.io.uff.scales import (
+    UNKNOWN,
     Factors,
+    Side,
     channel_scale,
     dof_of,
-    ordinate_is_ratio,
+    sides,
     unit_factors,
+    whole_unit,
 )
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.records.transforms.spectra import KINDS
 from structid.units import parse_frf_unit
 
 AVERAGES = re.compile(r"\baverages[ =:]+(?P<count>\d+)\b", re.IGNORECASE)
+_TITLES: Final = ("id1", "id2", "id3", "id4", "id5")
 
 Pair = tuple[Dof, Dof]
 
@@ -37,9 +42,9 @@ class _Function(NamedTuple):
 
 def read_frfs(
     path: Path,
-    found: list[dict[str, Any]],
-    frfs: list[dict[str, Any]],
-    coherences: list[dict[str, Any]],
+    found: list[Dataset],
+    frfs: list[Dataset],
+    coherences: list[Dataset],
     options: ReadOptions,
 ) -> FrfRecord | TimeRecord:
     """One record of the datasets `frfs`, or of the outputs and inputs among them that `options` name.
@@ -86,13 +91,13 @@ def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 
 
-def _pair_of(path: Path, dataset: dict[str, Any]) -> Pair:
+def _pair_of(path: Path, dataset: Dataset) -> Pair:
     output = dof_of(path, int(dataset["rsp_node"]), int(dataset["rsp_dir"]), "response")
     return output, dof_of(path, int(dataset["ref_node"]), int(dataset["ref_dir"]), "reference")
 
 
-def _by_pair(path: Path, functions: list[dict[str, Any]], word: str) -> dict[Pair, dict[str, Any]]:
-    found: dict[Pair, dict[str, Any]] = {}
+def _by_pair(path: Path, functions: list[Dataset], word: str) -> dict[Pair, Dataset]:
+    found: dict[Pair, Dataset] = {}
     for dataset in functions:
         pair = _pair_of(path, dataset)
         if pair in found:
@@ -101,16 +106,14 @@ def _by_pair(path: Path, functions: list[dict[str, Any]], word: str) -> dict[Pai
     return found
 
 
-def _function(
-    path: Path, dataset: dict[str, Any], pair: Pair, factors: Factors | None, options: ReadOptions
-) -> _Function:
+def _function(path: Path, dataset: Dataset, pair: Pair, factors: Factors | None, options: ReadOptions) -> _Function:
     kind, factor = _frf_scale(path, dataset, pair, factors, options)
     values = np.asarray(dataset["data"], dtype=np.complex128)
     return _Function(kind, np.asarray(dataset["x"][: values.size], float), values * factor)
 
 
 def _frf_scale(
-    path: Path, dataset: dict[str, Any], pair: Pair, factors: Factors | None, options: ReadOptions
+    path: Path, dataset: Dataset, pair: Pair, factors: Factors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
     """Kind and factor to SI of one FRF: by the option `unit`, or by types, labels and dataset 164."""
     if options.unit:
@@ -118,20 +121,24 @@ def _frf_scale(
         if unit.output_rotation == pair[0].is_rotation and unit.input_rotation == pair[1].is_rotation:
             return unit.kind, unit.factor
         raise InputError(f"{path}: `unit` {options.unit!r} does not fit the directions of {pair[0]}/{pair[1]}")
-    if ordinate_is_ratio(dataset):
-        whole = parse_frf_unit(str(dataset["ordinate_axis_units_lab"]))
-        above, below = _split(dataset)
-        kind, factor = _frf_scale(path, {**dataset, **above, **below}, pair, factors, options)
-        if factors is None:
-            return whole.kind, whole.factor
-        if whole.kind != kind or not np.isclose(whole.factor, factor, rtol=1e-4):
-            raise FileError(
-                f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {dataset['ordinate_axis_units_lab']!r}, "
-                f"which does not fit its data types and dataset 164; tell which is right with {option_words(unit=None)}"
-            )
-        return kind, factor
-    quantity, above_factor = channel_scale(path, dataset, "ordinate", pair[0], factors)
-    load, below_factor = channel_scale(path, dataset, "orddenom", pair[1], factors)
+    above, below = sides(dataset)
+    whole = whole_unit(above)
+    if whole is None:
+        return _scale_by_sides(path, above, below, pair, factors)
+    kind, factor = _scale_by_sides(path, *_split(whole.kind, above, below), pair, factors)
+    if factors is None:
+        return whole.kind, whole.factor
+    if whole.kind != kind or not np.isclose(whole.factor, factor, rtol=1e-4):
+        raise FileError(
+            f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {above.label!r}, "
+            f"which does not fit its data types and dataset 164; tell which is right with {option_words(unit=None)}"
+        )
+    return kind, factor
+
+
+def _scale_by_sides(path: Path, above: Side, below: Side, pair: Pair, factors: Factors | None) -> tuple[FrfKind, float]:
+    quantity, above_factor = channel_scale(path, above, pair[0], factors)
+    load, below_factor = channel_scale(path, below, pair[1], factors)
     if quantity == load != "force":
         return "transmissibility", above_factor / below_factor
     if quantity == "force" or load != "force":
@@ -142,18 +149,13 @@ def _frf_scale(
     return KINDS[quantity], above_factor / below_factor
 
 
-def _split(dataset: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Ordinate and denominator fields of a dataset whose ordinate label is of the whole FRF."""
-    whole = parse_frf_unit(str(dataset["ordinate_axis_units_lab"]))
+def _split(kind: FrfKind, above: Side, below: Side) -> tuple[Side, Side]:
+    """Both sides of a dataset whose numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
-    above = {"ordinate_axis_units_lab": ""}
-    below = {"orddenom_axis_units_lab": ""}
-    below_type = 12 if whole.kind == "transmissibility" else 13
-    number = int(dataset.get("ordinate_spec_data_type", 0))
-    load = int(dataset.get("orddenom_spec_data_type", 0))
+    load = 12 if kind == "transmissibility" else 13
     return (
-        {**above, "ordinate_spec_data_type": types[whole.kind] if number in (0, 1) else number},
-        {**below, "orddenom_spec_data_type": below_type if load in (0, 1) else load},
+        Side(types[kind] if above.number in UNKNOWN else above.number, ""),
+        Side(load if below.number in UNKNOWN else below.number, ""),
     )
 
 
@@ -174,7 +176,7 @@ def _require_axis(path: Path, what: str, axis: FloatArray, first: FloatArray) ->
 
 
 def _coherence(
-    path: Path, functions: list[dict[str, Any]], outputs: tuple[Dof, ...], inputs: tuple[Dof, ...], axis: FloatArray
+    path: Path, functions: list[Dataset], outputs: tuple[Dof, ...], inputs: tuple[Dof, ...], axis: FloatArray
 ) -> FloatArray | None:
     """Coherence of every pair, or None unless the file has it for every pair."""
     found: dict[Pair, FloatArray] = {}
@@ -196,11 +198,11 @@ def _coherence(
     return np.moveaxis(np.array(stacked), -1, 0)
 
 
-def _averages(frfs: list[dict[str, Any]]) -> int | None:
+def _averages(frfs: list[Dataset]) -> int | None:
     """Number of averages that the title lines of all FRFs agree on, or None."""
     counts = set()
     for dataset in frfs:
-        text = " ".join(str(dataset.get(f"id{i}", "")) for i in range(1, 6))
+        text = " ".join(str(dataset.get(key, "")) for key in _TITLES)
         match = AVERAGES.search(text)
         counts.add(int(match["count"]) if match else None)
     return counts.pop() if len(counts) == 1 else None

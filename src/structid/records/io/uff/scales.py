@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from structid.dof import DIRECTIONS, Dof
 from structid.errors import FileError, InputError
 from structid.records.io.options import option_words
-from structid.units import parse_frf_unit, parse_unit
+from structid.records.io.uff.blocks import Dataset
+from structid.units import FrfUnit, parse_frf_unit, parse_unit
 
 #: Specific data types of dataset 58 that structid reads, and the one it writes for each quantity.
 QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force"}
 DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "support_acceleration": 12}
-_UNKNOWN = (0, 1)
+UNKNOWN = (0, 1)
 
 
 class Factors(NamedTuple):
@@ -24,7 +25,7 @@ class Factors(NamedTuple):
     force: float
 
 
-def unit_factors(path: Path, datasets: list[dict[str, Any]]) -> Factors | None:
+def unit_factors(path: Path, datasets: list[Dataset]) -> Factors | None:
     """The unit factors of the file, or None where it has no dataset 164.
 
     Raises
@@ -64,9 +65,24 @@ def direction_of(dof: Dof) -> int:
     return dof.sign * (dof.axis + 1)
 
 
-def _label(dataset: dict[str, Any], side: str) -> str:
-    text = str(dataset.get(f"{side}_axis_units_lab", "")).strip()
-    return "" if text.upper() in ("NONE", "NULL", "UNKNOWN") else text
+class Side(NamedTuple):
+    """What a dataset 58 says of its ordinate's numerator or denominator: specific data type, and label of the unit or ""."""
+
+    number: int
+    label: str
+
+
+def sides(dataset: Dataset) -> tuple[Side, Side]:
+    """Numerator and denominator of a dataset 58."""
+    return (
+        _side(dataset.get("ordinate_spec_data_type"), dataset.get("ordinate_axis_units_lab")),
+        _side(dataset.get("orddenom_spec_data_type"), dataset.get("orddenom_axis_units_lab")),
+    )
+
+
+def _side(number: int | None, label: str | None) -> Side:
+    text = str(label or "").strip()
+    return Side(int(number or 0), "" if text.upper() in ("NONE", "NULL", "UNKNOWN") else text)
 
 
 def _label_unit(text: str) -> tuple[str, float] | None:
@@ -85,15 +101,13 @@ def _file_factor(factors: Factors, quantity: str, dof: Dof) -> float:
     return 1.0 if dof.is_rotation else 1 / factors.length
 
 
-def channel_scale(
-    path: Path, dataset: dict[str, Any], side: str, dof: Dof, factors: Factors | None
-) -> tuple[str, float]:
+def channel_scale(path: Path, side: Side, dof: Dof, factors: Factors | None) -> tuple[str, float]:
     """Quantity and factor to SI of one side of a dataset 58.
 
     Parameters
     ----------
-    side : {"ordinate", "orddenom"}
-        Ordinate (numerator) or ordinate denominator.
+    side : Side
+    dof : Dof
     factors : Factors, optional
         Units by dataset 164; without them the label decides, and without a label SI is meant.
 
@@ -102,12 +116,11 @@ def channel_scale(
     FileError
         If neither data type nor label says the quantity, or label and dataset 164 contradict each other.
     """
-    number = int(dataset.get(f"{side}_spec_data_type", 0))
-    text = _label(dataset, side)
+    number, text = side
     label = _label_unit(text)
     if number in QUANTITIES:
         quantity = QUANTITIES[number]
-    elif number in _UNKNOWN and label is not None:
+    elif number in UNKNOWN and label is not None:
         quantity = label[0]
     else:
         raise FileError(
@@ -131,10 +144,9 @@ def channel_scale(
     return quantity, factor
 
 
-def ordinate_is_ratio(dataset: dict[str, Any]) -> bool:
-    """Whether the ordinate's label is of a whole FRF, such as `(m/s^2)/N`, and not of its numerator."""
+def whole_unit(numerator: Side) -> FrfUnit | None:
+    """The unit of a whole FRF, such as `(m/s^2)/N`, where the numerator's label is of that."""
     try:
-        parse_frf_unit(_label(dataset, "ordinate"))
+        return parse_frf_unit(numerator.label)
     except InputError:
-        return False
-    return True
+        return None

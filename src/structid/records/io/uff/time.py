@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -13,16 +13,15 @@ from structid.errors import FileError, InputError
 from structid.records.io.bare import channel_units
 from structid.records.io.gaps import sourced, whole
 from structid.records.io.options import ReadOptions
-from structid.records.io.uff.scales import channel_scale, dof_of, unit_factors
+from structid.records.io.uff.blocks import Dataset
+from structid.records.io.uff.scales import channel_scale, dof_of, sides, unit_factors
 from structid.records.record import Quantity, TimeRecord
 
 #: Difference allowed between a step of six digits, as the format stores it, and the true one.
 _SIX_DIGITS = 1e-5
 
 
-def read_times(
-    path: Path, found: list[dict[str, Any]], times: list[dict[str, Any]], options: ReadOptions
-) -> TimeRecord:
+def read_times(path: Path, found: list[Dataset], times: list[Dataset], options: ReadOptions) -> TimeRecord:
     """One record of the time responses `times`.
 
     The format stores an even step with six digits only: `options.sampling_rate` may state it exactly.
@@ -51,7 +50,7 @@ def read_times(
     )
 
 
-def _require_one_clock(path: Path, channels: tuple[Dof, ...], times: list[dict[str, Any]]) -> None:
+def _require_one_clock(path: Path, channels: tuple[Dof, ...], times: list[Dataset]) -> None:
     """Refuse channels with sample times other than those of the first."""
     first = np.asarray(times[0]["x"], float)
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
@@ -72,19 +71,19 @@ def _clock(axis: FloatArray) -> str:
 
 def _scales(
     path: Path,
-    found: list[dict[str, Any]],
-    times: list[dict[str, Any]],
+    found: list[Dataset],
+    times: list[Dataset],
     channels: tuple[Dof, ...],
     options: ReadOptions,
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
     if options.units:
         return channel_units(path, channels, options)
     factors = unit_factors(path, found)
-    pairs = [channel_scale(path, d, "ordinate", dof, factors) for dof, d in zip(channels, times, strict=True)]
+    pairs = [channel_scale(path, sides(d)[0], dof, factors) for dof, d in zip(channels, times, strict=True)]
     return tuple(cast(Quantity, quantity) for quantity, _ in pairs), np.array([factor for _, factor in pairs])
 
 
-def _rate(path: Path, dataset: dict[str, Any], options: ReadOptions) -> float:
+def _rate(path: Path, dataset: Dataset, options: ReadOptions) -> float:
     axis = np.asarray(dataset["x"], float)
     if dataset["abscissa_spacing"]:
         step = float(dataset["abscissa_inc"])

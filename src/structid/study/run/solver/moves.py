@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from structid.identification.identified import Identification
 from structid.identification.together import by_name
 from structid.observation import RecordProblem
 from structid.solver.solved import Solved
+from structid.study.schema.section import Tables
 from structid.study.schema.study import Study, edited_study
 
 #: Most that a parameter moves in a round, as a part of its value.
@@ -60,12 +60,12 @@ def within(solved: Solved, name: str, value: float) -> float:
     return float(np.clip(value, max(low, at - far), min(high, at + far)))
 
 
-def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> dict[str, Any]:
+def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> Tables:
     """The study's tables with other places of differences; the nominal values where it is None.
 
     With `step`, the differences begin with it, as a part of each value; else as the file says.
     """
-    found = deepcopy(dict(study.root.table))
+    found: Tables = deepcopy(dict(study.root.table))
     stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
     own = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
     for entry in found["structure"]["solver"]["parameter"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +15,7 @@ from structid.arrays import IntArray
 from structid.declared import NotNegative, Positive
 from structid.dof import Dof, parse_dofs
 from structid.errors import InputError
+from structid.plain import Plain
 from structid.structure import MatrixGroup
 from structid.structure.importers import (
     ImportedMatrix,
@@ -30,7 +31,19 @@ from structid.structure.importers import (
 from structid.structure.importers.definite import require_semidefinite
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.importers.imported import codes_of, completed, tables_of
-from structid.study.schema.kinds import BOOLEAN, INTEGER, TEXT, TEXTS, Kind, as_list, choice, either, list_of, several
+from structid.study.schema.kinds import (
+    BOOLEAN,
+    INTEGER,
+    TEXT,
+    TEXTS,
+    Kind,
+    Schema,
+    as_list,
+    choice,
+    either,
+    list_of,
+    several,
+)
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
@@ -50,7 +63,9 @@ class SourceEntry:
 
     path: Annotated[str, "The file"]
     matrix: Annotated[str | None, "Its name in the file, where there are several"] = None
-    elements: Annotated[Any, _LABELS, "Of a file written element by element: which of them"] = None
+    elements: Annotated[
+        int | str | tuple[int | str, ...] | None, _LABELS, "Of a file written element by element: which of them"
+    ] = None
     one_triangle: Annotated[bool, "Only one triangle is stored; the other is to be added"] = False
 
 
@@ -66,15 +81,17 @@ _FILE = Kind(
 class ExportsEntry:
     """A group as the difference of two exports."""
 
-    base: Annotated[Any, _FILE, "The first export"]
-    changed: Annotated[Any, _FILE, "The second, with the parameter times `factor`"]
+    base: Annotated[str | Mapping[str, Plain], _FILE, "The first export"]
+    changed: Annotated[str | Mapping[str, Plain], _FILE, "The second, with the parameter times `factor`"]
     factor: Annotated[Positive, "Of the second; the group is their difference over `factor` - 1"]
-    third: Annotated[Any, _FILE, "A third export, which checks the linear dependence"] = None
+    third: Annotated[str | Mapping[str, Plain] | None, _FILE, "A third export, which checks the linear dependence"] = (
+        None
+    )
     third_factor: Annotated[Positive | None, "Its factor"] = None
 
 
 _EXPORTS = table_of(ExportsEntry)
-_WAYS = {"anyOf": [TEXT.schema, _SOURCE.schema, _EXPORTS.schema]}
+_WAYS: Schema = {"anyOf": [TEXT.schema, _SOURCE.schema, _EXPORTS.schema]}
 MATRICES = Kind(
     f"{_FILE.words}, or a list of these",
     {"anyOf": [*_WAYS["anyOf"], list_of(_WAYS)]},
@@ -279,7 +296,7 @@ def _mirrored(item: ImportedMatrix) -> ImportedMatrix:
     return ImportedMatrix(item.name, completed(item.matrix, item.name), item.dofs)
 
 
-def _labels(given: Any) -> set[int]:
+def _labels(given: Sequence[int | str] | int | str) -> set[int]:
     found: set[int] = set()
     for entry in as_list(given):
         match = _RANGE.match(str(entry))

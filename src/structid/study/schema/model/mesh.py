@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from structid.arrays import IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.structure.elements import ElementSet
 from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
 from structid.structure.places.mesh_point import MeshPoint, mesh_points
-from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either
+from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, table_of
 
 _AXES = ("x", "y", "z")
 _PLACE = replace(either(NUMBER, RANGE), words="a number or two increasing ones in m, as in [0.0, 0.1]")
-_Place = Annotated[Any, _PLACE, "Where in m, a number or a range"]
+_Place = Annotated[float | tuple[float, float] | None, _PLACE, "Where in m, a number or a range"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class SupportEntry:
     """``[[structure.support]]``: nodes that satisfy all of it are held."""
 
     group: Annotated[str | None, "A group of the mesh"] = None
-    nodes: Annotated[Any, NODES, "Node numbers"] = None
+    nodes: Annotated[int | list[int] | list[list[int]] | None, NODES, "Node numbers"] = None
     directions: Annotated[tuple[str, ...], "What is held"] = DIRECTIONS
     x: _Place = None
     y: _Place = None
@@ -81,7 +82,7 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
     left_out = as_list(inner.table.get("leave_out", [])) if inner is not None else []
     with (inner or section).located("leave_out" if left_out else "mesh" if inner is None else None):
         tables = [element.nodes for element in elements]
-        tables += [block.nodes[rows] for name in left_out for block, rows in mesh.chosen(name)]
+        tables += [block.nodes[rows] for name in left_out for block, rows in mesh.chosen(str(name))]
         words = unassigned(mesh, tables)
     if words:
         raise (inner or section).error(
@@ -90,7 +91,7 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
         )
 
 
-def read_supports(section: Section, mesh: Mesh | None, nodes: dict[int, Any]) -> list[Dof]:
+def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -> list[Dof]:
     """Degrees of freedom that ``[[structure.support]]`` tables hold at zero."""
     held: dict[Dof, None] = {}
     for entry in section.sections("support"):
@@ -103,13 +104,13 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: dict[int, Any]) ->
     return list(held)
 
 
-def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: dict[int, Any]) -> list[int]:
+def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
     """Labels of the nodes that satisfy everything that a support says."""
     chosen = set(nodes)
     if not {"group", "nodes", *_AXES} & set(entry.table):
         raise entry.error("names no nodes; add `group`, `nodes`, or a coordinate such as `x = 0.0`")
     if given.nodes is not None:
-        named = [n for row in as_list(given.nodes) for n in as_list(row)]
+        named = flat(given.nodes)
         if set(named) - chosen:
             raise entry.error(f"node {min(set(named) - chosen)} does not exist", "nodes")
         chosen &= set(named)
@@ -119,7 +120,7 @@ def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: di
         with entry.located("group"):
             chosen &= set(mesh.group_nodes(given.group).tolist())
     places = zip(_AXES, (given.x, given.y, given.z), strict=True)
-    ends = {axis: (min(as_list(at)), max(as_list(at))) for axis, at in places if at is not None}
+    ends = {axis: at if isinstance(at, tuple) else (at, at) for axis, at in places if at is not None}
     if mesh is not None and ends:
         chosen &= set(mesh.nodes_at(ends).tolist())
     if not chosen:
@@ -136,7 +137,7 @@ def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet])
         raise inner.error("points need a mesh; add [structure.mesh], or name nodes")
     found = []
     for key, position in inner.values(Table(labels=POSITION)).items():
-        place = (*as_list(position), 0.0, 0.0)[:3]
+        place = [*map(float, as_list(position)), 0.0, 0.0][:3]
         with inner.located(key):
             found.append((inner, mesh_points(mesh, elements, {int(key): place})[0]))
     return found

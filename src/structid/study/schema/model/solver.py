@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from structid.declared import Limits, Positive
 from structid.dof import parse_dofs
 from structid.errors import InputError
 from structid.modal.files.nastran import PUNCH_SUFFIXES
+from structid.plain import Plain
 from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.solver.differences import solved_modes
 from structid.solver.frfs.output import FrfsOut
@@ -21,11 +21,23 @@ from structid.solver.runs import Solver
 from structid.solver.solved import Solved, Units
 from structid.structure.importers.exports import FORCES, LENGTHS
 from structid.structure.meshes import read_mesh
-from structid.study.schema.kinds import BOOLEAN, NUMBER, TEXT, TEXTS, WHOLE, Kind, as_list, choice, limited, list_of
+from structid.study.schema.kinds import (
+    BOOLEAN,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    WHOLE,
+    Kind,
+    Schema,
+    as_list,
+    choice,
+    limited,
+    list_of,
+)
 from structid.study.schema.model.solver_frfs import wanted_frfs
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, held_by, table_of
+from structid.study.schema.tables import Given, Key, Table, held_by, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")
 _FILE = Kind(
@@ -34,7 +46,7 @@ _FILE = Kind(
 )
 #: Keys that belong to one kind of what comes out.
 _OF_KIND = {"matrices": (*_MATRICES, "dofs", "indefinite"), "modes": ("modes",), "frfs": ("frfs", "loads")}
-_PLACES = {"anyOf": [table_of(CardField).schema, table_of(KeywordEntry).schema]}
+_PLACES: Schema = {"anyOf": [table_of(CardField).schema, table_of(KeywordEntry).schema]}
 _MARK = Kind(
     'a place such as { card = "MAT1", id = 1, field = 3 } or { keyword = "*ELASTIC", of = "*MATERIAL, NAME=STEEL",'
     " entry = 1 }, or a list of places",
@@ -143,10 +155,10 @@ def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParame
         return parameters, with_marks(texts, marked)
 
 
-def _places(entry: Section, given: Any, texts: Mapping[str, str]) -> list[Place]:
+def _places(entry: Section, given: Plain, texts: Mapping[str, str]) -> list[Place]:
     """Where a parameter stands, by its `mark`."""
     places = []
-    for k, table in enumerate(as_list(given)):
+    for k, table in enumerate(given if isinstance(given, list) else [given]):
         path = (*entry.path, "mark", *((k,) if isinstance(given, list) else ()))
         section = Section(entry.source, path, table)
         mark: DeckMark = section.read(CardField) if "card" in table else section.read(KeywordEntry)
@@ -156,7 +168,7 @@ def _places(entry: Section, given: Any, texts: Mapping[str, str]) -> list[Place]
 
 
 def _outputs(
-    own: Section, given: Mapping[str, Any], stem: Mapping[str, str], files: InputFiles
+    own: Section, given: Given, stem: Mapping[str, str], files: InputFiles
 ) -> MatricesOut | ModesOut | FrfsOut:
     """What the study says that comes out; what belongs to another kind is refused."""
     gives = given["gives"]

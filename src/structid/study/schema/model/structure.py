@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 from structid.declared import Limits, Positive
 from structid.dof import DIRECTIONS, Dof, parse_dof
@@ -28,7 +28,20 @@ from structid.structure.importers import require_total_mass
 from structid.structure.meshes import Mesh
 from structid.structure.structure import MOST_PIECES
 from structid.structure.supports import Tie
-from structid.study.schema.kinds import DOF, DOFS, NODES, POSITION, TEXT, TEXTS, WEIGHTED, WHOLE, as_list, limited
+from structid.study.schema.kinds import (
+    DOF,
+    DOFS,
+    NODES,
+    POSITION,
+    RANGE,
+    TEXT,
+    TEXTS,
+    WEIGHTED,
+    WHOLE,
+    as_list,
+    flat,
+    limited,
+)
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
 from structid.study.schema.model.measured import MEASURED, read_measured
 from structid.study.schema.model.mesh import (
@@ -43,7 +56,7 @@ from structid.study.schema.model.solver import SOLVER_TABLES, positions_of, read
 from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, held_by, own_table, table_of
+from structid.study.schema.tables import Given, Key, Table, held_by, own_table, table_of
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
@@ -66,6 +79,8 @@ _BASE = table_of(Base, supports=TEXTS)
 DampingRatio = Annotated[float, Limits(least=0, below=1)]
 #: Highest frequency of a component's modes, in parts of that of the band.
 _UP_TO = 3.0
+#: Of `[method]`, which a component without `up_to` goes by.
+_BAND = Table({"band": Key(RANGE)})
 _COMPONENT = table_of(Component, elements=TEXTS, interface=TEXTS)
 _COMPONENT = _COMPONENT | {
     "up_to": Key(
@@ -178,21 +193,20 @@ def read_structure(
     components = [(entry, _component(entry, nodes)) for entry in section.sections("component")]
     measured = [(entry, _measured(entry, files, nodes)) for entry in section.sections("measured_component")]
     if "total_mass" in given:
-        whole = _built(section, nodes, elements, ties, [*fixed, *held], bases, [], [], given)
+        whole = _built(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"])
     if changes is not None:
         elements, ties, fixed, measured = _changed(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
-    structure = _built(
-        section, nodes, elements, ties, [*fixed, *held], bases, [] if aims else components, measured, given
-    )
+    parts = elements, ties, [*fixed, *held], measured
+    structure = _built(section, nodes, parts, bases, [] if aims else components, given)
     if record is not None and aims:
         aimed = read_sensors(record, nodes, structure)
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, elements, ties, [*fixed, *held], bases, components, measured, given)
+        structure = _built(section, nodes, parts, bases, components, given)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
@@ -201,22 +215,20 @@ def read_structure(
 def _built(
     section: Section,
     nodes: Positions,
-    elements: Elements,
-    ties: Ties,
-    fixed: list[Dof],
+    parts: Parts,
     bases: Bases,
     components: Components,
-    measured: Measured,
-    given: Mapping[str, Any],
+    given: Given,
 ) -> Structure:
+    elements, ties, fixed, measured = parts
     active = as_list(given["active"]) if "active" in given else None
     sets, links = [element for _, element in elements], [tie for _, tie in ties]
     try:
-        drives, sliding = [base for _, base in bases], _flat(given.get("sliding", []))
-        parts = [component for _, component in components]
+        drives, sliding = [base for _, base in bases], flat(given.get("sliding", []))
+        inner = [component for _, component in components]
         pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
         return Structure(
-            nodes, sets, fixed, links, active, pieces, drives, sliding, parts, ratio, [one for _, one in measured]
+            nodes, sets, fixed, links, active, pieces, drives, sliding, inner, ratio, [one for _, one in measured]
         )
     except InputError as error:
         raise _placed(section, str(error), [*measured, *components, *elements, *ties, *bases]) from error
@@ -326,7 +338,7 @@ def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mes
     for key in given:
         for text in as_list(given[key]) if table.keys[key].holds in (DOF, DOFS) else ():
             _known_dof(entry, key, text, nodes)
-    for node in _flat(given.get("nodes", [])):
+    for node in flat(given.get("nodes", [])):
         _require_node(entry, "nodes", node, nodes)
     if on_mesh:
         assert mesh is not None
@@ -335,11 +347,7 @@ def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mes
         return kind(**given)
 
 
-def _flat(nodes: Any) -> list[int]:
-    return [node for row in as_list(nodes) for node in as_list(row)]
-
-
-def _require_node(entry: Section, key: str, node: int, nodes: Mapping[int, Any]) -> None:
+def _require_node(entry: Section, key: str, node: int, nodes: Collection[int]) -> None:
     if node not in nodes:
         near = min(nodes, key=lambda label: (abs(label - node), label))
         raise entry.error(f"node {node} does not exist; the nearest is {near}, or add it to [structure.nodes]", key)
@@ -377,12 +385,13 @@ def _base(entry: Section, nodes: Positions) -> Base:
 def _component(entry: Section, nodes: Positions) -> Component:
     given = entry.values(_COMPONENT)
     if "up_to" not in given:
-        band = Section(entry.source, (), entry.source.table).inner("method").table.get("band")
-        if not band:
+        method = Section(entry.source, (), entry.source.table).inner("method")
+        if "band" not in method.table:
             raise entry.error(
                 "`up_to` is missing; add `up_to = ...`, Hz, such as three times the highest frequency of the record, or `band`"
                 " in [method]"
             )
+        band = replace(method, table={"band": method.table["band"]}).values(_BAND)["band"]
         given["up_to"] = _UP_TO * band[1]
     dofs = [
         _known_dof(entry, "interface", dof, nodes)
@@ -419,13 +428,13 @@ def _ties(section: Section, nodes: Positions) -> Ties:
 def _rigid_link(entry: Section, nodes: Positions) -> Tie:
     given = entry.values(_RIGID_LINK)
     for key in ("main", "dependents"):
-        for node in _flat(given[key]):
+        for node in flat(given[key]):
             _require_node(entry, key, node, nodes)
     with entry.located():
         return RigidLink(
             given["name"],
             given["main"],
-            _flat(given["dependents"]),
+            flat(given["dependents"]),
             as_list(given["directions"]) if "directions" in given else None,
         )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from structid.declared import Limits
 from structid.dof import Dof, parse_dofs
@@ -14,7 +13,7 @@ from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time, require_repeated
 from structid.study.schema.kinds import COUNT, NUMBER, TEXT, TEXTS, Kind, as_list, choice, limited
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, table_of
+from structid.study.schema.tables import Given, Key, table_of
 
 _MOTIONS = ("displacement", "velocity", "acceleration")
 _WINDOW = Kind(
@@ -53,7 +52,7 @@ class FrfSettings:
     section: Section
     inputs: tuple[Dof, ...]
     outputs: tuple[Dof, ...]
-    others: dict[str, Any]
+    others: Given
 
 
 def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:

@@ -57,6 +57,28 @@ class NoiseSource:
 
 
 @dataclass(frozen=True, eq=False)
+class ChannelSource:
+    """Which channels of a record are used, and what they are called.
+
+    Attributes
+    ----------
+    used : tuple of Dof
+        Sensors used; all if empty.
+    relabel : mapping of str to str
+        See `renamed`.
+    aimed : mapping of str to str
+        What channels of ``[record.sensors]`` are called in the structure, by their name after `relabel`.
+    supports : frozenset of Dof
+        Those that drive the structure: accelerations there are inputs, see `Base`.
+    """
+
+    used: tuple[Dof, ...] = ()
+    relabel: Mapping[str, str] = field(default_factory=dict)
+    aimed: Mapping[str, str] = field(default_factory=dict)
+    supports: frozenset[Dof] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
 class RecordSource:
     """What is needed to read the record of a study.
 
@@ -67,10 +89,7 @@ class RecordSource:
     paths : tuple of Path
         One file, or repeated measurements.
     options : ReadOptions
-    channels_used : tuple of Dof
-        Sensors used; all if empty.
-    relabel : mapping of str to str
-        See `renamed`.
+    channels : ChannelSource
     noise : NoiseSource
     frf : FrfSettings, optional
         How time histories become frequency response functions.
@@ -82,25 +101,18 @@ class RecordSource:
         How time histories are fitted themselves; their FRFs then only show the fit.
     modes : ModesSource, optional
         Measured modes in place of responses; what is told of responses then does not count.
-    aimed : mapping of str to str
-        What channels of ``[record.sensors]`` are called in the structure, by their name after `relabel`.
-    supports : frozenset of Dof
-        Those that drive the structure: accelerations there are inputs, see `Base`.
     """
 
     section: Section
     paths: tuple[Path, ...]
     options: ReadOptions
-    channels_used: tuple[Dof, ...]
-    relabel: Mapping[str, str]
+    channels: ChannelSource
     noise: NoiseSource
-    frf: FrfSettings | None
+    frf: FrfSettings | None = None
     window_decay: float | None = None
     leakage: str | None = None
     time: TimeSource | None = None
     modes: ModesSource | None = None
-    aimed: Mapping[str, str] = field(default_factory=dict)
-    supports: frozenset[Dof] = frozenset()
 
 
 _ALWAYS = {
@@ -141,7 +153,7 @@ def read_source(
     supports: frozenset[Dof] = frozenset(),
     keys: Table | None = None,
 ) -> RecordSource:
-    """The source that ``[record]`` describes, its files found but not read; see `RecordSource` for `aimed` and `supports`.
+    """The source that ``[record]`` describes, its files found but not read; see `ChannelSource` for `aimed` and `supports`.
 
     `keys` are those of another section that says where FRFs are, in place of the keys of a record.
     """
@@ -152,10 +164,8 @@ def read_source(
             "path": replace(_ALWAYS["path"], required=True)
         }
         modes = read_modes_source(section, table, files, called)
-        return RecordSource(
-            section, (modes.path,), ReadOptions(), modes.channels_used, modes.relabel, NoiseSource(), None, modes=modes,
-            aimed=called,
-        )  # fmt: skip
+        channels = ChannelSource(modes.channels_used, modes.relabel, called)
+        return RecordSource(section, (modes.path,), ReadOptions(), channels, NoiseSource(), modes=modes)
     given = section.values(table)
     if ("path" in given) == ("repeats" in given):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
@@ -184,15 +194,13 @@ def read_source(
         raise section.error(
             "is of frequency responses; with [record.time], `noise` or `relative_noise` there says the noise", "noise"
         )
-    names, noise = given.get("relabel", {}), _noise(section, averaged)
+    channels, noise = ChannelSource(used, given.get("relabel", {}), called, supports), _noise(section, averaged)
     decay, leakage = given.get("window_decay"), given.get("leakage")
     if leakage is not None and time is not None:
         raise section.error("is of averaged segments; [record.time] fits histories as they are", "leakage")
     if leakage is not None and frf is not None and frf.others.get("window", leakage) != leakage:
         raise section.error(f"is {leakage!r}, and the window in [record.frf] is another", "leakage")
-    return RecordSource(
-        section, paths, options, used, names, noise, frf, decay, leakage, time, aimed=called, supports=supports
-    )
+    return RecordSource(section, paths, options, channels, noise, frf, decay, leakage, time)
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:
@@ -247,9 +255,9 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
         with source.section.located("leakage"):
             record = replace(record, segment=_segment(record))
     with source.section.located("channels_used"):
-        record = record.channels(_as_recorded(source.channels_used, record)) if source.channels_used else record
+        record = record.channels(_as_recorded(source.channels.used, record)) if source.channels.used else record
     with source.section.located("sensors"):
-        return _relabelled(record, used_names(source.aimed, (*record.outputs, *record.inputs)))
+        return _relabelled(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
 
 
 def _segment(record: FrfRecord) -> float:
@@ -275,10 +283,10 @@ def load_histories(
         if not histories:
             raise time.section.error("the record holds frequency response functions; leave this section out")
         record = time.with_noise(histories)
-    used = [dof.unsigned for dof in source.channels_used]
+    used = [dof.unsigned for dof in source.channels.used]
     pairs = list(zip(record.channels, record.quantities, strict=True))
     keep = [i for i, (dof, kind) in enumerate(pairs) if not used or kind in LOADS or dof.unsigned in used]
-    missing = [str(dof) for dof in source.channels_used if dof.unsigned not in [own.unsigned for own, _ in pairs]]
+    missing = [str(dof) for dof in source.channels.used if dof.unsigned not in [own.unsigned for own, _ in pairs]]
     if missing:
         raise source.section.error(f"the record has no channel {', '.join(missing)}", "channels_used")
     variance = None if record.variance is None else record.variance[keep]
@@ -290,7 +298,7 @@ def load_histories(
         variance=variance,
     )
     with source.section.located("sensors"):
-        return _relabelled(record, used_names(source.aimed, record.channels))
+        return _relabelled(record, used_names(source.channels.aimed, record.channels))
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
@@ -303,11 +311,13 @@ def read_histories(source: RecordSource) -> list[TimeRecord]:
 def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
-        records = [_relabelled(record, source.relabel) for record in records]
+        records = [_relabelled(record, source.channels.relabel) for record in records]
     with source.section.located("sensors"):
         for record in records:
-            _relabelled(record, source.aimed)  # whether every channel is there; they get these names when all is chosen
-    driven = [_driven(record, source.supports) for record in records]
+            _relabelled(
+                record, source.channels.aimed
+            )  # whether every channel is there; they get these names when all is chosen
+    driven = [_driven(record, source.channels.supports) for record in records]
     return [
         replace(record, source=_named_shortly(record.source, path))
         for record, path in zip(driven, source.paths, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from structid.errors import InputError
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
 from structid.structure.places.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
-from structid.study.schema.kinds import POSITION, VECTOR, Kind, as_list
+from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
 
@@ -27,8 +27,10 @@ class SensorEntry:
     """One channel of ``[record.sensors]``."""
 
     node: Annotated[int | None, "Node that it reads; that of its name by default"] = None
-    point: Annotated[Any, POSITION, "In place of `node`: where it is, m; it reads the nearest node"] = None
-    direction: Annotated[Any, VECTOR, "Along which it reads, X Y Z; that of its name by default"] = None
+    point: Annotated[
+        float | tuple[float, ...] | None, POSITION, "In place of `node`: where it is, m; it reads the nearest node"
+    ] = None
+    direction: Annotated[list[float] | None, VECTOR, "Along which it reads, X Y Z; that of its name by default"] = None
     tolerance: Annotated[Positive | None, "Of `point`: farthest node, m; by default a hundredth of the structure"] = (
         None
     )
@@ -92,9 +94,10 @@ def read_sensors(
 
 
 def _entry(section: Section, channel: str) -> Section:
-    if not isinstance(section.table[channel], dict):
+    given = section.table[channel]
+    if not isinstance(given, dict):
         raise section.error("must be a table, as in { node = 12, direction = [0.3, 0.95, 0.0] }", channel)
-    return Section(section.source, (*section.path, channel), section.table[channel])
+    return Section(section.source, (*section.path, channel), given)
 
 
 def _node(
@@ -104,7 +107,8 @@ def _node(
     if given.point is not None:
         if given.node is not None:
             raise InputError("has `node` and `point`; keep one of them")
-        place = [*map(float, as_list(given.point)), 0.0, 0.0][:3]
+        point = given.point if isinstance(given.point, tuple) else (given.point,)
+        place = [*map(float, point), 0.0, 0.0][:3]
         used = {int(n) for element in elements for n in element.nodes.ravel()}
         near = nearest_nodes([place], {n: np.asarray(nodes[n]) for n in nodes if n in used}, given.tolerance)
         return near.nodes[0], float(near.distance[0])

@@ -82,7 +82,7 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
         errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
         aimed = channel_names([tie for tie in made.ties if isinstance(tie, AimedSensor)])
         source = read_source(record, files, aimed, made.base_supports)
-        name = record.table.get("name", "")
+        name = str(record.table.get("name", ""))
         if name and name in names:
             raise record.error(f"two records are called {name!r}; give one of them another name", "name")
         names.add(name)
