@@ -254,7 +254,9 @@ def test_another_folder_is_opened_behind_a_token_of_its_own(bench):
     assert asked(token, "/api/study?study=study.toml")[0] == 422
     assert asked(token, f"/api/study?study=../{bench[1].name}/study.toml")[0] == 403
     assert bench[0].get("folder")[1]["folder"] == str(bench[1])
-    pages = {one: json.loads(asked(one, "/api/results?results=results")[1])["report"] for one in (token, bench[0].token)}
+    pages = {
+        one: json.loads(asked(one, "/api/results?results=results")[1])["report"] for one in (token, bench[0].token)
+    }
     keys = {one: page.split("/")[2] for one, page in pages.items()}
     assert len(set(keys.values())) == 2  # of one name, and each is that of its folder
     for one, key in keys.items():

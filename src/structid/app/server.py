@@ -44,10 +44,8 @@ class Workbenches:
         """
         place = opened(folder)
         with self._opening:
-            for access, bench in self.opened.items():
-                if bench.opened == place:
-                    break
-            else:
+            access = next((access for access, bench in self.opened.items() if bench.opened == place), None)
+            if access is None:
                 access = Access(self.port)
                 bench = Workbench(place, access, Workers(str(place.root)), Runs(place), self.open, self.ending)
                 self.opened[access] = bench

@@ -14,11 +14,16 @@ from structid.app.folder import OpenFolder
 from structid.app.work.looking import LOOKING
 from structid.errors import InputError, StructidError
 
+#: Of records that a worker keeps, so that a look at one does not read it anew.
+_KEPT_BYTES = 500_000_000
+
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
     """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
+    from structid.records.io import keep_records
     from structid.study.results.folder import plain
 
+    keep_records(_KEPT_BYTES)
     try:
         found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
     except StructidError as error:
