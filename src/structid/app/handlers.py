@@ -182,6 +182,15 @@ def _of_body(name: str, *keys: str) -> Handler:
     return asked
 
 
+async def _facts(bench: Workbench, request: Request) -> Response:
+    """What a file is understood as: found out once, until it changes."""
+    body = await request.json()
+    path = bench.opened.inside(body["record"])
+    stamp = path.stat() if path.is_file() else None
+    version = f"{stamp.st_mtime_ns} {stamp.st_size}" if stamp else ""
+    return await bench.worked("facts", {key: body[key] for key in ("record", "options")}, version)
+
+
 def _modes_folder(name: str, *keys: str) -> Handler:
     """A question to a worker that writes a folder of modes, with the address of its page."""
 
@@ -370,7 +379,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/needs", _of_study("needs")),
     ("GET", "/api/plan", _of_study("plan", sensors=4)),
     ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
-    ("POST", "/api/facts", _of_body("facts", "record", "options")),
+    ("POST", "/api/facts", _facts),
     ("POST", "/api/histories", _histories),
     ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
     ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),
