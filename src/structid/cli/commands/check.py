@@ -30,7 +30,10 @@ def check(study: StudyPath) -> None:
       structid check frame.toml
     """
     keep_records(_KEPT_BYTES)  # histories are looked at once more beside what is made of them
-    result = check_study(load_study(study))
+    try:
+        result = check_study(load_study(study))
+    finally:
+        keep_records(0)
     show(_summary(result))
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
