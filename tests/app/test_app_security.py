@@ -232,6 +232,69 @@ def test_names_of_dropped_files_are_harmless(name):
     assert clean.endswith((".toml", ".npz"))
 
 
+def test_another_folder_is_opened_behind_a_token_of_its_own(bench):
+    """Neither reaches what the other holds; only a folder that was asked for is opened."""
+    other = bench[1].parent / "other"
+    (other / "results").mkdir(parents=True)
+    (other / "only.toml").write_text('title = "only here"\n[structure]\n', encoding="utf-8")
+    (other / "results" / "report.html").write_text("<h1>other</h1>", encoding="utf-8")
+    (other / "results" / "estimate.json").write_text("{}", encoding="utf-8")
+    status, found = bench[0].post("open", {"folder": f" '{other}' "})
+    assert status == 200
+    token = found["address"].strip("/")
+    assert len(token) >= 32
+    assert token != bench[0].token
+
+    def asked(token: str, path: str) -> tuple[int, bytes]:
+        return bench[0].ask("GET", path, token=token)[::2]
+
+    assert b"only here" in asked(token, "/api/study?study=only.toml")[1]
+    assert asked(bench[0].token, "/api/study?study=only.toml")[0] == 422
+    assert asked(bench[0].token, "/api/study?study=../other/only.toml")[0] == 403
+    assert asked(token, "/api/study?study=study.toml")[0] == 422
+    assert asked(token, f"/api/study?study=../{bench[1].name}/study.toml")[0] == 403
+    assert bench[0].get("folder")[1]["folder"] == str(bench[1])
+    pages = {
+        one: json.loads(asked(one, "/api/results?results=results")[1])["report"] for one in (token, bench[0].token)
+    }
+    keys = {one: page.split("/")[2] for one, page in pages.items()}
+    assert len(set(keys.values())) == 2  # of one name, and each is that of its folder
+    for one, key in keys.items():
+        body = asked("view", f"/{key}/results/report.html")[1]
+        assert (body == b"<h1>other</h1>") == (one == token)
+    assert bench[0].post("open", {"folder": str(other / ".." / "other")})[1]["address"] == found["address"]
+    assert asked(token[:-1] + ("a" if token[-1] != "a" else "b"), "/api/folder")[0] == 403
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("", "nothing: is no whole path"),
+        ("folder", "is no whole path"),
+        ("../other", "is no whole path"),
+        ("/nowhere/at/all", "is no folder; / is there"),
+        ("{root}/study.toml", "is a file and no folder"),
+        ("/tmp/a\0b", "is no whole path"),
+        ("~nobody-of-this-name/x", "no such user"),
+        (7, "is no whole path"),
+        ("file:///etc", "is no whole path"),
+        ("/" + "x" * 5000, "cannot be opened"),
+    ],
+)
+def test_what_is_no_folder_is_not_opened(bench, given, words):
+    status, found = bench[0].post("open", {"folder": str(given).replace("{root}", str(bench[1])) if given != 7 else 7})
+    assert status == 422
+    assert words in found["error"]
+
+
+def test_a_folder_is_opened_for_the_own_page_alone(bench):
+    body = json.dumps({"folder": "/tmp"}).encode()
+    for headers in ({"Origin": "https://evil.example"}, {"Host": "evil.example"}, {"Sec-Fetch-Site": "cross-site"}):
+        assert bench[0].ask("POST", "/api/open", body, headers)[0] == 403
+    assert bench[0].ask("POST", "/api/open", body, token="wrong")[0] == 403
+    assert bench[0].ask("GET", "/api/open?folder=/tmp")[0] == 405
+
+
 def test_titles_and_names_are_told_as_texts(bench):
     """JSON holds them; the page makes texts of them (see the test in the browser) and has no inner HTML."""
     status, headers, body = bench[0].ask("GET", "/api/folder")

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import base64
+import json
 
 import numpy as np
 import pytest
+from app_cases import write_beam_record
 
 from structid.app.work import signals
+from structid.app.work.called import called
 from structid.app.work.signals import STRETCH, facts, histories, overview_path, write_overview
 from structid.errors import FileError, InputError
 from structid.records import ReadOptions
+from structid.study.templates import TEMPLATES, template_with, write_study
 
 OPTIONS = ReadOptions(sampling_rate=100.0, channels=("1X", "2X"), quantities=("acceleration",))
 N = 100_003  # no whole number of stretches
@@ -88,6 +92,23 @@ def test_faults_of_signals_are_told(tmp_path):
     found = facts(tmp_path / "dead.npy", OPTIONS)
     assert [one["words"] for one in found["findings"] if "0 at every sample" in one["words"]]
     assert found["seconds"] == 40.0
+
+
+def test_a_record_is_shown_where_the_file_of_another_one_is_missing(tmp_path):
+    write_study(template_with(TEMPLATES["beam"], {}), tmp_path / "beam.toml")
+    write_beam_record(tmp_path / "beam.toml", tmp_path / "here.npz", ("13Y+",), ("13Y+",))
+    records = '[[record]]\npath = "gone.npz"\n\n[[record]]\npath = "here.npz"\n\n[method]\nband = [5.0, 90.0]\n'
+    with (tmp_path / "beam.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n" + records)
+
+    def asked(number: int) -> dict:
+        given = {"study": "beam.toml", "outputs": [], "number": number}
+        return json.loads(called("responses", str(tmp_path), given))
+
+    found = asked(1)
+    assert found["outputs"] == ["13Y+"]
+    assert found["band"] == [5.0, 90.0]
+    assert "gone.npz" in asked(0)["error"]
 
 
 def test_a_table_of_a_laboratory_is_read_by_its_columns(tmp_path):

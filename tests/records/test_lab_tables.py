@@ -5,6 +5,8 @@ import pytest
 
 from structid.errors import FileError, InputError
 from structid.records import CsvLayout, ReadOptions, read_record
+from structid.records.io import keep_records
+from structid.records.io.csv.table import read_table
 
 ROWS = np.array([[0.5, -1.25, 100.0], [1.5, 2.25, 110.0], [-2.5, 3.25, 120.0], [0.25, 0.75, 130.0], [1.0, -0.5, 90.0]])
 RATE = 512.0
@@ -286,3 +288,78 @@ def test_frfs_as_laboratories_write_them(tmp_path, text, options, layout):
 def test_what_frfs_of_laboratories_lack_is_named_with_a_remedy(tmp_path, text, options, words):
     with pytest.raises((FileError, InputError), match=words):
         read(tmp_path, text, **options)
+
+
+HARD = [
+    "t,1X [g],2X [g]\n" + "".join(f"{k / 8},{k},{-k}\n" for k in range(6)),
+    "t;1X [g];2X [g]\n" + "".join(f"{k / 8};{k}.5;{-k}e-3\n".replace(".", ",") for k in range(6)),
+    "t;1X [g];2X [g]\n" + "".join(f"{k / 8};{k};{-k};\n" for k in range(6)),
+    "t 1X 2X\n" + "".join(f"  {k / 8}  {k}\t{-k} \n" for k in range(6)),
+    "t,1X [g],2X [g]\n0,1,\n0.125,,2\n0.25,,\n0.375,3,4\n0.5,3,4\n",
+    "t,1X [g],2X [g]\n0,1, \n0.125,nan,2\n0.25,inf,1\n0.375,3,4\n",
+    "t,1X [g],2X [g],\n0,1,2,\n0.125,1,2\n0.25,1,,\n0.375,1,2,3\n",
+    "t,1X [g],2X [g]\n0,1,2\n\n0.25,1,2\n0.375,1,2\n",
+    "t,1X [g],2X [g]\n0,1,2\n0.125,1\n0.25,1,2\n",
+    "t,1X [g],2X [g]\n0,1,2\n0.125,1,2,3\n0.25,1,2\n",
+    "t,1X [g],2X [g]\n0,1,2\n0.125,1,two\n0.25,1,2\n",
+    "t,1X [g],2X [g]\n0,1,2\n,1,2\n0.25,1,2\n",
+    't,1X [g],2X [g]\n0,"1",2\n0.125,1,2\n0.25,1,2\n',
+    "t,1X [g],2X [g]\n0,1_0,2\n0.125,1,2\n0.25,1,2\n",
+    "t,1X [g],2X [g]\n2026-02-01T10:00:00,1,2\n2026-02-01T10:00:00.5,1,\n2026-02-01T10:00:01,1,2\n",
+    "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,4,5\n3,4,6\n",
+    "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,,5\n3,4,6\n",
+    "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,nan,5\n3,4,6\n",
+    "t,1X [g],2X [g]\n0,1,2\n0.125,1,2\n0.25,1,2\nMean,1,2\n",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", HARD)
+def test_all_lines_at_once_are_read_as_one_by_one(tmp_path, monkeypatch, text):
+    """The same values, or the same words on what is wrong."""
+    (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
+
+    def outcome():
+        try:
+            return read_table(tmp_path / "lab.csv")
+        except FileError as error:
+            return str(error)
+
+    quick = outcome()
+    monkeypatch.setattr("structid.records.io.csv.table._at_once", lambda *_: None)
+    slow = outcome()
+    if isinstance(slow, str):
+        assert quick == slow
+        return
+    np.testing.assert_array_equal(quick.values, slow.values)
+    assert [quick.column(j) for j in (0, 2)] == [[row[j].strip() for row in slow.texts] for j in (0, 2)]
+
+
+@pytest.mark.parametrize("text", [*HARD[:5], HARD[14], HARD[15]])
+def test_plain_tables_are_read_at_once(tmp_path, monkeypatch, text):
+    def slow(*_):
+        raise AssertionError("line by line")
+
+    monkeypatch.setattr("structid.records.io.csv.table._one_by_one", slow)
+    (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
+    assert len(read_table(tmp_path / "lab.csv").values) == text.count("\n") - 1
+
+
+def test_a_record_is_kept_until_its_file_changes(tmp_path, monkeypatch):
+    """In a process that asks for it, by what was said of the file, and no more bytes than were allowed."""
+    path = tmp_path / "lab.csv"
+    path.write_text(HARD[0], encoding="utf-8")
+    assert read_record(path) is not read_record(path)
+    keep_records(150)  # 2 channels of 6 samples, 96 bytes
+    try:
+        first = read_record(path)
+        assert read_record(path, ReadOptions()) is first
+        one = read_record(path, ReadOptions(columns="1X"))
+        assert len(one.channels) == 1
+        assert read_record(path) is first
+        path.write_text(HARD[0].replace("0.5", "0.50"), encoding="utf-8")
+        assert read_record(path) is not first
+        assert read_record(path, ReadOptions(columns="1X")) is not one
+        path.write_text(HARD[0] + "".join(f"{k / 8},{k},{-k}\n" for k in range(6, 20)), encoding="utf-8")
+        assert read_record(path) is not read_record(path)  # too large
+    finally:
+        keep_records(0)

@@ -193,11 +193,48 @@ def opened(path: Path) -> OpenFolder:
     Raises
     ------
     FileError
-        If there is none.
+        If there is none, or what it holds may not be seen.
     """
-    if not path.is_dir():
-        raise FileError(f"{path}: is no folder; give the folder of your studies and records")
-    return OpenFolder(path.resolve())
+    try:
+        if not path.is_dir():
+            raise FileError(f"{path}: {_no_folder(path)}; give the folder of your studies and records")
+        next(path.iterdir(), None)
+        return OpenFolder(path.resolve())
+    except OSError as error:
+        raise FileError(f"{path}: cannot be opened ({error.strerror or error}); check its permissions") from error
+
+
+def _no_folder(path: Path) -> str:
+    if path.exists():
+        return "is a file and no folder"
+    there = next((one for one in path.absolute().parents if one.is_dir()), None)
+    return f"is no folder; {there} is there, and nothing of that name in it" if there else "is no folder"
+
+
+def typed_folder(text: str) -> Path:
+    """The path that somebody typed or pasted: whole, or from the home folder with ``~``, in quotes or not.
+
+    Raises
+    ------
+    InputError
+        If it is empty or no whole path.
+    """
+    words = text.strip()
+    if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"":
+        words = words[1:-1]
+    if words.startswith("~"):
+        try:
+            path = Path(words).expanduser()
+        except RuntimeError as error:
+            raise InputError(f"{words}: there is no such user; give the whole path of the folder") from error
+    else:
+        path = Path(words)
+    if not words or "\0" in words or not path.is_absolute():
+        raise InputError(
+            f"{text.strip() or 'nothing'}: is no whole path; give the folder from the root of the disk, as in {Path.home()}, or"
+            " from your home folder, as in ~/measurements"
+        )
+    return path
 
 
 def upload_name(name: str) -> str:

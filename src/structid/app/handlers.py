@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from threading import Event
@@ -21,8 +21,8 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from structid._version import __version__
 from structid.app.edits import edited
-from structid.app.folder import ChangedError, OpenFolder, digest, read_json, upload_name
-from structid.app.recent import opening, recent_folders
+from structid.app.folder import ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
+from structid.app.recent import recent_folders
 from structid.app.runs import Runs
 from structid.app.security import MOST_UPLOAD, Access
 from structid.app.studies import reading_keys, study_answer
@@ -39,13 +39,27 @@ _SIDE_BY_SIDE = 60
 
 @dataclass(frozen=True)
 class Workbench:
-    """All that the handlers share."""
+    """All that the handlers share about a folder.
+
+    Attributes
+    ----------
+    opened : OpenFolder
+    access : Access
+        By which it, and it alone, is reached.
+    workers : Workers
+    runs : Runs
+    open : callable
+        Opens another folder, or finds it open, and gives its access.
+    ending : Event
+        Set when the server ends.
+    """
 
     opened: OpenFolder
     access: Access
     workers: Workers
     runs: Runs
-    ending: Event = field(default_factory=Event)
+    open: Callable[[Path], Access]
+    ending: Event
 
     def version(self, study: str) -> str:
         """What changes when a study or one of the files beside it does."""
@@ -96,10 +110,15 @@ def _static(name: str, folder: str = "") -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
-    others = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
-    recent = [{"folder": one, "command": opening(one)} for one in others]
+    recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
     return JSONResponse({**found, **told})
+
+
+async def _open(bench: Workbench, request: Request) -> Response:
+    """Another folder, which has an address of its own from then on."""
+    path = typed_folder(str((await request.json())["folder"]))
+    return JSONResponse({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
@@ -161,6 +180,15 @@ def _of_body(name: str, *keys: str) -> Handler:
         return await bench.worked(name, {key: body[key] for key in keys})
 
     return asked
+
+
+async def _facts(bench: Workbench, request: Request) -> Response:
+    """What a file is understood as: found out once, until it changes."""
+    body = await request.json()
+    path = bench.opened.inside(body["record"])
+    stamp = path.stat() if path.is_file() else None
+    version = f"{stamp.st_mtime_ns} {stamp.st_size}" if stamp else ""
+    return await bench.worked("facts", {key: body[key] for key in ("record", "options")}, version)
 
 
 def _modes_folder(name: str, *keys: str) -> Handler:
@@ -337,6 +365,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/static/steps/{name}", _step),
     ("GET", "/view/{name:path}", _view),
     ("GET", "/api/folder", _folder),
+    ("POST", "/api/open", _open),
     ("GET", "/api/templates", _templates),
     ("POST", "/api/init", _init),
     ("PUT", "/api/file", _upload),
@@ -350,7 +379,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/needs", _of_study("needs")),
     ("GET", "/api/plan", _of_study("plan", sensors=4)),
     ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
-    ("POST", "/api/facts", _of_body("facts", "record", "options")),
+    ("POST", "/api/facts", _facts),
     ("POST", "/api/histories", _histories),
     ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
     ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),

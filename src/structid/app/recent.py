@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
-import subprocess
 from contextlib import suppress
 from pathlib import Path
 
@@ -36,9 +34,3 @@ def remember(folder: Path) -> None:
         _kept().parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(_kept()) as temporary:
             temporary.write_text(json.dumps(list(listed)[:_MOST]), encoding="utf-8")
-
-
-def opening(folder: str) -> str:
-    """The command that opens `folder`."""
-    words = ["structid", "app", folder]
-    return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)

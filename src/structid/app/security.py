@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any
@@ -39,14 +39,14 @@ _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `stru
 
 @dataclass(frozen=True)
 class Access:
-    """What requests must have.
+    """What requests to a folder must have.
 
     Attributes
     ----------
     port : int
         On which the workbench is served.
     token : str
-        First part of every path.
+        First part of every path, another one for every folder.
     """
 
     port: int
@@ -57,41 +57,33 @@ class Access:
         """What the browser opens."""
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
-    @property
-    def hosts(self) -> frozenset[str]:
-        """Names under which this machine alone reaches the workbench."""
-        return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]"))
-
     def view_key(self, path: str) -> str:
         """What lets a page of results be seen, and nothing else: such a page knows its own address."""
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
-
-    def refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and words for a request that is not let in."""
-        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        if not _is_loopback(scope.get("client")):
-            return 403, "The workbench is for this machine only."
-        if headers.get("host") not in self.hosts:
-            return 403, "This name is not the workbench's: open the address that `structid app` printed."
-        origin = headers.get("origin")
-        if origin is not None and origin not in {f"http://{host}" for host in self.hosts}:
-            return 403, "Requests from other pages are refused."
-        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            return 403, "Requests from other pages are refused."
-        if scope["method"] not in _METHODS:
-            return 405, "This method is not used here."
-        return None
 
     def is_token(self, given: str) -> bool:
         """Whether `given` is the token; as long for a wrong one as for the right one."""
         return hmac.compare_digest(given.encode(), self.token.encode())
 
+    def is_view_key(self, given: str, path: str) -> bool:
+        """Whether `given` is the key of the page of results at `path`."""
+        return hmac.compare_digest(given.encode(), self.view_key(path).encode())
+
 
 class Guard:
-    """Lets requests through that `Access` allows, takes the token off their path, and puts the policies on the answers."""
+    """Lets requests through that an `Access` allows, takes its token off their path, and puts the policies on the answers.
 
-    def __init__(self, app: App, access: Access) -> None:
-        self.app, self.access = app, access
+    Parameters
+    ----------
+    app : ASGI application
+        Finds in ``scope["opened"]`` what the token of the request stands for.
+    port : int
+    opened : mapping from Access
+        What each token opens, and nothing else; it may grow.
+    """
+
+    def __init__(self, app: App, port: int, opened: Mapping[Access, object]) -> None:
+        self.app, self.port, self.opened = app, port, opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
@@ -100,15 +92,18 @@ class Guard:
             return
         if scope["type"] != "http":
             return
-        refusal = self.access.refusal(scope)
+        refusal = _refusal(scope, self.port)
         first, _, rest = scope["path"].lstrip("/").partition("/")
-        if refusal is None and first == "view":
-            key, _, rest = rest.partition("/")
-            if not hmac.compare_digest(key.encode(), self.access.view_key(rest).encode()):
-                refusal = 403, _WITHOUT_TOKEN
-        elif refusal is None and not self.access.is_token(first):
-            refusal = 403, _WITHOUT_TOKEN
         is_view = first == "view"
+        if is_view:
+            first, _, rest = rest.partition("/")
+        let_in = [
+            what
+            for access, what in list(self.opened.items())
+            if (access.is_view_key(first, rest) if is_view else access.is_token(first))
+        ]
+        if not let_in:
+            refusal = refusal or (403, _WITHOUT_TOKEN)
         if refusal is None:
             length = next((v for k, v in scope["headers"] if k == b"content-length"), b"0")
             most = MOST_UPLOAD if scope["method"] == "PUT" else MOST_REQUEST
@@ -119,7 +114,26 @@ class Guard:
             await _answer(told, *refusal)
             return
         inner = "/view/" + rest if is_view else "/" + rest
-        await self.app({**scope, "path": inner, "raw_path": inner.encode()}, _limited(receive, most), told)
+        given = {**scope, "path": inner, "raw_path": inner.encode(), "opened": let_in[0]}
+        await self.app(given, _limited(receive, most), told)
+
+
+def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
+    """Status and words for a request that is not let in."""
+    hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
+    headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+    if not _is_loopback(scope.get("client")):
+        return 403, "The workbench is for this machine only."
+    if headers.get("host") not in hosts:
+        return 403, "This name is not the workbench's: open the address that `structid app` printed."
+    origin = headers.get("origin")
+    if origin is not None and origin not in {f"http://{host}" for host in hosts}:
+        return 403, "Requests from other pages are refused."
+    if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+        return 403, "Requests from other pages are refused."
+    if scope["method"] not in _METHODS:
+        return 405, "This method is not used here."
+    return None
 
 
 def _is_loopback(client: tuple[str, int] | None) -> bool:

@@ -8,6 +8,7 @@ import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from threading import Event, Lock
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,44 +25,79 @@ from structid.app.work.workers import Workers
 from structid.errors import InputError, StructidError
 
 
-def application(bench: Workbench) -> Guard:
-    """What serves a folder."""
+class Workbenches:
+    """Folders that are open on a port, each behind a token of its own; one opens others when its page asks for it."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.opened: dict[Access, Workbench] = {}
+        self.ending = Event()
+        self._opening = Lock()
+
+    def open(self, folder: Path) -> Access:
+        """How `folder` is reached, opened where it was not.
+
+        Raises
+        ------
+        FileError
+            If there is no such folder.
+        """
+        place = opened(folder)
+        with self._opening:
+            access = next((access for access, bench in self.opened.items() if bench.opened == place), None)
+            if access is None:
+                access = Access(self.port)
+                bench = Workbench(place, access, Workers(str(place.root)), Runs(place), self.open, self.ending)
+                self.opened[access] = bench
+        remember(place.root)
+        return access
+
+    def close(self) -> None:
+        """End what works for them."""
+        for bench in list(self.opened.values()):
+            bench.workers.close()
+
+
+def application(benches: Workbenches) -> Guard:
+    """What serves the folders that are open."""
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        task = asyncio.create_task(_housekeeping(bench))
+        task = asyncio.create_task(_housekeeping(benches))
         yield
         task.cancel()
-        bench.workers.close()
+        benches.close()
 
-    routes = [Route(path, _told(bench, handler), methods=[method]) for method, path, handler in ROUTES]
-    return Guard(Starlette(routes=routes, lifespan=life), bench.access)
+    routes = [Route(path, _told(handler), methods=[method]) for method, path, handler in ROUTES]
+    return Guard(Starlette(routes=routes, lifespan=life), benches.port, benches.opened)
 
 
 class _Server(uvicorn.Server):
     """A server that lets every request come to its end before it ends."""
 
-    def __init__(self, bench: Workbench, config: uvicorn.Config) -> None:
+    def __init__(self, benches: Workbenches, config: uvicorn.Config) -> None:
         super().__init__(config)
-        self.bench = bench
+        self.benches = benches
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self.bench.ending.set()
-        self.bench.workers.close()
+        self.benches.ending.set()
+        self.benches.close()
         await super().shutdown(sockets)
 
 
-async def _housekeeping(bench: Workbench) -> None:
+async def _housekeeping(benches: Workbenches) -> None:
     while True:
         await asyncio.sleep(5)
-        bench.workers.end_idle()
+        for bench in list(benches.opened.values()):
+            bench.workers.end_idle()
         reap()
 
 
-def _told(bench: Workbench, handler: Handler) -> Callable[[Request], Awaitable[Response]]:
+def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
     """`handler` whose errors are words."""
 
     async def handled(request: Request) -> Response:
+        bench: Workbench = request.scope["opened"]
         try:
             return await handler(bench, request)
         except ChangedError as error:
@@ -90,15 +126,13 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
         If the port is taken.
     """
     taken = _socket(port)
-    access = Access(taken.getsockname()[1])
-    place = opened(folder)
-    bench = Workbench(place, access, Workers(str(place.root)), Runs(place))
-    remember(folder.resolve())
+    benches = Workbenches(taken.getsockname()[1])
+    address = benches.open(folder).address
     taken.listen(128)  # the page may ask before the server is up
     server = _Server(
-        bench,
+        benches,
         uvicorn.Config(
-            application(bench),
+            application(benches),
             log_level="warning",
             access_log=False,
             timeout_graceful_shutdown=3,
@@ -107,10 +141,10 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
             server_header=False,
         ),
     )
-    print(f"structid workbench: {access.address}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
+    print(f"structid workbench: {address}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
     if browser:
         with suppress(webbrowser.Error):
-            webbrowser.open(access.address)
+            webbrowser.open(address)
     with suppress(KeyboardInterrupt):
         server.run(sockets=[taken])
 

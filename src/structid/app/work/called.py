@@ -14,6 +14,9 @@ from structid.app.folder import OpenFolder
 from structid.app.work.looking import LOOKING
 from structid.errors import InputError, StructidError
 
+#: Of records that a worker keeps, so that a look at one does not read it anew.
+_KEPT_BYTES = 500_000_000
+
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
     """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
@@ -28,6 +31,14 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
     except (OSError, ArithmeticError, ValueError, LookupError) as error:
         found = {"error": f"could not be computed ({type(error).__name__}: {error})"}
     return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
+
+
+def called_again(name: str, root: str, given: dict[str, Any]) -> str:
+    """As `called`, in a process that is asked for more than once: records that it read are kept."""
+    from structid.records.io import keep_records
+
+    keep_records(_KEPT_BYTES)
+    return called(name, root, given)
 
 
 def _warm(_: OpenFolder) -> Any:
@@ -102,15 +113,16 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Any:
+    from structid.app.work.model import read_record_source
     from structid.app.work.signals import responses
+    from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
-    from structid.study.schema.study import load_study
 
-    read = load_study(opened.inside(study), work=LOOKING)
-    record = read.setups[number].record
-    if record.modes is not None:
+    root, source = read_record_source(opened.inside(study), number)
+    if source.modes is not None:
         raise InputError("this record holds modes and no responses")
-    return {**responses(load_record(record), outputs), "band": read.options.band, "exclude": read.options.exclude}
+    method = read_method(root.section("method"))
+    return {**responses(load_record(source), outputs), "band": method.band, "exclude": method.exclude}
 
 
 def _check(opened: OpenFolder, study: str) -> Any:

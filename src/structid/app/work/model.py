@@ -8,7 +8,10 @@ from pathlib import Path
 from structid.app.work.looking import LOOKING
 from structid.errors import InputError
 from structid.structure import Structure
+from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.model.structure import read_structure
+from structid.study.schema.records.record import RecordSource, read_source
+from structid.study.schema.records.sensors import channel_names
 from structid.study.schema.root import read_root
 from structid.study.schema.section import Section
 
@@ -54,10 +57,28 @@ def read_record_section(path: Path, number: int = 0) -> Section:
     InputError
         If there is none.
     """
-    found = _record(read_root(path, work=LOOKING)[0], number)
-    if found is None:
+    return _required(_record(read_root(path, work=LOOKING)[0], number))
+
+
+def _required(record: Section | None) -> Section:
+    if record is None:
         raise InputError("the study has no record yet: drop a record file on the start page, and use it in this study")
-    return found
+    return record
+
+
+def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSource]:
+    """The study at `path`, and the source of its record `number`; files of its other records need not be there.
+
+    Raises
+    ------
+    InputError
+        If the file, its structure or this record cannot be used.
+    """
+    root, files = read_root(path, work=LOOKING)
+    record = _required(_record(root, number))
+    structure = read_structure(root.inner("structure"), files, record.section("structure"), record)
+    aimed = channel_names([tie for tie in structure.ties if isinstance(tie, AimedSensor)])
+    return root, read_source(record, files, aimed, structure.base_supports)
 
 
 def _record(root: Section, number: int) -> Section | None:

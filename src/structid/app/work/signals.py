@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -101,16 +100,11 @@ def _segment(n_times: int) -> int:
 
 
 def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
+    """The record; a long one is only opened."""
     try:
-        stamp = path.stat()
+        size = path.stat().st_size
     except FileNotFoundError:
         raise FileError(f"{path.name}: is not there any more; it was moved or removed while it was open") from None
-    return _kept(path, options, stamp.st_mtime_ns, stamp.st_size)
-
-
-@lru_cache(maxsize=2)
-def _kept(path: Path, options: ReadOptions, _changed: int, size: int) -> ChunkedRecord | FrfRecord:
-    """The record, read again only where the file has changed; a long one is only opened."""
     if size > _LARGE and path.suffix.lower() in (".npy", ".h5", ".hdf5"):
         try:
             return open_record(path, options)

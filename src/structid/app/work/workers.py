@@ -7,7 +7,7 @@ import time
 from collections import OrderedDict
 from typing import Any
 
-from structid.app.work.called import called
+from structid.app.work.called import called_again
 from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Workers idle for so long are ended, s.
@@ -18,7 +18,7 @@ _LOST = '{"error":"the process that worked on this was ended, by lack of memory 
 
 
 class Workers:
-    """Calls of `called` in processes; the last answers are kept by the content that they belong to."""
+    """Calls of `called_again` in processes; the last answers are kept by the content that they belong to."""
 
     def __init__(self, root: str) -> None:
         self.root = root
@@ -51,7 +51,7 @@ class Workers:
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:
-            return await asyncio.wrap_future(pool.submit(called, name, self.root, given))
+            return await asyncio.wrap_future(pool.submit(called_again, name, self.root, given))
         except (ProcessLostError, asyncio.CancelledError):  # ended while it worked, or before its turn
             if self._pools.get(kind) is pool:
                 self._pools.pop(kind).shutdown()

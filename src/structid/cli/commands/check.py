@@ -11,11 +11,13 @@ from rich.text import Text
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail
 from structid.cli.tables import groups, heading, new_table, number, show
 from structid.estimation import Status
+from structid.records.io import keep_records
 from structid.study.run.check import CheckResult, check_study
 from structid.study.schema.study import load_study
 
 #: Warnings that stand first; the others come last.
 _MOST_WARNINGS = 5
+_KEPT_BYTES = 500_000_000
 
 
 def check(study: StudyPath) -> None:
@@ -27,7 +29,11 @@ def check(study: StudyPath) -> None:
     Examples:
       structid check frame.toml
     """
-    result = check_study(load_study(study))
+    keep_records(_KEPT_BYTES)  # histories are looked at once more beside what is made of them
+    try:
+        result = check_study(load_study(study))
+    finally:
+        keep_records(0)
     show(_summary(result))
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)

@@ -15,6 +15,7 @@ from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.records.io.csv.layout import CsvLayout
 from structid.records.io.geometry import Geometry, read_geometry
+from structid.records.io.kept import keep_records, kept_or_read
 from structid.records.io.loggers import LOGGERS, LoggerFormat
 from structid.records.io.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
@@ -32,7 +33,17 @@ _ELSEWHERE = {
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "is a workbook; save the sheet as CSV UTF-8, without merged cells"),
 }
 
-__all__ = ["FORMATS", "LOGGERS", "CsvLayout", "Geometry", "ReadOptions", "read_geometry", "read_record", "write_record"]
+__all__ = [
+    "FORMATS",
+    "LOGGERS",
+    "CsvLayout",
+    "Geometry",
+    "ReadOptions",
+    "keep_records",
+    "read_geometry",
+    "read_record",
+    "write_record",
+]
 
 
 def _format(path: Path) -> ModuleType | LoggerFormat:
@@ -79,9 +90,13 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     module = _format(path)
     _require_fitting(path, module, options)
     require_readable(path)
-    with damage_told(path, "a record that can be read"):
-        record: FrfRecord | TimeRecord = module.read(path, options)
-    return record
+
+    def read() -> FrfRecord | TimeRecord:
+        with damage_told(path, "a record that can be read"):
+            record: FrfRecord | TimeRecord = module.read(path, options)
+        return record
+
+    return kept_or_read(path, options, read)
 
 
 def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:

@@ -84,8 +84,9 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
     spectrum[(lines < low) | (lines > high)] = 0
     edge = n // 20
     part = np.fft.irfft(spectrum, n, axis=0)[edge : n - edge]
-    power = np.mean(part**2, axis=0)
-    return np.divide(np.mean(part**4, axis=0), power**2, out=np.full(len(power), np.nan), where=power > 0)
+    square = np.square(part)
+    power = np.mean(square, axis=0)
+    return np.divide(np.mean(np.square(square), axis=0), power**2, out=np.full(len(power), np.nan), where=power > 0)
 
 
 def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
@@ -194,8 +195,11 @@ def _lines_at(record: TimeRecord, motion: list[int], lines: FloatArray, power: F
     height = power[top] / np.median(power[aside], axis=0)
     limit = chi2.isf(_RARE, 2 * averages) / chi2.isf(0.5, 2 * averages)
     skirt = np.stack([power[np.clip(top[0] + k, 0, len(lines) - 1), top[1]] for k in (-4, 4)]).mean(axis=0)
+    peaks = (height > 2 * limit) & (skirt < 0.1 * power[top])
+    if not peaks.any():
+        return None
     steady = harmonic_indicator(record, at, min(max(0.5, 40 * record.sampling_rate / len(record.values)), 8.0))[motion]
-    hits = np.flatnonzero((height > 2 * limit) & (skirt < 0.1 * power[top]) & (steady < _HARMONIC))
+    hits = np.flatnonzero(peaks & (steady < _HARMONIC))
     if not len(hits):
         return None
     worst = int(hits[height[hits].argmax()])

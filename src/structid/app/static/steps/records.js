@@ -42,8 +42,9 @@ function studyRecords(app, look) {
     const name = recordName(one, k), out = h("button", {class: "small", type: "button", disabled: !app.folder.writable, "aria-label": `Take out record ${name}`, onclick: () => app.doing(out, async () => {
       if (await app.edit([{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}], `Record ${name} is taken out of the study; its file stays`)) { app.go("records"); }
     })}, "Take out");
-    return h("li", {}, h("div", {class: "row"}, h("button", {class: "small", type: "button", "aria-pressed": k === number ? "true" : "false", "aria-label": `${k === number ? "Shown" : "Show"} record ${name}`, onclick: () => { app.record = k; look(fileOf(app, one)); }}, k === number ? "Shown" : "Show"),
-      h("span", {}, name, one.modes ? h("span", {class: "muted"}, " modes") : null), out));
+    const away = !app.folder.records.some(({path}) => path === fileOf(app, one));
+    return h("li", {}, h("div", {class: "row"}, h("button", {class: "small", type: "button", disabled: away, "aria-pressed": k === number ? "true" : "false", "aria-label": `${k === number ? "Shown" : "Show"} record ${name}`, onclick: () => { app.record = k; look(fileOf(app, one)); }}, k === number ? "Shown" : "Show"),
+      h("span", {}, name, one.modes ? h("span", {class: "muted"}, " modes") : null), away ? h("span", {class: "state bad"}, "its file is not in this folder") : null, out));
   })) : h("p", {class: "muted"}, "None yet."), h("p", {class: "note"}, "To add one, choose its file below."));
   draw(-1);
   return {box, draw};

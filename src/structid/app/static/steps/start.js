@@ -1,5 +1,5 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
-import {get, post, put} from "../api.js";
+import {get, post, put, view} from "../api.js";
 import {bytes, field, fill, h, number, numberIn, options, table} from "../dom.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 
@@ -16,7 +16,7 @@ export async function show(box, app) {
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
     h("div", {class: "columns"},
-      h("div", {}, list, recent(app)),
+      h("div", {}, list, another(app)),
       made.box),
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
@@ -33,10 +33,18 @@ function lookButton(app, one) {
   return button;
 }
 
-// Folders that were open before, each with the command that opens it.
-function recent(app) {
-  return app.folder.recent.length ? h("details", {class: "card", id: "recent"}, h("summary", {}, `Recent folders (${app.folder.recent.length})`), h("ul", {class: "plain"}, app.folder.recent.map((one) => h("li", {}, h("strong", {}, one.folder.split(/[\\/]/).at(-1)),
-    h("div", {class: "row"}, h("code", {}, one.command), h("button", {class: "small", type: "button", "aria-label": `Copy the command for ${one.folder}`, onclick: () => navigator.clipboard.writeText(one.command).then(() => app.say("The command is copied: paste it in a terminal"), app.fail)}, "Copy")))))) : null;
+// Another folder of this machine: one that was open before, or a path that is typed. It has an address of its own; this page stays as it is where it was.
+function another(app) {
+  const path = h("input", {id: "folder-path", spellcheck: "false", autocomplete: "off", placeholder: "~/measurements"});
+  const open = (button, folder) => app.doing(button, async () => { location.assign(view((await post("open", {folder})).address)); });
+  const go = h("button", {type: "submit"}, "Open");
+  const {recent} = app.folder;
+  return h("section", {class: "card", id: "another"}, h("h2", {}, "Another folder"),
+    h("form", {onsubmit: (event) => { event.preventDefault(); open(go, path.value); }}, h("div", {class: "row end"}, field("Path of a folder on this machine", path, "wide-field"), go)),
+    recent.length ? h("details", {id: "recent"}, h("summary", {}, `Recent folders (${recent.length})`), h("ul", {class: "plain"}, recent.map((folder) => {
+      const button = h("button", {class: "link", type: "button", "aria-label": `Open ${folder}`, onclick: () => open(button, folder)}, folder.split(/[\\/]/).at(-1));
+      return h("li", {}, button, h("div", {class: "muted"}, folder));
+    }))) : null);
 }
 
 const MESH = /\.(msh|bdf|nas|fem|dat|inp|vtu|vtk)$/i;

@@ -122,16 +122,12 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     given = options.sampling_rate
     if axis is None:
         return _Clock(given or 1.0, 0.0, "sampling rate as given")
-    texts = [row[axis].strip() for row in table.texts]
+    texts = table.column(axis)
     unit = table.units[axis] or name_and_unit(table.names[axis])[1] or "s"
     scale = TIME_UNITS.get(unit.lower())
-    dates = [as_date(text) for text in texts]
-    if dates and dates[0] is not None:
-        time = _seconds(table, axis, dates)
-        scale, written = (
-            1.0,
-            last_digits([text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]),
-        )
+    if as_date(texts[0]) is not None:
+        time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
+        texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
     else:
         if scale is None:
             raise _column(table, axis, text=f"times are in {unit!r}; use s, ms, us or min, or leave the column out and give"
@@ -143,9 +139,8 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) is NaN, infinite or empty;"
                 " repair or remove the line"
             )
-        written = last_digits(texts) * scale
-    time, step = time * scale, float(written.max(initial=0.0))
-    rate, error = sampling_rate(table.path, time, written, table.first_line, axis + 1)
+    time = time * scale
+    rate, error, step = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1)
     words = f"times rounded to {step:g} s" if error else ""
     if given is None and error > _SURE:
         raise FileError(
@@ -167,17 +162,18 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
 
     Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
     """
-    sizes, digits = [], []
-    for text in texts:
-        mantissa, _, power = text.lower().replace("d", "e").replace(",", ".").partition("e")
-        number, shift = abs(float(mantissa)), int(power) if power else 0
-        sizes.append(shift + int(np.floor(np.log10(number))) if number > 0 else None)
-        digits.append(len(mantissa.partition(".")[2]) - shift)
-    longest: dict[int | None, int] = {}
-    for size, count in zip(sizes, digits, strict=True):
-        longest[size] = max(longest.get(size, count), count)
-    longest[None] = max(longest.values())  # 0 is as exact as any
-    return np.array([10.0 ** -longest[size] for size in sizes])
+    parts = [text.lower().replace("d", "e").replace(",", ".").partition("e") for text in texts]
+    shift = np.array([int(power) if power else 0 for _, _, power in parts])
+    digits = np.array([len(mantissa.partition(".")[2]) for mantissa, _, _ in parts]) - shift
+    number = np.abs([float(mantissa) for mantissa, _, _ in parts])
+    sized = number > 0
+    powers = shift[sized] + np.floor(np.log10(number[sized])).astype(int)
+    least = int(powers.min(initial=0))
+    longest = np.full(int(powers.max(initial=0)) - least + 1, digits.min(initial=0))
+    np.maximum.at(longest, powers - least, digits[sized])
+    found = np.full(len(texts), digits.max(initial=0))  # 0 is as exact as any
+    found[sized] = longest[powers - least]
+    return 10.0 ** -found.astype(float)
 
 
 def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
@@ -195,18 +191,18 @@ def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> Float
 
 
 def sampling_rate(
-    path: Path, time: FloatArray, written: FloatArray | float = 0.0, first_line: int = 2, column: int = 1
-) -> tuple[float, float]:
-    """Samples per second of an even column of times, and its relative error where the times were rounded, 0 else.
+    path: Path, time: FloatArray, texts: Sequence[str], scale: float, first_line: int, column: int
+) -> tuple[float, float, float]:
+    """Samples per second of an even column of times; where times were rounded its relative error and the rounding in s, else 0, 0.
 
     Parameters
     ----------
     path : Path
     time : (n_times,) float array
         s.
-    written : float or (n_times,) float array
-        The last digit of the times as written, s: a step that differs by the rounding to it is even too, where it is
-        longer than two such digits.
+    texts : (n_times,) sequence of str
+        The times as written, in units of `scale` s: a step that differs by the rounding to the last digit is even too, where it
+        is longer than two such digits.
     first_line, column : int
         Of the file, for messages.
 
@@ -223,8 +219,8 @@ def sampling_rate(
     off = np.abs(np.diff(time) - step)
     allowed = _EVEN * step + 4 * np.finfo(float).eps * float(np.abs(time).max())
     if off.max() <= allowed:
-        return float(1 / step), 0.0
-    digit = np.broadcast_to(np.asarray(written, dtype=np.float64), time.shape)
+        return float(1 / step), 0.0, 0.0
+    digit = last_digits(texts) * scale
     coarsest = float(digit.max())
     if time.size > 2 and step > 2 * coarsest > 0:
         order, weight = np.arange(time.size), (coarsest / np.maximum(digit, 1e-6 * coarsest)) ** 2
@@ -234,7 +230,7 @@ def sampling_rate(
         if (np.abs(time - mean - slope * (order - middle)) <= _ROUNDED * digit + rounding).all():
             rate, error = 1 / slope, coarsest / float(time[-1] - time[0])
             near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
-            return float(near), error
+            return float(near), error, coarsest
     i = int(np.argmax(off))
     raise FileError(
         f"{path}: line {i + first_line + 1}, column {column}: time must be even, got a step of {time[i + 1] - time[i]:.9g} s"

@@ -6,9 +6,10 @@ import csv
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 from structid.errors import FileError, InputError
 from structid.records.io.csv.layout import SEPARATORS, CsvLayout
@@ -34,14 +35,38 @@ _POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
 
 
+@dataclass(frozen=True)
+class Rows(Sequence[list[str]]):
+    """Lines without quotes, taken apart into cells where these are asked for."""
+
+    lines: list[str]
+    separator: str
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @overload
+    def __getitem__(self, at: int) -> list[str]: ...
+    @overload
+    def __getitem__(self, at: slice) -> Rows: ...
+    def __getitem__(self, at: int | slice) -> list[str] | Rows:
+        return Rows(self.lines[at], self.separator) if isinstance(at, slice) else _split(self.lines[at], self.separator)
+
+    def column(self, j: int) -> list[str]:
+        """Cell `j` of every line."""
+        if self.separator == " ":
+            return [line.split(None, j + 1)[j] for line in self.lines]
+        return [line.split(self.separator, j + 1)[j] for line in self.lines]
+
+
 class Grid(NamedTuple):
     """Cells of a table, (n_lines, any) each.
 
     Attributes
     ----------
-    header : list of list of str
+    header : sequence of list of str
         None, one or two lines: names, and units below them.
-    rows : list of list of str
+    rows : sequence of list of str
     header_line, first_line : int
         Lines of the file, counted from 1, of the names and of the first of `rows`.
     decimal_comma : bool
@@ -49,8 +74,8 @@ class Grid(NamedTuple):
         What the layout is.
     """
 
-    header: list[list[str]]
-    rows: list[list[str]]
+    header: Sequence[list[str]]
+    rows: Sequence[list[str]]
     header_line: int
     first_line: int
     decimal_comma: bool
@@ -168,9 +193,16 @@ def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
     return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
 
 
-def _cells(path: Path, lines: Sequence[str], separator: str) -> list[list[str]]:
+def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return [line.split() for line in lines]
+        return line.split()
+    return line.split(separator) if line else []
+
+
+def _cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
+    """The cells of every line; with quotes one after the other, as a quoted cell may hold separators and ends of lines."""
+    if separator == " " or not any('"' in line for line in lines):
+        return Rows(lines, separator)
     try:
         return list(csv.reader(lines, delimiter=separator, strict=True))
     except csv.Error as error:
@@ -207,7 +239,7 @@ def _is_data(row: Sequence[str]) -> bool:
     return any(numbers) and sum(numbers) + dates == len(numbers)
 
 
-def _header_rows(path: Path, cells: Sequence[Sequence[str]], layout: CsvLayout) -> int:
+def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
     if layout.header_rows is not None:
         return layout.header_rows
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
