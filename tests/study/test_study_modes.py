@@ -202,7 +202,7 @@ def test_modes_that_are_not_used_and_sensors_left_out_change_the_fit(tmp_path):
     path = storeys(tmp_path, 'form = "output"', 'form = "dynamic"\nuse = [3, 1]')
     found = run_study(load_study(path)).identification
     assert found.modal_fits[0].measured.n_modes == 2
-    assert found.modal_fits[0].problem.form == "dynamic"
+    assert found.modal_fits[0].problem.settings.form == "dynamic"
     np.testing.assert_allclose(found.modal_fits[0].fitted.passed_over, [2.878], atol=0.05)
     assert any("no measured mode is paired with" in words for words in found.warnings)
     path = storeys(tmp_path, 'path = "modes.json"', 'path = "modes.json"\nchannels_used = ["4X", "1X"]')

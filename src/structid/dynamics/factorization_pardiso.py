@@ -147,9 +147,8 @@ class _Handle:
         self.options[[0, 1, 9, 20, 34]] = 1, 2, 8, 1, 1  # own options, METIS, pivots 1e-8, Bunch-Kaufman, from 0
         self.options[17] = -1  # report the entries of the factor
         self.options[_SPARSE] = 0 if loaded is None else _ORDERED
-        self.threads = usable_threads(
-            self.held.n
-        )  # with fewer than it analysed with, the library reads beyond its memory
+        # with fewer than it analysed with, the library reads beyond its memory
+        self.threads = usable_threads(self.held.n)
         self.analysed = False
         weakref.finalize(self, self.held.release)
 
