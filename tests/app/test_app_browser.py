@@ -237,7 +237,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the run goes on while the page is read again, and is seen in a second one
         step(page, "Run")
         page.get_by_role("button", name="What will it take?").click()
-        page.get_by_text("One iteration takes about").wait_for()
+        page.get_by_text("the search was tried").wait_for(timeout=120_000)
         page.get_by_role("button", name="Identify").click()
         page.locator("[data-run]").wait_for()
         page.reload()
