@@ -1,7 +1,8 @@
 """Files of loggers as their own libraries read them, for the child of `structid.files.contained`.
 
 Each reader gives one entry a channel: name, unit or "", values, and its clock: start in s, samples per second, and the
-largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say.
+largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say. A note tells what is
+doubtful about the file.
 """
 
 from __future__ import annotations
@@ -27,9 +28,19 @@ def logger(path: str, kind: str) -> list[Channel]:
         return list(_READERS[kind](path))
 
 
-def _entry(name: str, unit: Any, values: Any, rate: float = 0.0, start: float = 0.0, off: float = 0.0) -> Channel:
+def _entry(
+    name: str, unit: Any, values: Any, rate: float = 0.0, start: float = 0.0, off: float = 0.0, note: str = ""
+) -> Channel:
     kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return {"name": str(name), "unit": str(unit or ""), "values": kept, "rate": rate, "start": start, "off": off}
+    return {
+        "name": str(name),
+        "unit": str(unit or ""),
+        "values": kept,
+        "rate": rate,
+        "start": start,
+        "off": off,
+        "note": note,
+    }
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -50,6 +61,7 @@ def _tdms(path: str) -> Iterator[Channel]:
 
     with TdmsFile.open(path) as file:
         groups = file.groups()
+        cut = file.file_status.incomplete_final_segment
         several = sum(bool(group.channels()) for group in groups) > 1
         for group in groups:
             for channel in group.channels():
@@ -64,6 +76,7 @@ def _tdms(path: str) -> Iterator[Channel]:
                     values,
                     1 / step if step > 0 else 0.0,
                     float(own.get("wf_start_offset") or 0.0),
+                    note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
                 )
 
 

@@ -95,6 +95,7 @@ class _Channel(NamedTuple):
     rate: float
     start: float
     off: float
+    note: str
 
 
 LOGGERS: tuple[LoggerFormat, ...] = (
@@ -130,7 +131,7 @@ def _together(path: Path, channels: Sequence[_Channel], options: ReadOptions, wo
         rate=rate,
         start=start,
         numbers=tuple(numbers[j] for j in wanted),
-        words=words + note,
+        words=words + note + "".join(f", {told}" for told in dict.fromkeys(one.note for one in channels) if told),
     )
 
 

@@ -1,4 +1,4 @@
-"""What a study needs, memory and time, before it is run: from its sizes, a few lines that are measured, and a search that is tried."""
+"""What a study needs before it is run: from its sizes, a few lines that are measured, and a search that is tried."""
 
 from __future__ import annotations
 

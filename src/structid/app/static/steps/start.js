@@ -147,7 +147,7 @@ export function facts(found) {
   const size = found.kind === "time histories" ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
       : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
-  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
+  return h("div", {}, h("p", {}, size), found.read ? h("p", {class: "note"}, `Read as: ${found.read}`) : null, found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
     table(["channel", "", "quantity", "unit"], found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]))) : h("p", {}, `${found.channels.length} channels`),
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }
