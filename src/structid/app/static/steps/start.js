@@ -129,7 +129,7 @@ export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
   let found = null, failed = "";
   try { found = await post("facts", {record: path, options: given}); } catch (error) { failed = error.message; }
-  const fields = readingFields(app, path, given);
+  const fields = readingFields(app, path, given, failed);
   const again = h("button", {type: "submit"}, "Read it so");
   const mapping = h("form", {onsubmit: (event) => {
     event.preventDefault();
