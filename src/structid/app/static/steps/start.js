@@ -15,6 +15,7 @@ export async function show(box, app) {
   app.heard.add(({folder}) => { if (folder) { draw(folder); } });
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
+    app.folder.most ? h("div", {class: "card doubt"}, `This folder holds more files than the first ${app.folder.most}, which are looked at: open a folder further in, below.`) : null,
     h("div", {class: "columns"},
       h("div", {}, list, another(app)),
       made.box),
