@@ -295,6 +295,16 @@ def test_a_folder_is_opened_for_the_own_page_alone(bench):
     assert bench[0].ask("GET", "/api/open?folder=/tmp")[0] == 405
 
 
+def test_of_a_folder_of_very_many_files_some_are_looked_at_and_that_is_told(tmp_path, monkeypatch):
+    for k in range(12):
+        (tmp_path / f"{k:02}.toml").write_text('title = "one"\n[structure]\n', encoding="utf-8")
+    place = opened(tmp_path)
+    assert (len(place.listing()["studies"]), place.listing()["most"]) == (12, None)
+    monkeypatch.setattr("structid.app.folder._MOST", 5)
+    assert (len(place.listing()["studies"]), place.listing()["most"]) == (5, 5)
+    assert sorted(place.stamps()) == [f"{k:02}.toml" for k in range(5)]
+
+
 def test_titles_and_names_are_told_as_texts(bench):
     """JSON holds them; the page makes texts of them (see the test in the browser) and has no inner HTML."""
     status, headers, body = bench[0].ask("GET", "/api/folder")

@@ -18,7 +18,7 @@ from structid.errors import InputError
 from structid.records import FrfRecord
 from structid.study.run import needs as needs_module
 from structid.study.run.doctor import installation
-from structid.study.run.needs import available_bytes, gigabytes, measured_needs, require_room, sizes
+from structid.study.run.needs import available_bytes, expected, gigabytes, measured_needs, require_room, sizes
 from structid.study.run.run import run_study
 from structid.study.run.start import study_problems
 from structid.study.schema.study import load_study
@@ -55,7 +55,7 @@ def test_doctor_tells_the_sizes_of_a_study(tmp_path):
     assert "3 degrees of freedom" in done.stdout
     assert "8 parameters; 230 lines, 2 channels; 920 residuals" in done.stdout
     assert f"one Jacobian {gigabytes(8 * 920 * 8)}" in done.stdout
-    assert "4 starts, intervals" in done.stdout
+    assert "4 starts, with its intervals" in done.stdout
     assert "on 4 workers" in done.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["chain.toml", "frf.npz"]
 
@@ -74,7 +74,28 @@ def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path):
         taken.append(time.perf_counter() - begun)
     assert 0.1 < predicted.iteration_seconds / min(taken) < 10
     assert predicted.search_seconds == needs_module.USUAL_ITERATIONS * predicted.iteration_seconds
-    assert predicted.seconds(4) < predicted.seconds(1) or predicted.starts == 1
+    assert predicted.search_and_intervals(4) < predicted.search_and_intervals(1) or predicted.starts == 1
+
+
+@pytest.mark.parametrize("stiffer", [1.0, 1.3])
+def test_a_search_that_takes_seconds_is_tried(tmp_path, monkeypatch, stiffer):
+    """It says whether causes of a misfit will be sought; of one that takes longer nobody knows."""
+    monkeypatch.setattr(needs_module, "_start_seconds", lambda: 2.0)
+    frequency = np.linspace(0.5, 12, 230)
+    values = exact_frf(frequency, [0, 2], [2])
+    values[frequency > 6, 1] *= stiffer
+    study = load_study(write_chain(tmp_path, record=FrfRecord(frequency, values, ("1X", "3X"), ("3X",), "accelerance")))
+    begun = time.perf_counter()
+    _, found = expected(study)
+    assert found.is_tried
+    assert 0 < found.search < time.perf_counter() - begun
+    assert found.around > 2.0
+    assert (found.causes > 0) == (stiffer > 1)
+    assert found.least == found.most == pytest.approx(found.around + found.search + found.causes)
+    monkeypatch.setattr(needs_module, "_TRIED_SECONDS", 1e-3)
+    _, found = expected(study)
+    assert not found.is_tried
+    assert found.least < found.most
 
 
 def test_the_memory_predicted_covers_the_peak_of_an_evaluation(tmp_path):

@@ -107,6 +107,7 @@ def test_a_rigid_mode_below_zero_by_rounding_has_no_frequency(tmp_path):
         ("a.pch", punched().replace("        15       G", "       1x5       G"), "line 12: '1x5' is no label of a point"),
         ("a.f06", listing(shapes=0 * SHAPES), "a mode has no translation anywhere"),
         ("a.pch", punched(nodes=[1, 2, 2, 101]), "a point is printed twice"),
+        ("a.pch", punched(shapes=np.where(np.arange(4)[:, None] == 2, np.nan, SHAPES)), "NaN or infinite at point"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_named(tmp_path, name, text, words):

@@ -290,6 +290,35 @@ def test_what_frfs_of_laboratories_lack_is_named_with_a_remedy(tmp_path, text, o
         read(tmp_path, text, **options)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_an_encoding_that_the_file_marks_need_not_be_said(tmp_path, encoding):
+    text = table("\t", head=["Zeit [s]\tA [m/s²]\tB [g]\tKraft [N]"])
+    assert read(tmp_path, text, encoding, channels="1X,2X,1X").values[1, 0] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("#NV", "line 4, column 2 .* clear the cell where a sample is missing"),
+        ("n/a", "clear the cell where a sample is missing"),
+        ("---", "clear the cell where a sample is missing"),
+        ("12x", "must be a number, got '12x'$"),
+    ],
+)
+def test_words_in_place_of_a_missing_sample_are_told(tmp_path, cell, words):
+    lines = table().splitlines()
+    lines[3] = f"{2 / RATE:.9f},{cell},1,2"
+    with pytest.raises(FileError, match=words):
+        read(tmp_path, "\n".join(lines) + "\n", **THREE)
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", "1 234,5", "-12.345.678,0"])
+def test_thousands_that_are_set_apart_are_told(tmp_path, cell):
+    text = "Zeit;Acc A\n" + "".join(f"{k / 8};{cell}\n".replace(".125", ",125") for k in range(5))
+    with pytest.raises(FileError, match=f"'{cell}' looks like thousands separators: export without them"):
+        read(tmp_path, text, channels="1X", units="g")
+
+
 HARD = [
     "t,1X [g],2X [g]\n" + "".join(f"{k / 8},{k},{-k}\n" for k in range(6)),
     "t;1X [g];2X [g]\n" + "".join(f"{k / 8};{k}.5;{-k}e-3\n".replace(".", ",") for k in range(6)),

@@ -146,6 +146,21 @@ def test_gaps_and_other_starts_of_miniseed(tmp_path):
         read_record(path, given)
 
 
+def test_a_file_that_ends_early_says_so(tmp_path):
+    """What is there is read, as after a power failure; how it was read tells that it is not all."""
+    nptdms = pytest.importorskip("nptdms", reason="needs structid[tdms]")
+    path, given = tmp_path / "a.tdms", ReadOptions(channels="1X")
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(
+            [nptdms.ChannelObject("a", "b", VALUES[:, 0], properties={"wf_increment": 0.01, "unit_string": "N"})]
+        )
+    assert "ends within" not in read_record(path, given).source
+    path.write_bytes(path.read_bytes()[:-800])
+    found = read_record(path, given)
+    np.testing.assert_array_equal(found.values[:, 0], VALUES[:-100, 0])
+    assert "the file ends within its last segment: the copy, or the logger, broke off" in found.source
+
+
 def test_channels_of_two_rates_are_chosen_from(tmp_path):
     nptdms = pytest.importorskip("nptdms", reason="needs structid[tdms]")
     path = tmp_path / "a.tdms"

@@ -176,6 +176,7 @@ def test_missing_and_doubled_pairs_are_named(tmp_path, values):
         ({"func_type": 2}, "only auto spectrum"), ({"func_type": 12}, "only spectrum"), ({"func_type": 9}, "power spectral"),
         ({"func_type": 3}, "cross spectrum"), ({"rsp_dir": 0}, "direction 0"), ({"ordinate_spec_data_type": 3}, "type 3"),
         ({"ordinate_spec_data_type": 13}, "force per force"), ({"orddenom_spec_data_type": 11}, "per velocity"),
+        ({"ordinate_spec_data_type": 0}, "of type 0 .* or say what they are with `unit`, as in unit = \"g/N\""),
         ({"ordinate_axis_units_lab": "mm"}, "acceleration by their type but displacement"),
     ],
 )  # fmt: skip

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import ModuleType
@@ -80,9 +80,13 @@ class OpenFolder:
         return os.access(self.root, os.W_OK)
 
     def listing(self) -> dict[str, Any]:
-        """Studies with their titles, records, other inputs and results of the folder, a few levels deep."""
+        """Studies with their titles, records, other inputs and results of the folder, a few levels deep.
+
+        ``most`` is how many files are looked at where there are more, else None.
+        """
+        files, is_all = self._files()
         found: dict[str, list[dict[str, Any]]] = {"studies": [], "records": [], "models": [], "results": []}
-        for path in self._files():
+        for path in files:
             name, suffix = self.name(path), path.suffix.lower()
             if path.name == _RESULT:
                 found["results"].append({"path": self.name(path.parent), "changed": path.stat().st_mtime})
@@ -97,14 +101,25 @@ class OpenFolder:
                 found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
             elif suffix in MODEL_SUFFIXES:
                 found["models"].append({"path": name, "bytes": path.stat().st_size})
-        return {"folder": str(self.root), "writable": self.is_writable, **found}
+        return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **found}
+
+    def stamps(self) -> dict[str, int]:
+        """When each TOML file that `listing` looks at was changed, ns."""
+        found = {}
+        for path in self._files()[0]:
+            if path.suffix == ".toml":
+                with suppress(OSError):
+                    found[self.name(path)] = path.stat().st_mtime_ns
+        return found
 
     def _is_result(self, path: Path) -> bool:
         """Whether it is a file of results but no suggested study, or the same modes that modes.json beside it holds."""
         copied = path.name in ("modes.csv", "modes.uff") and (path.parent / _MODES).exists()
         return copied or (path.parent / _RESULT).exists() or path.parent.name == "figures"
 
-    def _files(self) -> Iterator[Path]:
+    def _files(self) -> tuple[list[Path], bool]:
+        """Files of the folder, a few levels deep, and whether they are all that are there."""
+        found: list[Path] = []
         count = 0
         for folder, folders, files in os.walk(self.root):
             here = Path(folder)
@@ -115,9 +130,10 @@ class OpenFolder:
             for file in sorted(files):
                 count += 1
                 if count > _MOST:
-                    return
+                    return found, False
                 if not file.startswith("."):
-                    yield here / file
+                    found.append(here / file)
+        return found, True
 
     def text(self, name: str) -> tuple[str, str]:
         """The text of a study and its digest.

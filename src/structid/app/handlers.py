@@ -7,7 +7,6 @@ import json
 import tempfile
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -287,13 +286,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 
 
 def _state(bench: Workbench) -> dict[str, Any]:
-    runs = bench.runs.summaries()[:_SIDE_BY_SIDE]
-    stamps = {}
-    for pattern in ("*.toml", "*/*.toml", "*/*/*.toml", "*/*/*/*.toml"):
-        for path in list(bench.opened.root.glob(pattern))[:500]:
-            with suppress(OSError):
-                stamps[bench.opened.name(path)] = path.stat().st_mtime_ns
-    return {"runs": runs, "studies": stamps}
+    return {"runs": bench.runs.summaries()[:_SIDE_BY_SIDE], "studies": bench.opened.stamps()}
 
 
 async def _results(bench: Workbench, request: Request) -> Response:

@@ -1,7 +1,8 @@
 """Files of loggers as their own libraries read them, for the child of `structid.files.contained`.
 
 Each reader gives one entry a channel: name, unit or "", values, and its clock: start in s, samples per second, and the
-largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say.
+largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say. A note tells what is
+doubtful about the file.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class Channel(NamedTuple):
     rate: float
     start: float
     off: float
+    note: str = ""
 
 
 def logger(path: str, kind: str) -> list[Channel]:
@@ -40,10 +42,10 @@ def logger(path: str, kind: str) -> list[Channel]:
 
 
 def _entry(
-    name: str, unit: str | None, values: ArrayLike, rate: float = 0.0, start: float = 0.0, off: float = 0.0
+    name: str, unit: str | None, values: ArrayLike, rate: float = 0.0, start: float = 0.0, off: float = 0.0, note: str = ""
 ) -> Channel:
     kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return Channel(str(name), str(unit or ""), kept, rate, start, off)
+    return Channel(str(name), str(unit or ""), kept, rate, start, off, note)
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -64,6 +66,7 @@ def _tdms(path: str) -> Iterator[Channel]:
 
     with TdmsFile.open(path) as file:
         groups = file.groups()
+        cut = file.file_status.incomplete_final_segment
         several = sum(bool(group.channels()) for group in groups) > 1
         for group in groups:
             for channel in group.channels():
@@ -78,6 +81,7 @@ def _tdms(path: str) -> Iterator[Channel]:
                     values,
                     1 / step if step > 0 else 0.0,
                     float(own.get("wf_start_offset") or 0.0),
+                    note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
                 )
 
 

@@ -20,8 +20,8 @@ export function givenOptions(app, path) {
   return Object.fromEntries(Object.entries(record || {}).filter(([key]) => app.folder.reading.some((one) => key === (one.within || one.name))));
 }
 
-// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say.
-export function readingFields(app, path, given) {
+// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first.
+export function readingFields(app, path, given, failed = "") {
   const isTable = /\.(csv|txt|tsv)$/i.test(path);
   const all = app.folder.reading, layout = all.filter((one) => one.within === "csv"), rest = all.filter((one) => !one.within);
   const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
@@ -38,12 +38,16 @@ export function readingFields(app, path, given) {
     }
     return found;
   };
-  return {options: said, box: h("div", {class: "fields reading"}, rows.map((one) => {
+  const named = [...failed.matchAll(/`([a-z_]+)/g)].map((match) => match[1]);
+  const first = rows.filter((one) => one.input.value !== String(one.default) && one.input.value || named.includes(one.name)).sort((a, b) => (named.indexOf(a.name) + 1 || 99) - (named.indexOf(b.name) + 1 || 99));
+  const drawn = (few) => h("div", {class: "fields reading"}, few.map((one) => {
     const place = field(one.name.replaceAll("_", " "), one.input), id = `${one.input.id}-words`;
     one.input.setAttribute("aria-describedby", id);
     place.append(h("span", {class: "note", id}, one.words));
     return place;
-  }))};
+  }));
+  const rest_ = rows.filter((one) => !first.includes(one));
+  return {options: said, box: first.length ? h("div", {}, drawn(first), h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), drawn(rest_))) : drawn(rows)};
 }
 
 // Edits that make a record of `keys` and of `tables` in it: `instead` of the shown one, and `beside` those there are.

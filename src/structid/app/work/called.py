@@ -161,13 +161,19 @@ def _check(opened: OpenFolder, study: str) -> Any:
 
 
 def _needs(opened: OpenFolder, study: str) -> Any:
-    from structid.study.run.needs import available_bytes, measured_needs
-    from structid.study.run.start import study_problems
+    from structid.study.run.needs import available_bytes, expected
     from structid.study.schema.study import load_study
 
-    read = load_study(opened.inside(study), work=LOOKING)
-    found = measured_needs(read, study_problems(read))
-    return {"bytes": found.bytes_needed, "free": available_bytes(), "iteration_seconds": found.iteration_seconds}
+    needs, duration = expected(load_study(opened.inside(study), work=LOOKING))
+    return {
+        "bytes": needs.bytes_needed,
+        "free": available_bytes(),
+        "iteration_seconds": needs.iteration_seconds,
+        "seconds": duration.least,
+        "most_seconds": duration.most,
+        "causes_seconds": duration.causes,
+        "is_tried": duration.is_tried,
+    }
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:

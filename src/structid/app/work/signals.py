@@ -16,7 +16,7 @@ from structid.errors import FileError, InputError, StructidError
 from structid.files import atomic_write
 from structid.modal.files.files import read_modes
 from structid.records import FrfRecord, TimeRecord
-from structid.records.io import CsvLayout, ReadOptions, read_record
+from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.on_disk import ChunkedRecord, MemoryRecord, open_record
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.record import QUANTITY_UNITS
@@ -55,6 +55,7 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
             "channels": _channels(record.outputs) + _channels(record.inputs, "load"),
             "coherence": record.coherence is not None,
             "averages": record.averages,
+            "read": how_read(record.source, path),
             "findings": [],
         }
     findings: list[dict[str, str]] = []
@@ -75,6 +76,7 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
         "samples": record.n_times,
         "seconds": record.n_times / record.sampling_rate,
         "channels": rows,
+        "read": how_read(record.record.source, path) if isinstance(record, MemoryRecord) else "",
         "findings": findings,
         "segment": _segment(record.n_times),
     }

@@ -10,8 +10,7 @@ import typer
 from structid.cli.base import UNUSABLE_INPUT, fail
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation, installation
-from structid.study.run.needs import USUAL_ITERATIONS, Needs, available_bytes, gigabytes, measured_needs
-from structid.study.run.start import study_problems
+from structid.study.run.needs import Duration, Needs, available_bytes, expected, gigabytes
 from structid.study.schema.study import load_study
 
 StudyPath = Annotated[
@@ -21,7 +20,7 @@ Workers = Annotated[int, typer.Option("--workers", metavar="N", min=1, help="Tim
 
 
 def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
-    """Say what is installed, and what a study will need: memory and time, from a few of its lines.
+    """Say what is installed, and what a study will need: memory and time, from a few of its lines and a search that is tried.
 
     Exit code 2: the study cannot fit in memory; the numbers say why.
 
@@ -38,8 +37,8 @@ def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
         return
     read = load_study(study)
     free = available_bytes()
-    needs = measured_needs(read, study_problems(read))
-    for line in _needed(needs, free, workers):
+    needs, duration = expected(read, workers)
+    for line in _needed(needs, duration, free, workers):
         typer.echo(line)
     if needs.bytes_needed > free:
         fail(
@@ -66,11 +65,11 @@ def _installed(found: Installation) -> list[str]:
     ]
 
 
-def _needed(needs: Needs, free: int, workers: int) -> list[str]:
+def _needed(needs: Needs, duration: Duration, free: int, workers: int) -> list[str]:
     size = needs.sizes
     records = f"{size.n_records} records, the largest with " if size.n_records > 1 else ""
     starts = f", {needs.starts} starts" if needs.starts > 1 else ""
-    intervals = f", intervals {clock(needs.interval_seconds)}" if needs.interval_seconds else ""
+    intervals = ", with its intervals" if needs.interval_seconds else ""
     room = f" of {gigabytes(free)} free"
     on = f" on {workers} workers" if workers > 1 else ""
     return [
@@ -79,8 +78,20 @@ def _needed(needs: Needs, free: int, workers: int) -> list[str]:
         f" {records}{size.n_lines} lines, {size.n_channels} channels; {size.n_rows} residuals",
         f"memory: about {gigabytes(needs.bytes_needed)}{room} (records {gigabytes(size.record_bytes)}, one Jacobian"
         f" {gigabytes(size.jacobian_bytes)})",
-        f"time: {clock(needs.line_seconds)} a line with its derivatives, {clock(needs.iteration_seconds)} an iteration,"
-        f" {clock(needs.search_seconds)} a search of {USUAL_ITERATIONS} iterations, as many as are usual"
-        f"{starts}{intervals}",
-        f"in all: about {clock(needs.seconds(workers))}{on}; more where the fit misses the noise and the search restarts",
+        f"time: {clock(needs.line_seconds)} a line with its derivatives, {clock(needs.iteration_seconds)} an iteration;"
+        f" the search{starts}{intervals} {clock(duration.search)}, the program's start and the report"
+        f" {clock(duration.around)}",
+        f"in all: about {_duration_words(duration)}{on}",
     ]
+
+
+def _duration_words(duration: Duration) -> str:
+    if duration.is_tried and duration.causes:
+        return (
+            f"{clock(duration.least)}, of which {clock(duration.causes)} to look for causes: the search was tried, and its fit"
+            " misses the noise"
+        )
+    if duration.is_tried:
+        return f"{clock(duration.least)}; the search was tried, and came to its end"
+    more = f", {clock(duration.most)} where causes of a misfit are sought" if duration.causes else ""
+    return f"{clock(duration.least)}{more}; the search takes too long to be tried"

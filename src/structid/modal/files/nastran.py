@@ -114,6 +114,11 @@ def _printed(path: Path, frequency: float, nodes: Iterable[int], fields: Sequenc
     labels, values = np.array(list(nodes), dtype=np.int64), numbers(path, fields)
     if len(values) != 6 * len(labels):
         raise FileError(f"{path}: a shape has {len(values)} numbers at {len(labels)} points; the file is cut short")
+    if not np.isfinite(values).all():
+        at = labels[int(np.argmin(np.isfinite(values))) // 6]
+        raise FileError(
+            f"{path}: the shape of the mode at {frequency:.6g} Hz is NaN or infinite at point {at}; {_RUN_AGAIN}"
+        )
     return PrintedMode(frequency, labels, values.reshape(-1, 6))
 
 

@@ -118,7 +118,7 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
         rate=rate,
         start=start,
         numbers=tuple(numbers[j] for j in wanted),
-        words=words + note,
+        words=words + note + "".join(f", {told}" for told in dict.fromkeys(one.note for one in channels) if told),
     )
 
 

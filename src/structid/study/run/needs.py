@@ -1,7 +1,9 @@
-"""What a study needs, memory and time, before it is run: from its sizes, and from a few lines that are measured."""
+"""What a study needs before it is run: from its sizes, a few lines that are measured, and a search that is tried."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -11,11 +13,14 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from structid.errors import InputError
+from structid.criticism.verdict import is_sound
+from structid.errors import InputError, StructidError
 from structid.estimation import Method
+from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.observation import RecordProblem
 from structid.observation.frf.products import STORED_BYTES
+from structid.study.run.start import started
 from structid.study.schema.study import Study
 
 _MEASURED_LINES, _MEASURED_LINES_SMALL = 8, 4096
@@ -23,6 +28,12 @@ _MEASURED_LINES, _MEASURED_LINES_SMALL = 8, 4096
 _QUICK_SECONDS = 0.5
 #: Iterations that a search takes as a rule, its stages included.
 USUAL_ITERATIONS = 40
+#: For so long a search is tried, s.
+_TRIED_SECONDS = 20.0
+#: Start, checks and report of the examples take so many times what it takes to import all that a run needs.
+_AROUND = 1.3
+#: First ways to an answer that the search for causes of a misfit is worth, in the examples that have one; and iterations of one.
+_REFITS, _WAY_ITERATIONS = 45, 25
 _REFIT_ITERATIONS = 6
 _REPLICATES = 400
 _PROFILE_EVALUATIONS = 60
@@ -111,10 +122,42 @@ class Needs:
     starts: int
     interval_seconds: float
 
-    def seconds(self, n_workers: int = 1) -> float:
-        """Wall time of the whole run, s, with the repeats on `n_workers`."""
+    def search_and_intervals(self, n_workers: int = 1) -> float:
+        """Wall time of the search and all that repeats it, s, with the repeats on `n_workers`; from the lines alone."""
         repeats = (self.starts - 1) * self.search_seconds + self.interval_seconds
         return self.analysis_seconds + self.search_seconds + repeats / n_workers
+
+
+@dataclass(frozen=True)
+class Duration:
+    """How long a run of `structid identify` takes, s of wall time on this machine as it is now.
+
+    Attributes
+    ----------
+    around : float
+        The program's start, reading, checks, and the report.
+    search : float
+        With its restarts and the intervals.
+    is_tried : bool
+        Whether the search was carried out and came to its end; else its time is that of as many iterations as are usual.
+    causes : float
+        The search for causes of a misfit: 0 where the search that was tried explains the data; where it was not tried, nobody
+        knows, and this stands for what it takes where it comes.
+    """
+
+    around: float
+    search: float
+    is_tried: bool
+    causes: float
+
+    @property
+    def least(self) -> float:
+        return self.around + self.search + (self.causes if self.is_tried else 0.0)
+
+    @property
+    def most(self) -> float:
+        """With a search for causes, where none is known to be needed or not."""
+        return self.around + self.search + self.causes
 
 
 def sizes(problems: Sequence[RecordProblem]) -> Sizes:
@@ -180,6 +223,64 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
         starts=1 + options.uniqueness_starts,
         interval_seconds=refits * seconds,
     )
+
+
+class _EnoughError(Exception):
+    """A search that was tried takes longer than it is tried for."""
+
+
+def expected(study: Study, n_workers: int = 1) -> tuple[Needs, Duration]:
+    """What a study needs, and how long a run takes: a search that takes seconds is tried, of others a few lines are timed.
+
+    Raises
+    ------
+    InputError
+        If a record cannot be used, or it does not fit in memory.
+    """
+    begun = time.perf_counter()
+    ready = started(study)
+    around = _AROUND * _start_seconds() + time.perf_counter() - begun
+    needs = measured_needs(study, ready.problems)
+    untried = needs.search_and_intervals(n_workers)
+    if needs.iteration_seconds + needs.analysis_seconds > _TRIED_SECONDS / 4:
+        return needs, Duration(around, untried, False, _REFITS * _WAY_ITERATIONS * needs.iteration_seconds / n_workers)
+    tried = _Tried(time.perf_counter())
+    try:
+        found = identify_together(ready.setups, study.options, tried)
+    except _EnoughError:
+        each = max((time.perf_counter() - tried.begun) / tried.count, needs.iteration_seconds)
+        search = max(untried, each * max(USUAL_ITERATIONS, 2 * tried.count))
+        return needs, Duration(around, search, False, _REFITS * _WAY_ITERATIONS * each / n_workers)
+    except (StructidError, np.linalg.LinAlgError):  # which the run will tell
+        return needs, Duration(around, untried, False, 0.0)
+    search = time.perf_counter() - tried.begun
+    misses = not is_sound(found) and found.estimate.chi_square_per_dof > 1 and study.structure.has_matrices
+    return needs, Duration(around, search, True, _REFITS * tried.first / n_workers if misses else 0.0)
+
+
+class _Tried:
+    """Watches a search that is tried: iterations, seconds of its first way to an answer, and when it is enough."""
+
+    def __init__(self, begun: float) -> None:
+        self.begun, self.count, self.first = begun, 0, 0.0
+        self._in_first = True
+
+    def __call__(self, name: str, _: int, __: float) -> None:
+        now = time.perf_counter() - self.begun
+        if now > _TRIED_SECONDS:
+            raise _EnoughError
+        self.count += 1
+        self._in_first = self._in_first and not name.startswith("search 2")
+        if self._in_first:
+            self.first = now
+
+
+def _start_seconds() -> float:
+    """Of a program of Python that imports what a run does, and ends."""
+    begun = time.perf_counter()
+    words = "import structid.study.run.run, structid.report, structid.criticism.verdict"
+    subprocess.run([sys.executable, "-c", words], check=True)
+    return time.perf_counter() - begun
 
 
 def _measured(problem: RecordProblem, method: Method) -> tuple[float, float, float]:

@@ -39,10 +39,15 @@ function start(app) {
     app.say("Started; it goes on when this page is closed.");
   })}, "Identify");
   const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {
-    fill(needs, "Timing a few lines…");
-    try { const found = await get("needs", {study: app.study}); fill(needs, `One iteration takes about ${clock(found.iteration_seconds)}, and a run from some ten to many hundred of them: how many, the record decides, and whether causes of a misfit are sought. The first seconds go to reading. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
+    fill(needs, "Timing a few lines, and trying the search for some seconds…");
+    try { const found = await get("needs", {study: app.study}); fill(needs, `About ${clock(found.seconds)}${duration(found)}. One iteration takes about ${clock(found.iteration_seconds)}. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
   })}, "What will it take?");
   return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), go, ask), needs, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
+}
+
+function duration(found) {
+  if (found.is_tried) { return found.causes_seconds ? `, of which ${clock(found.causes_seconds)} to look for causes: the search was tried, and its fit misses the noise` : ": the search was tried, and came to its end"; }
+  return `${found.causes_seconds ? `, ${clock(found.most_seconds)} where causes of a misfit are sought` : ""}: the search takes too long to be tried, and how many iterations it takes the record decides`;
 }
 
 class Card {

@@ -15,6 +15,7 @@ export async function show(box, app) {
   app.heard.add(({folder}) => { if (folder) { draw(folder); } });
   fill(box, h("h1", {}, "Start"),
     writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
+    app.folder.most ? h("div", {class: "card doubt"}, `This folder holds more files than the first ${app.folder.most}, which are looked at: open a folder further in, below.`) : null,
     h("div", {class: "columns"},
       h("div", {}, list, another(app)),
       made.box),
@@ -129,7 +130,7 @@ export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
   let found = null, failed = "";
   try { found = await post("facts", {record: path, options: given}); } catch (error) { failed = error.message; }
-  const fields = readingFields(app, path, given);
+  const fields = readingFields(app, path, given, failed);
   const again = h("button", {type: "submit"}, "Read it so");
   const mapping = h("form", {onsubmit: (event) => {
     event.preventDefault();
@@ -147,7 +148,7 @@ export function facts(found) {
   const size = found.kind === "time histories" ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
       : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
-  return h("div", {}, h("p", {}, size), found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
+  return h("div", {}, h("p", {}, size), found.read ? h("p", {class: "note"}, `Read as: ${found.read}`) : null, found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
     table(["channel", "", "quantity", "unit"], found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]))) : h("p", {}, `${found.channels.length} channels`),
   found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
 }

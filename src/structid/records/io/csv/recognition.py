@@ -32,6 +32,8 @@ _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
 _POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
+#: With thousands apart.
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
 
 
@@ -252,9 +254,11 @@ def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> i
         return 1  # and a line below cannot be read, which is told with its cell
     skip = layout.skip_rows
     if first is None:
+        grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
         raise FileError(
             f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
             " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
+            + (f"; {grouped!r} looks like thousands separators: export without them" if grouped else "")
         )
     units = _are_units(cells[first - 1])
     head = first - (2 if units else 1)

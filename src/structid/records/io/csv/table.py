@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -125,7 +126,7 @@ def _complex_apart(
 
 def _text(path: Path, layout: CsvLayout) -> str:
     try:
-        text = path.read_text(encoding="utf-8-sig" if layout.encoding == "utf-8" else layout.encoding)
+        text = path.read_text(encoding=_marked(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         raise FileError(
@@ -142,6 +143,13 @@ def _text(path: Path, layout: CsvLayout) -> str:
             " `footer_rows = 1` in [record.csv]"
         )
     return text
+
+
+def _marked(path: Path) -> str:
+    """The encoding that the first bytes of a file say, as spreadsheets write them; UTF-8 where they say nothing."""
+    with path.open("rb") as stream:
+        begin = stream.read(2)
+    return "utf-16" if begin in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
 
 def _names(path: Path, grid: Grid) -> tuple[str, ...]:
@@ -292,5 +300,7 @@ def _bad_cell(path: Path, line: int, row: list[str], cells: list[str], names: tu
             hint = ""
             if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
                 hint = "; export without thousands separators, or give `decimal` in [record.csv]"
+            elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
+                hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
     return FileError(f"{path}: line {line} cannot be read as numbers")

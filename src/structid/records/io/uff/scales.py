@@ -125,8 +125,8 @@ def channel_scale(path: Path, side: Side, dof: Dof, factors: Factors | None) -> 
     else:
         raise FileError(
             f"{path}: the data of {dof} are of type {number} and not of displacement (8), velocity (11), "
-            "acceleration (12) "
-            "or force (13); set the type in the export"
+            "acceleration (12) or force (13); set the type in the export, or say what they are with `unit`, as in"
+            ' unit = "g/N", of frequency responses, with `units` of time histories'
         )
     if label is not None and label[0] != quantity:
         raise FileError(
