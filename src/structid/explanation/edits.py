@@ -162,9 +162,11 @@ def _friction(study: Tables, candidate: Candidate, strength: float) -> None:
 
 
 def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
-    name = _named(study, f"mass {candidate.where[0]}")
+    """A mass of the structure, or of one record."""
+    where = study if candidate.record is None else _record(study, candidate)
+    name = _named(study, f"mass {' '.join(candidate.where)}")
     entry = {"name": name, "nodes": [int(candidate.where[0])], "mass": _round(abs(strength))}
-    _append(study["structure"], "point_mass", entry)
+    _append(where.setdefault("structure", {}), "point_mass", entry)
     _of_either_sign(study, "mass", name, strength)
 
 
