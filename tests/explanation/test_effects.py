@@ -66,8 +66,8 @@ def test_every_kind_that_is_written_is_tried(trial):
 
 
 def untold(trial):
-    """Dry friction takes no motion of supports."""
-    return {"friction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
+    """Dry friction takes no motion of supports, and a table has its direction from them."""
+    return {"friction", "load_direction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
 
 
 def test_effects_are_those_of_the_changed_studies(trial):
@@ -100,7 +100,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
     every = {"support", "spring", "dashpot", "mass", "inertia", "appendage", "joint", "untied stiffness", "untied mass",
-                        "friction"} | OF_CHANNELS  # fmt: skip
+                        "friction", "load_direction"} | OF_CHANNELS  # fmt: skip
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
 

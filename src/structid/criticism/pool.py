@@ -363,6 +363,13 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
                 seen = partial(_seen, i, column)
                 towards = (dof.place, other.place)
                 yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
+    for j, dof in enumerate(record.inputs if fields.problem.measures_force else ()):
+        for other, column in fields.columns.items():
+            if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
+                pushed = partial(_pushed, j, dof.sign * column)
+                towards, directions = (dof.place, other.place), fields.structure.active or ()
+                angles = (_ANGLES, (-np.pi, np.pi))
+                yield Candidate("load_direction", towards, pushed, *angles, record=number, others=directions)
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:
@@ -395,4 +402,13 @@ def _seen(i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> 
     angles = strengths[:, None, None]
     found = np.zeros((len(strengths), *fields.frf.shape), complex)
     found[:, :, i] = (np.cos(angles) - 1) * fields.frf[:, i] + np.sin(angles) * read
+    return found
+
+
+def _pushed(j: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """A load that is turned by angles, rad, towards another direction of its node."""
+    answer = (column @ fields.under_sensors) * np.broadcast_to(fields.factor, fields.frf.shape)[:, :, j]
+    angles = strengths[:, None, None]
+    found = np.zeros((len(strengths), *fields.frf.shape), complex)
+    found[..., j] = (np.cos(angles) - 1) * fields.frf[:, :, j] + np.sin(angles) * answer
     return found

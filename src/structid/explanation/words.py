@@ -20,6 +20,7 @@ _KINDS = {
     "held": "untied",
     "load_delay": "delay",
     "load_polarity": "polarity",
+    "load_direction": "direction",
     "tone": "outlying_lines",
     "leakage": "window",
 }
@@ -75,6 +76,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "swap": f"the cables of {' and '.join(where)} are exchanged",
         "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",
+        "load_direction": f"the drive at {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {_few(where)} do not go with the others",
         "tone": f"a tone at {_few(where)} that no force made, such as mains, is in the record",
