@@ -23,6 +23,46 @@ restarts = 0
 """
 
 
+FLOORS = """
+[structure]
+active = ["X"]
+
+[structure.nodes]
+1 = 1.0
+2 = 2.0
+3 = 3.0
+4 = 4.0
+
+[[structure.point_mass]]
+name = "floors"
+nodes = [1, 2, 3, 4]
+mass = 5.3
+
+[[structure.spring]]
+name = "storeys"
+first = ["1X", "2X", "3X"]
+second = ["2X", "3X", "4X"]
+stiffness = 7400.0
+loss_factor = 0.02
+
+[[structure.spring]]
+name = "ground"
+first = "1X"
+stiffness = 8300.0
+loss_factor = 0.02
+
+[[unknown]]
+property = "mass"
+elements = "floors"
+
+[[unknown]]
+property = "stiffness"
+elements = ["ground", "storeys"]
+each = true
+
+"""
+
+
 def answered(folder, text, frequency, receptance, outputs, inputs, seed=3):
     """Causes of a study whose record are receptances (n_lines, n_outputs, 1) with 1 % noise and a floor."""
     floor = 1e-3 * float(np.sqrt((np.abs(receptance) ** 2).mean()))
@@ -138,3 +178,37 @@ elements = ["left", "right"]
     first, *_ = found.causes
     assert (first.kind, first.where) == ("spring", ("0RZ",))
     assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
+
+
+def test_an_added_mass_that_is_not_what_the_study_says_is_named_with_its_record(tmp_path):
+    """Four storeys, bare and with 2 kg on the third that are 2.6 in truth; one record has nothing to be compared with."""
+    stiffness, k = [9000.0, 8000.0, 7000.0, 6000.0], np.zeros((4, 4), complex)
+    k[0, 0] = 9000.0
+    for i, c in enumerate(stiffness[1:]):
+        k[i : i + 2, i : i + 2] += c * np.array([[1, -1], [-1, 1]])
+    frequency = np.linspace(1.0, 16.0, 120)
+    rng, text = np.random.default_rng(5), FLOORS
+    for name, extra in (("bare", 0.0), ("loaded", 2.6)):
+        mass = np.diag([5.0, 5.0, 5.0 + extra, 5.0])
+        omega = 2 * np.pi * frequency[:, None, None]
+        values = np.linalg.inv(k * (1 + 0.02j) - omega**2 * mass)[:, :, 1:2]
+        noise = (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)) / np.sqrt(2)
+        values = values + noise * np.hypot(0.01 * np.abs(values), 2e-7)
+        write_record(
+            tmp_path / f"{name}.npz", FrfRecord(frequency, values, ["1X", "2X", "3X", "4X"], ["2X"], "receptance")
+        )
+        text += (
+            f'[[record]]\nname = "{name}"\npath = "{name}.npz"\n\n[record.noise]\nrelative = 0.01\nabsolute = 2e-7\n\n'
+        )
+        if extra:
+            text += '[[record.structure.point_mass]]\nname = "known"\nnodes = 3\nmass = 2.0\n'
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    ready = started(load_study(tmp_path / "study.toml"))
+    found = criticized(ready, run_started(ready))[0].criticism
+    first, *_ = found.causes
+    assert (first.kind, first.where) == ("mass", ("3", "loaded"))
+    assert first.words == "a mass at node 3 is missing in the model in record loaded"
+    [(name, value, _)] = first.found
+    assert (name, value) == ("mass[mass 3 loaded]", pytest.approx(0.6, rel=0.05))
+    assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
+    assert "+ [[record.structure.point_mass]]" in first.lines

@@ -66,8 +66,8 @@ def test_every_kind_that_is_written_is_tried(trial):
 
 
 def untold(trial):
-    """Dry friction takes no motion of supports."""
-    return {"friction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
+    """Dry friction takes no motion of supports, and a table has its direction from them."""
+    return {"friction", "load_direction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
 
 
 def test_effects_are_those_of_the_changed_studies(trial):
@@ -100,7 +100,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
     every = {"support", "spring", "dashpot", "mass", "inertia", "appendage", "joint", "untied stiffness", "untied mass",
-                        "friction"} | OF_CHANNELS  # fmt: skip
+                        "friction", "load_direction"} | OF_CHANNELS  # fmt: skip
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
 
@@ -160,6 +160,23 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
         seen.add((one.kind, one.where))
     assert {("support", ("1X",)), ("support", ("6X",)), ("support", ("6RZ",))} <= seen
     assert {"mass", "inertia", "joint"} <= {kind for kind, _ in seen}
+
+
+def test_a_mass_of_one_record_changes_that_one_alone(tmp_path):
+    trial = of_both(tmp_path, ("1X", "4Y"))
+    fields = [fields_at(view.problem, view.problem.theta_start) for view in trial.views]
+    assert not [one for one in pool(fields) if one.kind == "mass" and one.record is not None]
+    own = [one for one in pool(fields, ["shaken", "struck"]) if one.kind == "mass" and one.where == ("3", "struck")]
+    [mass] = own
+    q = float(mass.strengths[3])
+    changed = trial.changed(mass, q)
+    assert changed.target.names[-1] == "mass[mass 3 struck]"
+    for number, (view, before) in enumerate(zip((one.problem for one in changed.views), fields, strict=True)):
+        lines = np.searchsorted(view.frequency, before.problem.frequency)
+        change = view.with_lines(lines).predicted(view.theta_start) - before.frf
+        found = mass.effect(before, np.array([q]))[0] * (number == mass.record)
+        assert np.abs(found).any() == (number == 1)
+        assert np.abs(found - change).max() < 1e-3 * np.abs(found).max() + 1e-9 * np.abs(before.frf).max()
 
 
 @pytest.mark.parametrize(

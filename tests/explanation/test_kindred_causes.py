@@ -1,5 +1,6 @@
 """Causes that several candidates share: sensors of one card, a foot that lets go of all rotations, a mass on the other side."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -72,14 +73,15 @@ restarts = 0
 """
 
 
-def written_in_space(folder, truth):
+def written_in_space(folder, truth, loads=((1.0, 0.0), (0.0, 1.0))):
+    """The study, and its record from a true one; `loads` are what the two loads are along X and Y, a row each."""
     outputs, frequency = ["2X", "2Y", "3Z", "4X", "4Y"], np.linspace(2.0, 80.0, 150)
     record = partial(FrfRecord, frequency, outputs=outputs, inputs=["3X", "3Y"], kind="receptance")
     write_record(folder / "frf.npz", record(np.ones((150, 5, 2), complex)))
     path = folder / "study.toml"
     path.write_text(truth, encoding="utf-8")
     [problem] = study_problems(load_study(path))
-    values, rng = problem.predicted(problem.theta_start), np.random.default_rng(2)
+    values, rng = problem.predicted(problem.theta_start) @ np.transpose(loads), np.random.default_rng(2)
     noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
     write_record(folder / "frf.npz", record(values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-7)))
     path.write_text(SPACE, encoding="utf-8")
@@ -183,3 +185,18 @@ def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
     result, _ = answered(path)
     assert (result.criticism.causes[0].kind, result.criticism.causes[0].where) == ("channel", ("3X",))
     assert "sensor_gain" not in {one.kind for one in result.criticism.causes}
+
+
+def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
+    """A shaker 12 degrees off its axis; no place and no calibration of it says the same."""
+    angle = np.radians(12.0)
+    path = written_in_space(tmp_path, SPACE, ((np.cos(angle), np.sin(angle)), (0.0, 1.0)))
+    result, _ = answered(path)
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("direction", ("3X", "3Y"))
+    assert first.words == "the drive at 3X is turned towards 3Y"
+    assert first.chi_square_per_dof < 1.2
+    [aimed] = [line for line in first.lines if line.startswith("+ depends_on")]
+    cosine, sine = (float(text) for text in re.findall(r", (-?[\d.]+)\]", aimed))
+    assert np.degrees(np.arctan2(sine, cosine)) == pytest.approx(12.0, abs=0.3)
+    assert '+ "load 3X" = "6X"' in first.lines

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from structid.criticism.verdict import _off_resonances, judged
+from structid.criticism.verdict import Cause, _off_resonances, judged
 from structid.identification.fits.resonances import Resonance
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
@@ -33,6 +33,19 @@ def test_the_noise_is_called_what_it_is(tmp_path, source, noise, words):
     path = write_chain(tmp_path, _NO_NOISE, replace(record, variance=variance, noise_source=source))
     found = run_study(load_study(path)).identification
     assert words in judged(found).words
+
+
+def test_noise_that_is_stated_too_large_is_no_misfit(tmp_path):
+    """Intervals are those of the stated noise then: a residual below it makes them no narrower."""
+    path = write_chain(tmp_path, replaced("relative = 0.01", "relative = 0.02"))
+    found = run_study(load_study(path)).identification
+    assert found.estimate.covariance_basis == "noise"
+    assert judged(found).words == (
+        "Approximate: the model explains the record to within 0.49 times the stated noise; that is more than the data show,"
+        " and the intervals are those of the noise that was taken."
+    )
+    level = Cause("noise_level", ("all records",), "the noise is not what it was taken for", 1.0, 1.0)
+    assert judged(found, [level]).words.endswith("; the intervals are those of the noise that was taken.")
 
 
 def test_noises_of_several_kinds_are_those_of_the_records(tmp_path):

@@ -53,19 +53,23 @@ _TRANSLATIONS = ("X", "Y", "Z")
 _POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
 
 
-def pool(records: Sequence[Fields]) -> list[Candidate]:
+def pool(records: Sequence[Fields], names: Sequence[str] = ("",)) -> list[Candidate]:
     """All candidates for records of one structure, whose `Fields` are at one point of the parameters.
 
     Parameters
     ----------
     records : sequence of Fields
         The first gives the structure; a change of it is one of all.
+    names : sequence of str
+        Of the records. Where there are several, each may have masses of its own.
     """
     first, found = records[0], list[Candidate]()
     if first.structure.n_dofs <= MOST_DOFS:
         found += [*_supports(records), *_joints(first), *_additions(first), *_untied(first)]
     for number, fields in enumerate(records):
         found += _channels(fields, number)
+        if len(names) > 1 and fields.structure.n_dofs <= MOST_DOFS:
+            found += _masses(fields, number, names[number])
     return found
 
 
@@ -104,8 +108,7 @@ def _scale(fields: Fields, places: Places, law: ComplexArray) -> float:
 
 def _additions(fields: Fields) -> Iterator[Candidate]:
     """Springs to the ground, dashpots, masses, rotary inertias and appendages."""
-    nodes: dict[int, list[Places]] = {}
-    chosen = set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
+    chosen = _chosen(fields)
     few, frequencies = set(_spread(sorted(chosen), _APPENDAGE_NODES)), _swinging(fields)
     moving = {dof.node for dof in fields.columns if not dof.is_rotation}
     for dof in fields.columns:
@@ -122,19 +125,33 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             yield Candidate(kind, where, added(at, law), strengths, _POSITIVE, alike=alike)
         if rubs is not None:
             yield rubs
-        if not dof.is_rotation:
-            nodes.setdefault(dof.node, []).append(at)
         if dof.node in few and not (dof.is_rotation and dof.node in moving):  # of drive trains what twists alone
             yield from _appendages(fields, dof, at, frequencies)
     yield from _turning(fields, chosen)
     yield from _eccentric(fields)
-    for node, ways in nodes.items():
-        scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
-        every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
-        yield Candidate("mass", (str(node),), added(every, _inertia), steps(scale, (1, -1)))
+    yield from _masses(fields)
     for pair, apart in _spread(list(_pairs(fields)), _MOST_ELEMENTS):
         strengths = steps(_scale(fields, apart, _velocity(fields)))
         yield Candidate("dashpot", pair, added(apart, _velocity), strengths, _POSITIVE)
+
+
+def _chosen(fields: Fields) -> set[int]:
+    """The nodes where something may be added."""
+    return set(_spread(list(dict.fromkeys(dof.node for dof in fields.columns)), _MOST_NODES))
+
+
+def _masses(fields: Fields, record: int | None = None, name: str = "") -> Iterator[Candidate]:
+    """Masses of either sign that move in all directions of a node, in all records or in one of them."""
+    nodes: dict[int, list[Places]] = {}
+    chosen = _chosen(fields)
+    for dof in fields.columns:
+        if dof.node in chosen and not dof.is_rotation:
+            nodes.setdefault(dof.node, []).append(place_of((dof, 1.0)))
+    for node, ways in nodes.items():
+        scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
+        every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
+        where = (str(node),) if record is None else (str(node), name)
+        yield Candidate("mass", where, added(every, _inertia), steps(scale, (1, -1)), record=record)
 
 
 def _turning(fields: Fields, nodes: Collection[int]) -> Iterator[Candidate]:
@@ -346,6 +363,13 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
                 seen = partial(_seen, i, column)
                 towards = (dof.place, other.place)
                 yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
+    for j, dof in enumerate(record.inputs if fields.problem.measures_force else ()):
+        for other, column in fields.columns.items():
+            if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
+                pushed = partial(_pushed, j, dof.sign * column)
+                towards, directions = (dof.place, other.place), fields.structure.active or ()
+                angles = (_ANGLES, (-np.pi, np.pi))
+                yield Candidate("load_direction", towards, pushed, *angles, record=number, others=directions)
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:
@@ -378,4 +402,13 @@ def _seen(i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> 
     angles = strengths[:, None, None]
     found = np.zeros((len(strengths), *fields.frf.shape), complex)
     found[:, :, i] = (np.cos(angles) - 1) * fields.frf[:, i] + np.sin(angles) * read
+    return found
+
+
+def _pushed(j: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """A load that is turned by angles, rad, towards another direction of its node."""
+    answer = (column @ fields.under_sensors) * np.broadcast_to(fields.factor, fields.frf.shape)[:, :, j]
+    angles = strengths[:, None, None]
+    found = np.zeros((len(strengths), *fields.frf.shape), complex)
+    found[..., j] = (np.cos(angles) - 1) * fields.frf[:, :, j] + np.sin(angles) * answer
     return found

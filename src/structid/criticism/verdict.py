@@ -53,6 +53,11 @@ _DOUBT, _TOLERANCE = 1e-3, 1.25
 _SHOWS = 1.1
 #: Data from which on their order says whether a residual is noise.
 _MANY = 300
+#: What intervals rest on where the noise is of another size than stated.
+_INTERVALS = {
+    "model_error": "the intervals come from the residual",
+    "noise": "the intervals are those of the noise that was taken",
+}
 NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
 
 
@@ -314,9 +319,8 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
         return Judgement("wrong_model", f"Wrong model: {cut[0]}: do not use the values.", (*cut, misfit, *away))
     is_noise = bool(causes) and causes[0].kind == "noise_level"
     if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
-        words = (
-            f"Approximate: the model explains the record, but {causes[0].words}; the intervals come from the residual."
-        )
+        basis = estimate.covariance_basis
+        words = f"Approximate: the model explains the record, but {causes[0].words}; {_INTERVALS[basis]}."
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
@@ -375,7 +379,11 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
             f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
         )
         return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
-    words = f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
+    words = (
+        f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
+        if _is_below_noise(found)
+        else f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
+    )
     if apart:
         words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
     words += also
@@ -417,9 +425,16 @@ def _misfit_words(found: Identification) -> str:
     size = float(np.sqrt(found.estimate.chi_square_per_dof))
     noises = {problem.facts.noise for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
-    if _SHOWS > size > 1 / _SHOWS:
+    if _is_below_noise(found):
+        return f"the model explains the record to within {size:.2g} times {noise}"
+    if size < _SHOWS:
         return f"the misfit is as large as {noise}, but has an order that noise has not"
     return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"
+
+
+def _is_below_noise(found: Identification) -> bool:
+    """Whether what the model misses is less than the noise that is stated."""
+    return not found.missed and found.estimate.chi_square_per_dof <= 1 / _SHOWS**2
 
 
 def _searched(n_tried: int) -> str:

@@ -162,9 +162,11 @@ def _friction(study: Tables, candidate: Candidate, strength: float) -> None:
 
 
 def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
-    name = _named(study, f"mass {candidate.where[0]}")
+    """A mass of the structure, or of one record."""
+    where = study if candidate.record is None else _record(study, candidate)
+    name = _named(study, f"mass {' '.join(candidate.where)}")
     entry = {"name": name, "nodes": [int(candidate.where[0])], "mass": _round(abs(strength))}
-    _append(study["structure"], "point_mass", entry)
+    _append(where.setdefault("structure", {}), "point_mass", entry)
     _of_either_sign(study, "mass", name, strength)
 
 
@@ -464,6 +466,21 @@ def _aimed(study: Tables, candidate: Candidate, angle: float) -> None:
     record.setdefault("sensors", {})[names[0]] = {"direction": vector}
 
 
+def _load_aimed(study: Tables, candidate: Candidate, angle: float) -> None:
+    """A load that is turned likewise acts on a node of its own, whose direction is the sum of both."""
+    names = candidate.where
+    dof = parse_dof(names[0])
+    label = _new_node(study, dof.node)
+    parts = [[name, _round(float(part))] for name, part in zip(names, (np.cos(angle), np.sin(angle)), strict=True)]
+    acts = f"{label}{dof.direction}"
+    entry = {"name": _named(study, f"drive {names[0]}"), "dependent": acts, "depends_on": parts}
+    _append(study["structure"], "constraint", entry)
+    for place in _holding(study):
+        held = [f"{label}{direction}" for direction in candidate.others if direction != dof.direction]
+        place["fixed"] = [*as_list(place.get("fixed", [])), *held]
+    _rename(_record(study, candidate), {f"load {names[0]}": acts})
+
+
 #: Kinds whose spring may have a `loss_factor` among what it is made of.
 WITH_LOSS = ("spring", "support", "joint")
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
@@ -496,4 +513,5 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "extra_mode": _other_modes,
     **dict.fromkeys(("polarity", "load_polarity", "place", "load_place", "swap", "load_swap"), _relabel),
     "direction": _aimed,
+    "load_direction": _load_aimed,
 }

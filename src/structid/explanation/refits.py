@@ -33,7 +33,12 @@ _ALIKE = 1e-9
 _MOST_GAIN = 30.0
 #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
 _OF_NUMBERS = (1.6, 1.25, 1.1, 1.04, 1.015)
-_OTHER_STRENGTHS = {"direction": _OF_NUMBERS, "offset": (*_OF_NUMBERS, 1.005, 1.002), "friction": (3.0, 2.0)}
+_OTHER_STRENGTHS = {
+    "direction": _OF_NUMBERS,
+    "load_direction": _OF_NUMBERS,
+    "offset": (*_OF_NUMBERS, 1.005, 1.002),
+    "friction": (3.0, 2.0),
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,12 +123,12 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     names = titles(base.trial.setups)
     faulty = _faulty(base)
     told = faulty | _told(base, points)
-    answers = work.map(name, _looked, tuple(points), range(len(points)))
+    answers = work.map(name, _looked, (tuple(points), names), range(len(points)))
     held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried, feet = 0, list[Screened]()
     for point, answer in zip(points, answers, strict=True):
-        candidates = pool(point.records)
+        candidates = pool(point.records, names)
         feet = feet or _feet(candidates, base.cost)
         problems = [fields.problem for fields in point.records]
         data = list(data_candidates(problems, names))
@@ -230,10 +230,11 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> 
     return [rows[k] for k in (*first, *order)]
 
 
-def _looked(points: Sequence[Point], number: int, tools: Tools) -> dict[str, FloatArray]:
-    """The best strength of every candidate at a point, and what it leaves."""
+def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
+    """The best strength of every candidate at a point of records with these names, and what it leaves."""
+    points, names = looks
     point = points[number]
-    rows = point.screened(list(pool(point.records)))
+    rows = point.screened(pool(point.records, names))
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
 
 

@@ -20,6 +20,7 @@ _KINDS = {
     "held": "untied",
     "load_delay": "delay",
     "load_polarity": "polarity",
+    "load_direction": "direction",
     "tone": "outlying_lines",
     "leakage": "window",
 }
@@ -51,7 +52,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "spring": f"something holds {first}: a spring to the ground",
         "dashpot": f"a damper acts {'between' if len(where) > 1 else 'at'} {' and '.join(where)}",
         "friction": f"something rubs at {first}",
-        "mass": f"a mass at node {first} is {lack}",
+        "mass": f"a mass at node {first} is {lack}" + (f" in {_record(where[1])}" if len(where) > 1 else ""),
         "inertia": f"a rotary inertia at {first} is {lack}",
         "offset": f"the mass {first} sits off its node along {where[-1]}",
         "appendage": f"something swings of its own at {first}",
@@ -75,11 +76,12 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "swap": f"the cables of {' and '.join(where)} are exchanged",
         "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",
+        "load_direction": f"the drive at {first} is turned towards {where[-1]}",
         "channel": f"sensor {first} does not go with the others: noisy, clipped or dead",
         "outlying_lines": f"lines at {_few(where)} do not go with the others",
         "tone": f"a tone at {_few(where)} that no force made, such as mains, is in the record",
         "extra_mode": f"the mode at {first} is none of this structure",
-        "record": f"record {first} is of another state than the others",
+        "record": f"{_record(first)} is of another state than the others",
         "noise_level": "the noise is not what it was taken for; it is"
         + ("" if value is None else f" {value:.3g} times that"),
     }  # fmt: skip
@@ -90,6 +92,11 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
             return f"{what} is in another unit than stated: {unit}"
         return f"the calibration of {what} is off" + ("" if value is None else f" by a factor of {value:.4g}")
     return words[candidate.kind]
+
+
+def _record(title: str) -> str:
+    """A record by its name, or by the number that stands for it."""
+    return title if title.startswith("record ") else f"record {title}"
 
 
 def _few(places: tuple[str, ...]) -> str:
