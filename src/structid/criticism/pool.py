@@ -363,7 +363,7 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
                 seen = partial(_seen, i, column)
                 towards = (dof.place, other.place)
                 yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
-    for j, dof in enumerate(record.inputs if fields.problem.measures_force else ()):
+    for j, dof in enumerate(record.inputs if fields.problem.facts.measures_force else ()):
         for other, column in fields.columns.items():
             if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
                 pushed = partial(_pushed, j, dof.sign * column)

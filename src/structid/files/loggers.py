@@ -42,7 +42,13 @@ def logger(path: str, kind: str) -> list[Channel]:
 
 
 def _entry(
-    name: str, unit: str | None, values: ArrayLike, rate: float = 0.0, start: float = 0.0, off: float = 0.0, note: str = ""
+    name: str,
+    unit: str | None,
+    values: ArrayLike,
+    rate: float = 0.0,
+    start: float = 0.0,
+    off: float = 0.0,
+    note: str = "",
 ) -> Channel:
     kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
     return Channel(str(name), str(unit or ""), kept, rate, start, off, note)
