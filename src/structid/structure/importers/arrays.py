@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from structid.arrays import AnyArray
 from structid.errors import FileError
 from structid.files import damage_told
 from structid.files.matlab import matlab_variables
@@ -42,7 +42,7 @@ def read(path: Path) -> list[ImportedMatrix]:
         return [_imported(path, name, matrix) for name, matrix in found.items()]
 
 
-def _imported(path: Path, name: str, matrix: NDArray[Any] | sparse.csc_array) -> ImportedMatrix:
+def _imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> ImportedMatrix:
     kind = matrix.dtype.kind
     if kind not in "fiuc" or len(matrix.shape) != 2:
         raise FileError(
@@ -70,13 +70,13 @@ def _npz(path: Path) -> dict[str, Any]:
     return {path.stem.upper(): matrix}
 
 
-def _text(array: NDArray[Any]) -> str:
+def _text(array: AnyArray) -> str:
     """A single text, which SciPy keeps as bytes."""
     value = array.item()
     return value.decode("ascii") if isinstance(value, bytes) else str(value)
 
 
-def _diagonals(shape: tuple[int, int], offsets: NDArray[Any], values: NDArray[Any]) -> sparse.csc_array:
+def _diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyArray) -> sparse.csc_array:
     """Row k of `values` holds diagonal ``offsets[k]``, each value in the column where it stands."""
     if values.ndim != 2 or offsets.shape != values.shape[:1]:
         raise ValueError(f"{offsets.shape} offsets belong to diagonals of shape {values.shape}")

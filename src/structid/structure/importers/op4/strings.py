@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from structid.arrays import IntArray
+from structid.arrays import AnyArray, IntArray
 from structid.errors import FileError, InputError
 from structid.files.sparse import coordinates
 from structid.structure.importers.imported import ImportedMatrix, completed
@@ -46,10 +46,10 @@ class Strings:
     column: IntArray
     length: IntArray
     first: IntArray
-    values: NDArray[Any]
+    values: AnyArray
 
     @property
-    def numbers(self) -> NDArray[Any]:
+    def numbers(self) -> AnyArray:
         """The values as real numbers, real and imaginary parts in turn where complex."""
         return self.values.view(np.float64) if np.iscomplexobj(self.values) else self.values
 
@@ -79,7 +79,7 @@ def _cut(begins: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     return (at - start) % longest == 0
 
 
-def _filled(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, NDArray[Any]]:
+def _filled(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
     """Every entry between the first and the last of each column."""
     used = np.flatnonzero(np.diff(matrix.indptr))
     top = matrix.indices[matrix.indptr[used]].astype(np.int64)
@@ -103,7 +103,7 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 
 
 def assembled(
-    shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: NDArray[Any], is_complex: bool
+    shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
     """The matrix of these strings; `numbers` hold real and imaginary parts in turn where it is complex."""
     values = np.ascontiguousarray(numbers, dtype=np.float64)
