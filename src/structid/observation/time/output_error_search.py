@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from structid.errors import InputError
 from structid.estimation import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
 from structid.estimation.diagnostics.refusal import bound_at
 from structid.estimation.estimate import estimate
+from structid.estimation.search.minimum import residual_at, squared
 from structid.estimation.search.multistart import named
 from structid.estimation.search.posterior_linearization import posterior_linearized
 from structid.estimation.search.work import ALONE, StageProgress, Tools, Work
@@ -30,8 +31,11 @@ _NEAR, _FAR = 0.05, 0.2
 _HELD = 0.5
 _STAGE_TOLERANCE = 1e-4
 _LINEAR_SAMPLES = (4, 8, 16)
-#: Posterior linearization: standard deviation of the start in parts of each value, and rows for each unknown.
-_SPREAD, _SPREAD_ROWS = 0.5, 16
+#: Posterior linearization: standard deviation in parts of each value, of the given start and about a minimum that a few
+#: modes keep from the noise, and rows for each unknown.
+_SPREAD, _NEAR_SPREAD, _SPREAD_ROWS = 0.5, 0.1, 16
+#: At most so many, and none after so many that come back to the same minimum, to a part of its sum of squares.
+_MOST_FAR, _AGREE, _SAME = 6, 2, 0.01
 
 
 class _Start(NamedTuple):
@@ -188,8 +192,7 @@ def _rounds(
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
     of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
-    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again, and then
-    at the first. Each round is made when those before have failed; `ways` holds what became of them.
+    finds the answer more often. Each round is made when those before have failed; `ways` holds what became of them.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -206,16 +209,46 @@ def _rounds(
             points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
         yield points
         if attempt == 0:
-            least = _samples(problem, _SPREAD_ROWS)
-            first = next(number for number, size in enumerate(sizes) if size >= least)
-            far = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
-            yield [_Start(np.asarray(found["theta"]), begin) for found in far for begin in dict.fromkeys((first, 0))]
+            yield from _far_rounds(problem, options, sizes, ways, work, progress)
 
 
-def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
-    """Where posterior linearization comes to from the given start, as a task."""
+def _far_rounds(
+    problem: OutputErrorProblem,
+    options: TimeOptions,
+    sizes: list[int],
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[list[_Start]]:
+    """Where posterior linearization leads, once from the given start and twice from the best minimum so far, in turn.
+
+    The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
+    begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
+    lead back to the same minimum, the model is wrong and there is no other.
+    """
+    first = next(number for number, size in enumerate(sizes) if size >= _samples(problem, _SPREAD_ROWS))
+    short, agreed = problem.first(sizes[first]), 0
+    for count in range(_MOST_FAR):
+        misfit, best = _best(short, ways)
+        centre = (short.theta_start, _SPREAD) if count % 3 == 0 else (best, _NEAR_SPREAD)
+        task = (*centre, options.seed + count)
+        [found] = work.map("far starts", _far_start, short, [task], progress, first=count)
+        before = len(ways)
+        yield [_Start(np.asarray(found["theta"]), begin) for begin in dict.fromkeys((first, 0))]
+        agreed += abs(_best(short, ways[before:])[0] - misfit) < _SAME * misfit
+        if agreed == _AGREE:
+            return
+
+
+def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, FloatArray]:
+    """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
+    return min(((squared(residual_at(short, theta)), theta) for _, _, theta in ways), key=lambda end: end[0])
+
+
+def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
+    """Where posterior linearization comes to from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
-    return {"theta": posterior_linearized(short, short.theta_start, _SPREAD, seed, progress)}
+    return {"theta": posterior_linearized(short, *task, progress)}
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
