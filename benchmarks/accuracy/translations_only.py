@@ -47,7 +47,7 @@ class Fit(NamedTuple):
 
     @property
     def is_found(self) -> bool:
-        """Whether it is the right minimum: no value is more than six deviations of the bound off."""
+        """Whether no value is more than six deviations of the bound off; a minimum close beside the right one passes."""
         return bool(np.abs(self.relative / self.bound).max() < 6)
 
 

@@ -75,7 +75,8 @@ def identify_time(
     Output error goes from few samples to ever more of them. Where the initial values and two random starts end at minima
     that miss the noise, as where modes turn far between two samples, a start follows that asks only for what the errors
     of the initial values leave predictable: up to 20 times 100 simulations of a few samples (or of four for each
-    parameter), with no derivative. See `structid.estimation.search.posterior_linearization`.
+    parameter), with no derivative; up to five more of these follow, mostly about the best minimum so far. See
+    `structid.estimation.search.posterior_linearization`.
 
     References
     ----------

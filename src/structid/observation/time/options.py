@@ -62,8 +62,8 @@ class TimeOptions:
         Samples of the first stage of ``output_error``; later stages double it. Made from the numbers of channels and
         parameters by default.
     restarts : int
-        How many random starts ``output_error`` tries where a stage misses the noise, and after two of them one more, made
-        by posterior linearization for initial values that are far off; with 0 there is neither.
+        How many random starts ``output_error`` tries where a stage misses the noise, and after two of them up to six
+        made by posterior linearization for initial values that are far off; with 0 there is neither.
     misfit_probability : float
         Probability of its chi-square below which a fit misses the noise.
     seed : int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from structid.errors import InputError
 from structid.estimation import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
 from structid.estimation.diagnostics.refusal import bound_at
 from structid.estimation.estimate import estimate
+from structid.estimation.search.minimum import residual_at, squared
 from structid.estimation.search.multistart import named
 from structid.estimation.search.posterior_linearization import posterior_linearized
 from structid.estimation.search.work import ALONE, StageProgress, Tools, Work
@@ -30,8 +31,13 @@ _NEAR, _FAR = 0.05, 0.2
 _HELD = 0.5
 _STAGE_TOLERANCE = 1e-4
 _LINEAR_SAMPLES = (4, 8, 16)
-#: Posterior linearization: standard deviation of the start in parts of each value, and rows for each unknown.
-_SPREAD, _SPREAD_ROWS = 0.5, 16
+#: Posterior linearization: standard deviation in parts of each value, of the given start and about a minimum that a few
+#: modes keep from the noise, and rows for each unknown.
+_SPREAD, _NEAR_SPREAD, _SPREAD_ROWS = 0.5, 0.1, 16
+#: At most so many, and none after so many that come back to the same minimum, to a part of its sum of squares.
+_MOST_FAR, _AGREE, _SAME = 6, 2, 0.01
+#: By how much chi-square is less at a better answer: at the same one it is the same to less.
+_BETTER = 1.0
 
 
 class _Start(NamedTuple):
@@ -79,6 +85,9 @@ def identified_by_output_error(
     if reached < len(sizes):
         tools = Tools(work.minimize, progress)
         _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
+        iterations += spent
+    elif len(ways) > 1:
+        theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
         iterations += spent
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
     method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
@@ -188,8 +197,7 @@ def _rounds(
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
     of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
-    finds the answer more often; its way begins at the samples that it took, since fewer may lead away again, and then
-    at the first. Each round is made when those before have failed; `ways` holds what became of them.
+    finds the answer more often. Each round is made when those before have failed; `ways` holds what became of them.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -206,16 +214,77 @@ def _rounds(
             points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
         yield points
         if attempt == 0:
-            least = _samples(problem, _SPREAD_ROWS)
-            first = next(number for number, size in enumerate(sizes) if size >= least)
-            far = work.map("far starts", _far_start, problem.first(sizes[first]), [options.seed], progress)
-            yield [_Start(np.asarray(found["theta"]), begin) for found in far for begin in dict.fromkeys((first, 0))]
+            yield from _far_rounds(problem, options, sizes, ways, work, progress)
 
 
-def _far_start(short: OutputErrorProblem, seed: int, tools: Tools) -> dict[str, Any]:
-    """Where posterior linearization comes to from the given start, as a task."""
+def _far_rounds(
+    problem: OutputErrorProblem,
+    options: TimeOptions,
+    sizes: list[int],
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[list[_Start]]:
+    """Where posterior linearization leads, once from the given start and twice from the best minimum so far, in turn.
+
+    The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
+    begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
+    lead back to the same minimum, the model is wrong and there is no other.
+    """
+    first = _first_far(problem, sizes)
+    short, agreed = problem.first(sizes[first]), 0
+    for count in range(_MOST_FAR):
+        misfit, best = _best(short, ways)
+        centre = (short.theta_start, _SPREAD) if count % 3 == 0 else (best, _NEAR_SPREAD)
+        task = (*centre, options.seed + count)
+        [found] = work.map("far starts", _far_start, short, [task], progress, first=count)
+        before = len(ways)
+        yield [_Start(np.asarray(found["theta"]), begin) for begin in dict.fromkeys((first, 0))]
+        agreed += abs(_best(short, ways[before:])[0] - misfit) < _SAME * misfit
+        if agreed == _AGREE:
+            return
+
+
+def _confirmed(
+    problem: OutputErrorProblem,
+    options: TimeOptions,
+    sizes: list[int],
+    theta: FloatArray,
+    work: Work,
+    progress: StageProgress | None,
+) -> tuple[FloatArray, int]:
+    """An answer that others missed before, or a better one near it, and the iterations spent.
+
+    Where there are minima that miss the noise, there may be one beside the answer that does not.
+    """
+    first = _first_far(problem, sizes)
+    short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
+    [found] = work.map("confirming starts", _far_start, short, [task], progress)
+    starts = [_Start(np.asarray(found["theta"]), first)]
+    [way] = work.map("confirming ways", _way, (problem, sizes, options), starts, progress)
+    beside = np.asarray(way["theta"])
+    is_better = int(way["reached"]) == len(sizes) and _cost(problem, beside) < _cost(problem, theta) - _BETTER
+    return beside if is_better else theta, int(way["spent"])
+
+
+def _first_far(problem: OutputErrorProblem, sizes: list[int]) -> int:
+    """The stage at whose samples posterior linearization looks."""
+    return next(number for number, size in enumerate(sizes) if size >= _samples(problem, _SPREAD_ROWS))
+
+
+def _cost(problem: OutputErrorProblem, theta: FloatArray) -> float:
+    return squared(residual_at(problem, theta))
+
+
+def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, FloatArray]:
+    """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
+    return min(((_cost(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
+
+
+def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
+    """Where posterior linearization comes to from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
-    return {"theta": posterior_linearized(short, short.theta_start, _SPREAD, seed, progress)}
+    return {"theta": posterior_linearized(short, *task, progress)}
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
