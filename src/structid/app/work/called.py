@@ -8,11 +8,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from structid.app.folder import OpenFolder
 from structid.app.work.looking import LOOKING
 from structid.errors import InputError, StructidError
+
+if TYPE_CHECKING:  # NumPy comes with it, which the server does without
+    from structid.plain import Entry
 
 #: Of records that a worker keeps, so that a look at one does not read it anew.
 _KEPT_BYTES = 500_000_000
@@ -41,7 +44,7 @@ def called_again(name: str, root: str, given: dict[str, Any]) -> str:
     return called(name, root, given)
 
 
-def _warm(_: OpenFolder) -> Any:
+def _warm(_: OpenFolder) -> Entry:
     """Nothing but the imports of what is asked first."""
     import structid.app.work.scene
     import structid.app.work.signals  # noqa: F401
@@ -49,13 +52,13 @@ def _warm(_: OpenFolder) -> Any:
     return {}
 
 
-def _scene(opened: OpenFolder, study: str, number: int = 0) -> Any:
+def _scene(opened: OpenFolder, study: str, number: int = 0) -> Entry:
     from structid.app.work.scene import scene
 
     return scene(opened.inside(study), number)
 
 
-def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
+def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
     from structid.app.work.model import read_model, read_record_section
     from structid.app.work.scene import placed_channels
     from structid.app.work.signals import channels, options_of
@@ -71,7 +74,7 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Any:
     return {"record": names, "channels": placed_channels(read_model(path, number), found)}
 
 
-def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Any:
+def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Entry:
     from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
     path = str(study_file(Path(path)))
@@ -84,13 +87,13 @@ def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any])
     return {"path": path}
 
 
-def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Any:
+def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Entry:
     from structid.app.work.scene import mesh_facts
 
     return mesh_facts(opened.inside(path), length_unit)
 
 
-def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
+def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
     from structid.app.work.signals import facts, options_of
 
     return facts(opened.inside(record), options_of(options))
@@ -98,21 +101,21 @@ def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
 
 def _histories(
     opened: OpenFolder, record: str, options: dict[str, Any], first: float, last: float | None, points: int
-) -> Any:
+) -> Entry:
     from structid.app.work.signals import histories, options_of
 
     kept = opened.own("overviews") if opened.is_writable else opened.root
     return histories(opened.inside(record), options_of(options), first, last, points, kept)
 
 
-def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Any:
+def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
     from structid.app.work.signals import options_of, write_overview
 
     write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
     return {}
 
 
-def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Any:
+def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Entry:
     from structid.app.work.model import read_record_source
     from structid.app.work.signals import responses
     from structid.study.schema.method import read_method
@@ -125,7 +128,7 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
     return {**responses(load_record(source), outputs), "band": method.band, "exclude": method.exclude}
 
 
-def _check(opened: OpenFolder, study: str) -> Any:
+def _check(opened: OpenFolder, study: str) -> Entry:
     import numpy as np
 
     from structid.app.work.scene import told_findings
@@ -160,7 +163,7 @@ def _check(opened: OpenFolder, study: str) -> Any:
     }
 
 
-def _needs(opened: OpenFolder, study: str) -> Any:
+def _needs(opened: OpenFolder, study: str) -> Entry:
     from structid.study.run.needs import available_bytes, expected
     from structid.study.schema.study import load_study
 
@@ -176,7 +179,7 @@ def _needs(opened: OpenFolder, study: str) -> Any:
     }
 
 
-def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
+def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
     from structid.study.run.plan import planned
     from structid.study.schema.plan import load_plan
 
@@ -189,7 +192,7 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> Any:
     }
 
 
-def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Any:
+def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Entry:
     from structid.app.work.picked import survey
     from structid.app.work.signals import options_of
 
@@ -203,7 +206,7 @@ def _pick(
     frequencies: list[float],
     out: str,
     band: list[float] | None,
-) -> Any:
+) -> Entry:
     from structid.app.work.picked import save
     from structid.app.work.signals import options_of
 
@@ -211,7 +214,9 @@ def _pick(
     return {**save(opened.inside(record), options_of(options), frequencies, folder, band), "path": f"{out}/modes.json"}
 
 
-def _merge(opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None) -> Any:
+def _merge(
+    opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
+) -> Entry:
     from structid.app.work.picked import merge
     from structid.app.work.signals import options_of
 
@@ -219,7 +224,7 @@ def _merge(opened: OpenFolder, records: list[str], options: dict[str, Any], out:
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Any:
+def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
     from structid.app.work.beside import beside, posted_modes
     from structid.app.work.model import read_model
     from structid.modal.files.files import read_modes
@@ -229,7 +234,7 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
-def _line(opened: OpenFolder, study: str) -> Any:
+def _line(opened: OpenFolder, study: str) -> Entry:
     """What is wrong with a study as it stands; nothing where it can be read."""
     from structid.study.schema.plan import load_plan
     from structid.study.schema.root import read_root
@@ -244,7 +249,7 @@ def _line(opened: OpenFolder, study: str) -> Any:
     return {}
 
 
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
+_FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "warm": _warm,
     "scene": _scene,
     "channels": _channels,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from structid.modal.files.files import read_modes
 from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file, modes_of_setups
+from structid.plain import Entry
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
 from structid.report.modes.page import modes_page
@@ -28,7 +28,7 @@ from structid.study.results.modes import write_merged, write_modes_results
 _MOST_LINES = 3000
 
 
-def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Any]:
+def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Entry]:
     """Modes of the record with all poles behind them.
 
     Raises
@@ -58,7 +58,7 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
 
 def save(
     path: Path, read: ReadOptions, frequencies: list[float], folder: Path, band: list[float] | None
-) -> dict[str, Any]:
+) -> dict[str, Entry]:
     """The modes at `frequencies`, written as `structid modes --frequencies` writes them.
 
     Raises
@@ -74,7 +74,7 @@ def save(
     return _modes(found)
 
 
-def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Any]:
+def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
     """Modes of set-ups with common reference sensors, written as ``structid modes A B``, or ``--merge``, writes them.
 
     Parameters
@@ -107,7 +107,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     return _modes(found)
 
 
-def _modes(found: ModesResult) -> dict[str, Any]:
+def _modes(found: ModesResult) -> dict[str, Entry]:
     return {
         **_told(found.modes),
         "method": found.identification.method,
@@ -116,7 +116,7 @@ def _modes(found: ModesResult) -> dict[str, Any]:
     }
 
 
-def _told(modes: ModalRecord) -> dict[str, Any]:
+def _told(modes: ModalRecord) -> dict[str, Entry]:
     std = modes.std
     n = modes.n_modes
     return {

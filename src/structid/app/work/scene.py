@@ -14,6 +14,7 @@ from structid.app.work.model import ReadModel, read_model
 from structid.arrays import IntArray
 from structid.dof import Dof, parse_dof, parse_dofs
 from structid.identification.before.places import PlacedFinding, structure_findings
+from structid.plain import Entry
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.structure.elements import ElementSet
@@ -29,7 +30,7 @@ _MOST_MARKED = 4000
 _MOST_JUDGED = 60_000
 
 
-def scene(path: Path, number: int = 0) -> dict[str, Any]:
+def scene(path: Path, number: int = 0) -> dict[str, Entry]:
     """The structure of the study at `path`, the changes of its record `number` (from 0) made.
 
     Raises
@@ -93,7 +94,7 @@ def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
     return bits
 
 
-def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Any]]:
+def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Entry]]:
     """Findings as the page marks them: words, nodes by their labels, elements by the labels around them."""
     return [
         {
@@ -127,9 +128,9 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
-def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Any]:
+def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
     """One element set: what it is, its properties, and how it is drawn."""
-    properties = [
+    properties: list[dict[str, Entry]] = [
         {
             "name": item.term.property,
             "unit": item.term.unit,
@@ -140,7 +141,7 @@ def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Any]
         for item in structure.properties
         if item.element == element.name
     ]
-    found: dict[str, Any] = {
+    found: dict[str, Entry] = {
         "name": element.name,
         "type": type(element).__name__,
         "count": len(element.nodes),
@@ -204,15 +205,16 @@ def _four(faces: IntArray) -> IntArray:
     return faces if faces.shape[1] == 4 else np.column_stack([faces, faces[:, 2]])
 
 
-def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Any]]:
+def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry]]:
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         if dof.node in row:
             held.setdefault(row[dof.node], []).append(dof.direction)
-    return [{"node": node, "directions": directions} for node, directions in held.items()][:_MOST_MARKED]
+    found: list[dict[str, Entry]] = [{"node": node, "directions": to} for node, to in held.items()]
+    return found[:_MOST_MARKED]
 
 
-def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Any]]:
+def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Entry]]:
     """Where each channel (name, role) of the model's record reads its structure.
 
     ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
@@ -222,7 +224,7 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
     by_place = {
         (name.startswith("load "), parse_dof(name.removeprefix("load ")).place): tie for name, tie in aimed.items()
     }
-    found = []
+    found: list[dict[str, Entry]] = []
     for name, role in channels:
         dof = parse_dof(name)
         tie = by_place.get((role == "load", dof.place)) or by_place.get((False, dof.place))
@@ -247,7 +249,7 @@ def _unit(dof: Dof) -> list[float]:
     return [float(dof.sign) if k == dof.axis % 3 else 0.0 for k in range(3)]
 
 
-def mesh_facts(path: Path, length_unit: str) -> dict[str, Any]:
+def mesh_facts(path: Path, length_unit: str) -> dict[str, Entry]:
     """Nodes, cells, size in m and groups of the mesh at `path`.
 
     Raises

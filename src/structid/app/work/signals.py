@@ -15,6 +15,7 @@ from structid.dof import Dof
 from structid.errors import FileError, InputError, StructidError
 from structid.files import atomic_write
 from structid.modal.files.files import read_modes
+from structid.plain import Entry
 from structid.records import FrfRecord, TimeRecord
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.on_disk import ChunkedRecord, MemoryRecord, open_record
@@ -87,7 +88,7 @@ def channels(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
     return [(one["name"], one["role"]) for one in facts(path, options)["channels"]]
 
 
-def _channels(dofs: tuple[Dof, ...], role: str = "sensor") -> list[dict[str, Any]]:
+def _channels(dofs: tuple[Dof, ...], role: str = "sensor") -> list[dict[str, Entry]]:
     return [{"name": str(dof), "role": role} for dof in dofs]
 
 
@@ -119,7 +120,7 @@ def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
 
 def histories(
     path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path
-) -> dict[str, Any]:
+) -> dict[str, Entry]:
     """Every channel from `first` to `last`, s, as least and greatest of about `points` stretches.
 
     Parameters
@@ -211,7 +212,7 @@ def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
         np.save(stream, found)
 
 
-def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Any]:
+def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
     """Responses at `outputs`, all where the list is empty: magnitude, phase, coherence and relative random error."""
     wanted = [k for k, dof in enumerate(record.outputs) if not outputs or str(dof) in outputs]
     step = max(1, -(-len(record.frequency) * len(wanted) * len(record.inputs) // _MOST_VALUES))
