@@ -16,6 +16,7 @@ from structid.modal.files.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_mode
 from structid.modal.files.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
+from structid.plain import Entry, json_text
 from structid.records.io import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
@@ -77,7 +78,7 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
     suffix = path.suffix.lower()
     _require_known(path, suffix, _WRITTEN)
     if suffix in JSON_SUFFIXES:
-        content = _json_text(modal_fields(modes)).encode("utf-8")
+        content = json_text(modal_fields(modes)).encode("utf-8")
     else:
         content = modes_csv(modes).encode("utf-8") if suffix in CSV_SUFFIXES else modes_uff(path, modes, geometry)
     with atomic_write(path) as temporary:
@@ -89,7 +90,7 @@ def _require_known(path: Path, suffix: str, known: tuple[str, ...]) -> None:
         raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(known)}")
 
 
-def modal_fields(modes: ModalRecord) -> dict[str, Any]:
+def modal_fields(modes: ModalRecord) -> dict[str, Entry]:
     """What JSON holds of `modes`; matrices as lists of rows, a row of `mode_shapes` for each of `channels`."""
     std = np.full(2 * modes.n_modes, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
     shapes = modes.mode_shapes
@@ -141,19 +142,6 @@ def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]
             f" of {len(frequency)} rows, got {real.shape} and {imaginary.shape}; write it again"
         )
     return ModalChanges(frequency, ratio, (real + 1j * imaginary).reshape(-1, *shape))
-
-
-def _json_text(value: Any) -> str:
-    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """`value` with null in place of what is not finite."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _read_json(path: Path) -> ModalRecord:

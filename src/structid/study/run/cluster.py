@@ -18,14 +18,11 @@ from distributed.core import rpc
 from threadpoolctl import ThreadpoolController
 
 from structid.errors import InputError
+from structid.estimation.search.work import Found, Item, Shared, Task
 from structid.study.run.workers import (
     Answer,
     Batch,
-    Found,
-    Item,
     RemoteWorkers,
-    Shared,
-    TaskOf,
     WorkersLostError,
     one_thread,
     results,
@@ -68,7 +65,7 @@ class Cluster(RemoteWorkers):
         self.words = f"{self.n_workers} workers of the Dask scheduler {address}"
 
     @staticmethod
-    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()

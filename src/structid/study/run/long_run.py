@@ -11,11 +11,20 @@ from structid.arrays import FloatArray
 from structid.estimation import Minimum, Problem, minimize
 from structid.estimation.search.least_squares import Method
 from structid.estimation.search.minimum import Keeper, Progress, State
-from structid.estimation.search.work import StageProgress, Tools, restored_minimum, stored_minimum
+from structid.estimation.search.work import (
+    Found,
+    Item,
+    Shared,
+    StageProgress,
+    Task,
+    Tools,
+    restored_minimum,
+    stored_minimum,
+)
 from structid.plain import Entry
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.spread_lines import spread
-from structid.study.run.workers import Found, InProcess, Item, Shared, TaskOf, Workers
+from structid.study.run.workers import InProcess, Workers
 
 #: Called with what the tasks are, how many are done, and how many there are.
 TaskProgress = Callable[[str, int, int], None]
@@ -123,7 +132,7 @@ class LongRun:
     def map(
         self,
         name: str,
-        task: TaskOf[Shared, Item, Found],
+        task: Task[Shared, Item, Found],
         shared: Shared,
         items: Sequence[Item],
         progress: StageProgress | None = None,

@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from uuid import uuid4
 
 from threadpoolctl import ThreadpoolController, threadpool_limits
@@ -27,7 +27,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.errors import InputError, StructidError
 from structid.estimation import Problem
-from structid.estimation.search.work import PLAIN_TOOLS, Tools
+from structid.estimation.search.work import PLAIN_TOOLS, Found, Item, Shared, Task, Tools
 from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
@@ -40,11 +40,6 @@ _PATIENCE = 5.0
 #: Entries of a Jacobian up to which a second thread costs more than it gains.
 SMALL_JACOBIAN = 500_000
 
-Shared = TypeVar("Shared")
-Item = TypeVar("Item")
-Found = TypeVar("Found")
-#: A task of what all of them share and an item; see `structid.estimation.search.work.Task`.
-TaskOf = Callable[[Shared, Item, Tools], Found]
 #: Numbered items or results.
 Batch = list[tuple[int, Item]]
 #: Numbered results and the seconds that they took.
@@ -77,7 +72,7 @@ class Workers(ABC):
 
     @abstractmethod
     def completed(
-        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
         """Number and result of each item, as they come.
 
@@ -110,7 +105,7 @@ class InProcess(Workers):
     words = "this process"
 
     def completed(
-        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
         pools = ThreadpoolController()
         for place, (number, item) in enumerate(items.items()):
@@ -140,7 +135,7 @@ class RemoteWorkers(Workers):
 
     @staticmethod
     @abstractmethod
-    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         """Of a worker, which looks up what the tasks of a batch share by its name."""
 
     @abstractmethod
@@ -168,7 +163,7 @@ class RemoteWorkers(Workers):
         """Refuse to wait for workers that are gone; asked where nothing comes for some seconds."""
 
     def completed(
-        self, task: TaskOf[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
         missing, name, losses = dict(items), self._name(shared), 0
         while missing:
@@ -181,7 +176,7 @@ class RemoteWorkers(Workers):
                 losses += 1
                 self.lost(error, losses > MOST_LOSSES)
 
-    def _sent(self, name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Future[Answer[Found]]:
+    def _sent(self, name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Future[Answer[Found]]:
         return self.executor().submit(self.answer, name, task, batch)
 
     def _name(self, shared: object) -> str:
@@ -222,7 +217,7 @@ class Processes(RemoteWorkers):
         self._folder = tempfile.TemporaryDirectory(prefix="structid-")
 
     @staticmethod
-    def answer(name: str, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
         return results(_read(name), task, batch)
 
     def executor(self) -> Executor:
@@ -271,7 +266,7 @@ def _read(path: str) -> Any:
     return pickle.loads(Path(path).read_bytes())
 
 
-def results(shared: Shared, task: TaskOf[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
     """Of a batch on a worker, and the seconds that they took."""
     begun = time.perf_counter()
     found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
