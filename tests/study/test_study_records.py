@@ -225,3 +225,13 @@ def test_channels_errors_with_one_name_but_other_bounds_are_told(tmp_path):
     text = TWO.replace(GAIN, GAIN + "bounds = [0.5, 2.0]\n", 1)
     with pytest.raises(InputError, match=r"gain\[A\] must have the same bounds and transform in all problems"):
         check_study(load_study(write_two(tmp_path, text)))
+
+
+def test_a_set_up_that_nothing_holds_says_so_with_an_empty_list(tmp_path):
+    held = HEAD.replace("[structure]\n", '[structure]\nfixed = "3X"\n', 1)
+    assert held != HEAD
+    text = held + FIRST + "[record.structure]\nfixed = []\n" + METHOD
+    structure = load_study(write_chain(tmp_path, text)).setups[0].structure
+    assert structure.fixed == ()
+    with pytest.raises(InputError, match=r"fixed: must be a text or a list of texts, or \[\], got 3"):
+        load_study(write_chain(tmp_path / "wrong", text.replace("fixed = []", "fixed = 3")))

@@ -151,6 +151,11 @@ def several(kind: Kind) -> Kind:
     return Kind(words, {"anyOf": [kind.schema, list_of(kind.schema)]}, made=_tuple)
 
 
+def or_none(kind: Kind) -> Kind:
+    """The same, or a list of none, of what may be said to be nothing."""
+    return Kind(f"{kind.words}, or []", {"anyOf": [kind.schema, {"type": "array", "maxItems": 0}]}, made=_tuple)
+
+
 def either(*kinds: Kind) -> Kind:
     """Any of several kinds."""
 

@@ -41,6 +41,7 @@ from structid.study.schema.kinds import (
     as_list,
     flat,
     limited,
+    or_none,
 )
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
 from structid.study.schema.model.measured import MEASURED, read_measured
@@ -88,7 +89,9 @@ _COMPONENT = _COMPONENT | {
         "Modes up to this frequency are kept, Hz; three times the end of `band` by default",
     )
 }
-_FIXED = Key(TEXTS, "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`")
+_FIXED = Key(
+    or_none(TEXTS), "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`"
+)
 _PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
