@@ -183,6 +183,16 @@ def test_modal_problem_refuses_errors_of_channels_that_shapes_do_not_show():
         )
 
 
+def test_modal_problem_says_where_its_settings_went():
+    structure = chain()
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "3X"], 3)
+    with pytest.raises(InputError, match=r"write settings=ModalSettings\(shape_error=0\.01\)"):
+        ModalProblem(structure, unknown, record, shape_error=0.01)
+    with pytest.raises(InputError, match=r"write settings=ModalSettings\(form"):
+        ModalProblem(structure, unknown, record, "dynamic")
+
+
 def test_modal_dynamic_slope_gives_the_gradient():
     structure = beam()
     unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass", "bending_stiffness")])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,13 @@ class ModalProblem(MeasuredProblem):
     settings: ModalSettings = field(default_factory=ModalSettings)
     channels: ChannelErrors | None = None
     in_order: bool = False
+
+    def __new__(cls, *given: object, **named: object) -> Self:
+        moved = [one.name for one in fields(ModalSettings) if one.name in named]
+        if moved or any(isinstance(one, str) for one in given):
+            example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
+            raise InputError(f"how modes are fitted is said in `settings`: write settings=ModalSettings({example})")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         self.structure.require_modes("modes")
