@@ -442,8 +442,9 @@ def _searched(n_tried: int) -> str:
 
 
 def _apart(one: Disagreement) -> str:
+    first, second = (f"{float(f'{value:.3g}'):.9g}" for value in one.values)
     return (
-        f"{one.name} is {one.values[0]:.4g} from {one.parts[0]} and {one.values[1]:.4g} from {one.parts[1]},"
+        f"{one.name} is {first} from {one.parts[0]} and {second} from {one.parts[1]},"
         f" {one.distance:.0f} standard deviations apart"
     )
 
