@@ -86,20 +86,25 @@ def exact_values(matrix, right):
 @pytest.mark.parametrize("condition", [1.0, 10.0, 30.0, 1e3, 1e6, 1e10])
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_values_have_the_digits_of_a_qr(n, products, condition, noise):
-    """Columns with one weak direction: errors at most those of a QR, or so little where products are taken."""
+    """Columns with one weak direction: errors at most those of a QR, or so little where products are taken.
+
+    Medians of seven draws: what rounding does to one of a condition of 1e10 is chance, a hundredth or ten times as much.
+    """
     rng = np.random.default_rng(int(condition))
-    matrix = rng.standard_normal((600, n))
-    weak = rng.standard_normal(n) / np.sqrt(n)
-    matrix = matrix - np.outer(matrix @ weak, weak / (weak @ weak)) * (1 - 1 / condition)
-    right = matrix @ rng.uniform(1, 2, n) + noise * rng.standard_normal(600)
     columns, operator = np.arange(n)[None], sparse.csr_array(sparse.eye_array(n + 1))
-    fields = np.column_stack([matrix, right]).T
-    expected = exact_values(matrix, right)
-    errors = [
-        np.linalg.norm(values_of(reduced(columns, operator, fields, work).triangles[0]) - expected)
-        for work in (ONE, NUMPY)
-    ]
-    assert errors[0] <= 10 * errors[1] + products * np.linalg.norm(expected)
+    errors, sizes = [], []
+    for _ in range(7):
+        matrix = rng.standard_normal((600, n))
+        weak = rng.standard_normal(n) / np.sqrt(n)
+        matrix = matrix - np.outer(matrix @ weak, weak / (weak @ weak)) * (1 - 1 / condition)
+        right = matrix @ rng.uniform(1, 2, n) + noise * rng.standard_normal(600)
+        fields = np.column_stack([matrix, right]).T
+        expected = exact_values(matrix, right)
+        found = [values_of(reduced(columns, operator, fields, work).triangles[0]) for work in (ONE, NUMPY)]
+        errors.append([np.linalg.norm(values - expected) for values in found])
+        sizes.append(np.linalg.norm(expected))
+    of_compiled, of_qr = np.median(errors, axis=0)
+    assert of_compiled <= 10 * of_qr + products * np.median(sizes)
 
 
 @pytest.mark.parametrize("n", [3, 6, 8, 12])
