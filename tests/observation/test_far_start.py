@@ -72,6 +72,18 @@ def test_a_start_that_fits_does_not_pay_for_it(monkeypatch):
     assert identify_time(structure, off(unknown, 0.05), record).n_starts == 1
 
 
+def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
+    monkeypatch.setattr(output_error_search, "posterior_linearized", lambda *_: pytest.fail("asked for it"))
+    monkeypatch.setattr(
+        output_error_search, "_tried", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
+    )
+    structure, unknown, record = beam(0)
+    start, options = unknown.theta_start, TimeOptions(restarts=0)
+    problem = output_error_problem(structure, unknown, record, options)
+    passed = len(output_error_search._stages(problem, options))
+    assert identify_time(structure, unknown, record, options).n_starts == 2
+
+
 def test_an_answer_that_another_start_missed_is_held_against_what_lies_beside_it():
     structure, unknown, record = beam(0)
     options = TimeOptions()

@@ -357,19 +357,22 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
             yield Candidate(kind, pair, swapped, record=number)
     if fields.structure.n_dofs > MOST_DOFS:
         return
+    angles = (_ANGLES, (-np.pi, np.pi))
     for i, dof in enumerate(record.outputs):
-        for other, column in fields.columns.items():
-            if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
-                seen = partial(_seen, i, column)
-                towards = (dof.place, other.place)
-                yield Candidate("direction", towards, seen, _ANGLES, (-np.pi, np.pi), number)
+        for place, column in _other_directions(fields, dof):
+            seen = partial(_seen, i, column)
+            yield Candidate("direction", (dof.place, place), seen, *angles, number)
     for j, dof in enumerate(record.inputs if fields.problem.facts.measures_force else ()):
-        for other, column in fields.columns.items():
-            if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
-                pushed = partial(_pushed, j, dof.sign * column)
-                towards, directions = (dof.place, other.place), fields.structure.active or ()
-                angles = (_ANGLES, (-np.pi, np.pi))
-                yield Candidate("load_direction", towards, pushed, *angles, record=number, others=directions)
+        for place, column in _other_directions(fields, dof):
+            pushed, held = partial(_pushed, j, dof.sign * column), fields.structure.active or ()
+            yield Candidate("load_direction", (dof.place, place), pushed, *angles, record=number, others=held)
+
+
+def _other_directions(fields: Fields, dof: Dof) -> Iterator[tuple[str, FloatArray]]:
+    """The other directions of the same kind in which the node of `dof` moves, with what picks them."""
+    for other, column in fields.columns.items():
+        if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
+            yield other.place, column
 
 
 def _picked(h: ComplexArray, axis: int, i: int) -> FloatArray:

@@ -86,7 +86,7 @@ def identified_by_output_error(
         tools = Tools(work.minimize, progress)
         _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
         iterations += spent
-    elif len(ways) > 1:
+    elif options.restarts and len(ways) > 1:
         theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
         iterations += spent
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
