@@ -1,5 +1,7 @@
 """What the values rest on: properties that the model holds, and what a record says of them. Matrices are the tests' own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -7,7 +9,11 @@ from scipy.linalg import eigh
 from structid.criticism.held import doubted, influences, resting_words
 from structid.criticism.verdict import is_sound
 from structid.explanation.answer import criticized
+from structid.explanation.explain import with_freed
 from structid.explanation.held import held_values
+from structid.explanation.refits import Fitted
+from structid.explanation.trial import base_trial
+from structid.explanation.union import widened
 from structid.modal import ModalRecord
 from structid.modal.files.files import write_modes
 from structid.modal.modal_record import independent_errors
@@ -176,3 +182,19 @@ def test_what_the_values_rest_on_is_in_the_results(tmp_path):
     assert resting_words(found.criticism.held).startswith(
         "intervals take what the model holds as exact: with mass[floors] 1 %"
     )
+
+
+def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identified(tmp_path):
+    ready, result = building(tmp_path, 1)
+    found = result.identification
+    theta = found.estimate.theta
+    base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+    [one] = with_freed(base, ["stiffness[upper]"], 3).near
+    assert widened(found, [one], None).estimate.identified.all()
+    names = list(one.trial.target.names)
+    far = one.theta + 2.0 * (np.arange(len(names)) == names.index("stiffness[lower]"))
+    wider = widened(found, [replace(one, theta=far)], None)
+    assert found.estimate.identified.all()
+    assert not wider.estimate.identified[found.estimate.names.index("stiffness[lower]")]
+    assert wider.intervals.notes[-1].startswith("these disagree by more than the value about ")
+    assert "stiffness[lower]" in wider.intervals.notes[-1]
