@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table, number
+from structid.criticism.held import resting_words
 from structid.estimation.intervals.intervals import span_digits
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.fits.record_fit import RecordFit
@@ -69,6 +70,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     after = [mass] if found.total_mass > 0 else []
     after += [ON_FORCE] if found.rests_on_force else []
+    after += [words] if (words := resting_words(() if result.criticism is None else result.criticism.held)) else []
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
     return [*head, *map(Text, facts), table, *together, *map(Text, after), *shown]

@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
+from structid.criticism.held import HeldValue, doubted
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
@@ -168,12 +169,15 @@ class Criticism:
         In their place where none explains the misfit: what lowers it most.
     n_tried : int
         How many changes were held against the misfit; 0 where none were.
+    held : tuple of HeldValue
+        What the values rest on, where they may be used.
     """
 
     judgement: Judgement
     causes: tuple[Cause, ...] = ()
     suggestions: tuple[Cause, ...] = ()
     n_tried: int = 0
+    held: tuple[HeldValue, ...] = ()
 
     @property
     def named(self) -> tuple[Cause, ...]:
@@ -275,6 +279,7 @@ def judged(
     n_tried: int = 0,
     suggestions: Sequence[Cause] = (),
     untried: str = "",
+    held: Sequence[HeldValue] = (),
 ) -> Judgement:
     """The verdict on an identification; records that stand out from the others are among its reasons.
 
@@ -289,8 +294,10 @@ def judged(
         What lowers the misfit most, where there is no cause.
     untried : str
         Why no changes were tried, where they might tell more.
+    held : sequence of HeldValue
+        What the values rest on.
     """
-    given = _judged(found, causes, n_tried, suggestions)
+    given = _judged(found, causes, n_tried, suggestions, doubted(held))
     if untried and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
@@ -298,8 +305,21 @@ def judged(
     return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
 
 
-def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, suggestions: Sequence[Cause]) -> Judgement:
+def _judged(
+    found: Identification,
+    causes: Sequence[Cause],
+    n_tried: int,
+    suggestions: Sequence[Cause],
+    doubts: Sequence[HeldValue],
+) -> Judgement:
     estimate = found.estimate
+    if is_sound(found) and not causes and doubts:
+        told = tuple(one.words for one in doubts)
+        words = (
+            f"Approximate: the model explains the record to within its noise, but {told[0]}: measure it, or make it an"
+            " unknown, with a prior where it is known a little."
+        )
+        return Judgement("approximate", words, told)
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
@@ -427,6 +447,8 @@ def _misfit_words(found: Identification) -> str:
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
     if _is_below_noise(found):
         return f"the model explains the record to within {size:.2g} times {noise}"
+    if fits_noise(found):
+        return f"the misfit is no larger than {noise} may make it"
     if size < _SHOWS:
         return f"the misfit is as large as {noise}, but has an order that noise has not"
     return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.criticism.candidate import Candidate
+from structid.criticism.held import HeldValue, doubted, is_clear
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.verdict import (
     NOT_TRIED,
@@ -24,18 +25,22 @@ from structid.criticism.verdict import (
 )
 from structid.errors import StructidError
 from structid.estimation.search.work import ALONE, Work
-from structid.explanation.explain import ALIKE, Explanation, explained
+from structid.explanation.explain import ALIKE, Explanation, explained, with_freed
+from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
 from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
+from structid.identification.identified import Identification
 from structid.observation.frf.lines.solved import NO_MATRICES
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4
+#: Held values at most that a sound answer is fitted without.
+_MOST_HELD = 3
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
@@ -66,18 +71,20 @@ def _criticized(
     ready: Start, result: StudyResult, explain: bool | None, work: Work
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     found = result.identification
+    held: tuple[HeldValue, ...] = ()
     if is_sound(found):
         found = replace(found, warnings=tuple(one for one in found.warnings if one not in ready.sensor_warnings))
         result = replace(result, identification=found)
-        if not explain:
-            return replace(result, criticism=Criticism(judged(found))), ()
+        held = held_values(ready, found)
+        if not explain and (explain is False or not is_clear(held)):
+            return _sound(ready, result, held, work)
     if any(one.warning for one in found.truncations) and not explain:
         return replace(result, criticism=Criticism(judged(found))), ()
     ratio = noise_ratio(found)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
         return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
-    if found.estimate.chi_square_per_dof <= 1 and not found.missed and not explain:
+    if found.estimate.chi_square_per_dof <= 1 and not found.missed and not explain and not held:
         return replace(result, criticism=Criticism(judged(found))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
@@ -85,38 +92,73 @@ def _criticized(
         return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
     if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
         return _without_causes(result, _NO_PLACES)
-    theta = found.estimate.theta
     try:
-        base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
-        explanation = explained(base, work)
+        explanation = explained(_base(ready, found), work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}")
     if explanation.better is not None:
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
         return replace(result, criticism=Criticism(judgement)), ()
-    likely = () if is_sound(found) else explanation.likely
-    wider = replace(result, identification=widened(found, likely, ready.study.options.direction))
     tests = found.estimate.residual_tests
-    if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
+    if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits and not held:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
+        wider = _wider(ready, result, explanation.likely)
         return replace(wider, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
+    return _told(ready, result, explanation, held)
+
+
+def _base(ready: Start, found: Identification) -> Fitted:
+    theta = found.estimate.theta
+    return Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+
+
+def _sound(
+    ready: Start, result: StudyResult, held: tuple[HeldValue, ...], work: Work
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    """A sound answer, but where the record would have other values of what the model holds: then with these fitted as well."""
+    found, doubts = result.identification, doubted(held)[:_MOST_HELD]
+    if doubts:
+        try:
+            explanation = with_freed(_base(ready, found), [one.name for one in doubts], len(held), work)
+        except (StructidError, np.linalg.LinAlgError) as error:
+            return _without_causes(result, f"it could not be fitted with what it holds set free: {error}", held)
+        return _told(ready, result, explanation, held, is_search=False)
+    return replace(result, criticism=Criticism(judged(found), held=held)), ()
+
+
+def _told(
+    ready: Start, result: StudyResult, explanation: Explanation, held: tuple[HeldValue, ...], is_search: bool = True
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    """The result with what was found; without `is_search` as changes that would lower the misfit, not as causes."""
+    found = result.identification
+    likely = explanation.likely if doubted(held) or not is_sound(found) else ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
     misfit, expected = found.estimate.chi_square_per_dof, expected_misfit(found)
-    accepted, lowering = (
-        (made, made[:0]) if are_causes(made, misfit, expected, bool(found.missed)) else (made[:0], made)
-    )
-    judgement = judged(found, accepted, explanation.tried, lowering)
+    is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
+    accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
+    judgement = judged(found, accepted, explanation.tried, lowering, held=held)
+    if judgement.verdict == "approximate" and not held:
+        held = held_values(ready, found)
     if explanation.base.trial.is_large:
         judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
-    criticism = Criticism(judgement, accepted, lowering, explanation.tried)
-    return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
+    is_used = judgement.verdict in ("sound", "approximate")
+    criticism = Criticism(judgement, accepted, lowering, explanation.tried, held if is_used else ())
+    return replace(_wider(ready, result, likely), criticism=criticism), tuple(one for one, _ in ranked)
 
 
-def _without_causes(result: StudyResult, why: str) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    return replace(result, criticism=Criticism(judged(result.identification, untried=why))), ()
+def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> StudyResult:
+    wider = widened(result.identification, likely, ready.study.options.direction)
+    return replace(result, identification=wider)
+
+
+def _without_causes(
+    result: StudyResult, why: str, held: tuple[HeldValue, ...] = ()
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    judgement = judged(result.identification, untried=why, held=held)
+    return replace(result, criticism=Criticism(judgement, held=held)), ()
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:

@@ -41,7 +41,7 @@ _MOST_SLENDER = 6
 def study_candidates(trial: Trial) -> Iterator[Candidate]:
     """Mesh, shear, the law of damping, windows, properties held at what the model says, and what differs among records."""
     setup = trial.setups[0]
-    structure, unknown = setup.structure, setup.parameters
+    structure = setup.structure
     middle = float(np.median(np.concatenate([p.frequency for p in trial.problems])))
     if structure.divisible:
         yield _candidate("mesh", ("all lines",), _PIECES)
@@ -52,15 +52,12 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
     if len(viscous) > 1:
         sets = (*(one.where[0] for one in viscous), "viscous")
         yield replace(viscous[0], where=sets, strengths=np.median([one.strengths for one in viscous], axis=0))
-    held: dict[str, list[str]] = {}
-    for item in structure.properties:
-        values = item.term.values
-        if item.term.kind in _ELASTIC and values.any() and not _acts(unknown, item.values):
-            held.setdefault(item.term.property, []).append(f"{item.term.property}[{item.element}]")
-    for names in held.values():
-        yield from (_candidate("held", (name,), 1.0) for name in names)
+    held = held_candidates(structure, setup.parameters)
+    yield from held
+    for material in dict.fromkeys(_property(one) for one in held):
+        names = tuple(one.where[0] for one in held if _property(one) == material)
         if len(names) > 1:  # of one material
-            yield _candidate("held", tuple(names), 1.0)
+            yield _candidate("held", names, 1.0)
     yield from _varying(trial)
     responses = [p for p in trial.problems if isinstance(p, FrfProblem)]
     if len(responses) == len(trial.problems):
@@ -68,6 +65,19 @@ def study_candidates(trial: Trial) -> Iterator[Candidate]:
             yield _candidate("window", ("all channels",), 0.002 * 2 * np.pi * middle)
         if all(p.record.segment is None for p in responses):
             yield _candidate("leakage", ("all channels",), 1.0)
+
+
+def held_candidates(structure: Structure, unknown: Parameters) -> tuple[Candidate, ...]:
+    """Every mass and stiffness of a set that no parameter changes, as one that is free."""
+    return tuple(
+        _candidate("held", (f"{item.term.property}[{item.element}]",), 1.0)
+        for item in structure.properties
+        if item.term.kind in _ELASTIC and item.term.values.any() and not _acts(unknown, item.values)
+    )
+
+
+def _property(held: Candidate) -> str:
+    return held.where[0].partition("[")[0]
 
 
 def _varying(trial: Trial) -> Iterator[Candidate]:

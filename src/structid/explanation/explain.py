@@ -318,6 +318,25 @@ def _of_records(base: Fitted, work: Work) -> Explanation:
     return _weighed(base, _refits(base, items, work, "likeliest causes"), shortlist.tried)
 
 
+def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
+    """The study with each of some properties free that it holds, all of which may be the truth.
+
+    Parameters
+    ----------
+    base : Fitted
+    names : sequence of str
+        Such as ``mass[deck]``.
+    tried : int
+        Of how many they are.
+    work : Work
+    """
+    changes = [(Candidate("held", (name,)), 1.0) for name in names]
+    fits = _refits(base, _begun(base.trial, changes, base.values), work, "values that the model holds")
+    scale = _scale(base, fits)
+    fits = sorted((one for one in fits if one.cost < base.cost), key=lambda one: _criterion(base, one, scale))
+    return Explanation(base, tuple(fits), tuple(_criterion(base, one, scale) for one in fits), tried, tuple(fits))
+
+
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)

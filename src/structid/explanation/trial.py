@@ -26,7 +26,7 @@ from structid.identification.varying import with_scatters
 from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.observation.frf.continuation import LEVELS
 from structid.observation.frf.problem import smooth_stage
-from structid.observation.scatter import scatter_problems
+from structid.observation.scatter import ScatterProblem, scatter_problems
 from structid.plain import Plain
 from structid.records import FrfRecord
 from structid.study.run.start import loaded
@@ -82,8 +82,7 @@ class Trial:
         kept = [k for k in range(len(self.setups)) if candidate.kind != "record" or k != candidate.record]
         before = [(self.study.setups[k].section.table, self.setups[k]) for k in kept]
         problems, setups, edited = read_study(self.study, tables, before)
-        problems = tuple(_weighed_like(one, self.problems[k]) for one, k in zip(problems, kept, strict=True))
-        problems = with_scatters(problems, {one.name: one.std for one in scatter_problems(self.problems)})
+        problems = weighed_like(problems, [self.problems[k] for k in kept], scatter_problems(self.problems))
         shown = tuple(
             _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
             for problem, setup, k in zip(problems, setups, kept, strict=True)
@@ -96,7 +95,7 @@ class Trial:
 
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
         """Free variables with physical values by name, the study's starts for those not known."""
-        return together([_started(problem, known) for problem in self.problems]).theta_start
+        return together([started_at(problem, known) for problem in self.problems]).theta_start
 
     @property
     def is_large(self) -> bool:
@@ -179,7 +178,8 @@ class Trial:
         return min(found, key=lambda minimum: minimum.costs[-1])
 
 
-def _started(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
+def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
+    """The problem with its start at physical values by name, its own start for those not known."""
     parts = []
     common = {own: name for one in problem.parameters.scatters for own, name in zip(one.own, one.common, strict=True)}
     known = {**{own: known[name] for own, name in common.items() if name in known}, **known}
@@ -221,8 +221,15 @@ def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: 
     return views([setup], [problem], [problem.theta_start], options)[0]
 
 
-def _weighed_like(problem: RecordProblem, before: RecordProblem) -> RecordProblem:
-    """The problem with the weights of the one that it is compared with, where both have the same data."""
+def weighed_like(
+    problems: Sequence[RecordProblem], before: Sequence[RecordProblem], scatters: Sequence[ScatterProblem]
+) -> tuple[RecordProblem, ...]:
+    """Changed problems with the weights of those that they are compared with, where both have the same data."""
+    weighed = tuple(_of_weights(one, other) for one, other in zip(problems, before, strict=True))
+    return with_scatters(weighed, {one.name: one.std for one in scatters})
+
+
+def _of_weights(problem: RecordProblem, before: RecordProblem) -> RecordProblem:
     if isinstance(problem, FrfProblem) and isinstance(before, FrfProblem) and _is_same(problem.record, before.record):
         return replace(problem, record=replace(problem.record, sizes=before.record.sizes))
     return problem

@@ -12,6 +12,7 @@ from structid.estimation.uncertainty import DenseCovariance
 from structid.explanation.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
+from structid.shown import listed
 
 Ends = dict[str, tuple[float, float]]
 
@@ -31,7 +32,8 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
 
     Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
     covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they
-    give everything to one of the enlarged models, which need not be the right one.
+    give everything to one of the enlarged models, which need not be the right one. What these disagree about by more than
+    its value is not identified.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     ----------
     Draper (1995), J. R. Stat. Soc. B 57, Eq. (11), with equal weights and about the answer's own values.
     """
-    if not likely:
+    if not likely or found.target is None:
         return found
     estimate, own = found.estimate, found.intervals
     ends, covariance = own.ends.copy(), estimate.covariance
@@ -62,10 +64,16 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         ends[here] = np.stack([np.fmin(ends[here, 0], others[:, 0]), np.fmax(ends[here, 1], others[:, 1])], axis=1)
     many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
     words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
-    wider = replace(estimate, model_error=DenseCovariance(np.mean(squares, axis=0)), covariance_basis="model_error")
+    union = DenseCovariance(np.mean(squares, axis=0))
+    known = estimate.identified & ~(union.std > found.target.sizes(estimate.values))
+    lost = [
+        name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
+    ]
+    notes = (words, f"these disagree by more than the value about {listed(lost)}: not identified") if lost else (words,)
+    wider = replace(estimate, model_error=union, covariance_basis="model_error", identified=known)
     return replace(
         found,
         estimate=wider,
-        intervals=replace(own, ends=ends, notes=(*own.notes, words)),
+        intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
         total_mass_std=total_mass(found.problems[0], wider, direction)[1],
     )

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from structid.criticism.held import HeldValue, resting
 from structid.criticism.verdict import Cause, Criticism
 from structid.report.tables import Table
-from structid.report.text import number, percent, with_unit
+from structid.report.text import NOTHING, number, percent, with_unit
 from structid.shown import counted
 
 _MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad"}
+_HELD = (
+    "Held in the model",
+    "1 % more of it moves most",
+    "by",
+    "in standard deviations",
+    "The record would change it by",
+)
 _HEADER = ("Cause", "Misfit removed", "Chi-square per degree of freedom left", "What it adds", "Value that moves most")
 
 
 def verdict_words(criticism: Criticism | None) -> dict[str, object]:
     """What the template shows of the verdict."""
     if criticism is None:
-        return {"verdict": None}
+        return {"verdict": None, "held": None}
     judgement, causes = criticism.judgement, criticism.named
     return {
         "verdict": {
@@ -25,8 +35,20 @@ def verdict_words(criticism: Criticism | None) -> dict[str, object]:
             "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
             "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
-        }
+        },
+        "held": held_table(criticism.held) if criticism.held else None,
     }
+
+
+def held_table(held: Sequence[HeldValue]) -> Table:
+    """What the model holds, that which moves a value farthest first."""
+    return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
+
+
+def _held_row(one: HeldValue) -> tuple[str, ...]:
+    at = one.most_moved
+    pull = f"{percent(one.pull, 2)} ± {percent(one.pull_std, 2, signed=False)}" if one.pull_std > 0 else NOTHING
+    return one.name, one.parameters[at], percent(0.01 * one.influence[at], 2), number(abs(one.distance[at]), 2), pull
 
 
 def _row(cause: Cause, first: Cause) -> tuple[str, ...]:

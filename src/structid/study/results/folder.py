@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.criticism.held import HeldValue
 from structid.criticism.verdict import Criticism
 from structid.errors import FileError
 from structid.estimation.diagnostics.bounds import AtBound
@@ -123,6 +124,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "rests_on_force": found.rests_on_force,
+        **_held(() if result.criticism is None else result.criticism.held),
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
@@ -151,6 +153,23 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **({} if result.solver is None else {"solver": result.solver.summary()}),
         "provenance": asdict(result.provenance),
     }  # fmt: skip
+
+
+def _held(held: Sequence[HeldValue]) -> dict[str, Entry]:
+    """What the values rest on, where that was looked at."""
+    if not held:
+        return {}
+    return {
+        "held_values": [
+            {
+                "name": one.name,
+                "percent_per_percent": dict(zip(one.parameters, one.influence.tolist(), strict=True)),
+                "relative_change_by_record": one.pull,
+                "relative_change_std": one.pull_std,
+            }
+            for one in held
+        ]
+    }
 
 
 def reduction_summary(found: Identification) -> dict[str, Entry]:

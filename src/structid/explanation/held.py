@@ -1,0 +1,71 @@
+"""What the values of an answer rest on, by the study with all that its model holds set free at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+
+import numpy as np
+
+from structid.criticism.candidate import Candidate
+from structid.criticism.held import HeldValue, influences
+from structid.criticism.pool import MOST_DOFS
+from structid.errors import StructidError
+from structid.estimation import Problem
+from structid.explanation.by_study import held_candidates
+from structid.explanation.edits import edit
+from structid.explanation.trial import read_study, started_at, weighed_like
+from structid.identification.identified import Identification
+from structid.identification.together import together
+from structid.observation.scatter import scatter_problems
+from structid.study.run.start import Start
+
+
+def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
+    """What every held mass and stiffness does to the answer; none of models or searches that are too large for that.
+
+    Parameters
+    ----------
+    ready : Start
+        The study with its records.
+    found : Identification
+        Its answer.
+    """
+    setup = ready.setups[0]
+    is_small = setup.structure.n_dofs <= MOST_DOFS and found.target is not None
+    if not is_small or not found.estimate.uncertainty.has_matrix or not ready.study.structure.has_matrices:
+        return ()
+    held = held_candidates(setup.structure, setup.parameters)
+    known = dict(zip(found.estimate.names, found.estimate.values.tolist(), strict=True))
+    target = _freed(ready, found, held, known)
+    if target is None:  # what can be freed, one by one
+        held = tuple(one for one in held if _freed(ready, found, (one,), known) is not None)
+        target = _freed(ready, found, held, known)
+    if target is None or not held:
+        return ()
+    theta = target.theta_start
+    at = target.linearize(theta)
+    slope = target.slope(theta)
+    sizes = target.sizes(target.physical(theta))
+    relative = np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)
+    place = {name: i for i, name in enumerate(target.names)}
+    free = [name for name, is_free in zip(found.estimate.names, found.estimate.is_free, strict=True) if is_free]
+    names = [one.where[0] for one in held]
+    columns = [*(place[name] for name in free), *(i for name, i in place.items() if name not in known)]
+    estimate = found.estimate
+    scale = 1.0 if estimate.covariance_basis == "noise" else max(1.0, float(np.sqrt(estimate.chi_square_per_dof)))
+    return influences((at.jacobian * relative)[:, columns], at.residual, free, names, scale)
+
+
+def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known: dict[str, float]) -> Problem | None:
+    """The study with what it holds among its unknowns, started at the answer; None where it cannot be read so."""
+    tables = deepcopy(dict(ready.study.root.table))
+    before = [(source.section.table, setup) for source, setup in zip(ready.study.setups, ready.setups, strict=True)]
+    try:
+        for candidate in held:
+            edit(tables, candidate, 1.0)
+        problems, _, _ = read_study(ready.study, tables, before)
+        problems = weighed_like(problems, found.problems, scatter_problems(found.problems))
+        return together([started_at(one, known) for one in problems])
+    except (StructidError, np.linalg.LinAlgError):
+        return None  # some property has no place among the unknowns
