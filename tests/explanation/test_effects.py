@@ -99,8 +99,8 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 spectra = changed.problems[0].predicted(changed.problems[0].theta_start)
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
-    every = {"support", "spring", "dashpot", "mass", "inertia", "appendage", "joint", "untied stiffness", "untied mass",
-                        "friction", "load_direction"} | OF_CHANNELS  # fmt: skip
+    structural = {"support", "spring", "dashpot", "friction", "mass", "sensor_mass", "inertia", "appendage", "joint"}
+    every = structural | {"untied stiffness", "untied mass", "load_direction"} | OF_CHANNELS
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
 
@@ -142,7 +142,8 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
     fields = [fields_at(view.problem, view.problem.theta_start) for view in trial.views]
     structural = [one for one in pool(fields) if one.record is None and one.kind != "friction"]
     chosen = {(one.kind, one.where): one for one in structural[::7]}
-    chosen |= {(one.kind, one.where): one for one in structural if one.kind in ("support", "mass", "inertia")}
+    always = ("support", "mass", "sensor_mass", "inertia")
+    chosen |= {(one.kind, one.where): one for one in structural if one.kind in always}
     seen = set()
     for one in chosen.values():
         q = float(one.strengths[len(one.strengths) // 2])
@@ -159,7 +160,7 @@ def test_changes_are_the_same_of_records_that_hold_what_others_drive(tmp_path, k
             assert np.abs(found - change).max() < 1e-3 * np.abs(change).max() + 1e-9 * np.abs(own.frf).max(), one.where
         seen.add((one.kind, one.where))
     assert {("support", ("1X",)), ("support", ("6X",)), ("support", ("6RZ",))} <= seen
-    assert {"mass", "inertia", "joint"} <= {kind for kind, _ in seen}
+    assert {"mass", "sensor_mass", "inertia", "joint"} <= {kind for kind, _ in seen}
 
 
 def test_a_mass_of_one_record_changes_that_one_alone(tmp_path):
@@ -177,6 +178,30 @@ def test_a_mass_of_one_record_changes_that_one_alone(tmp_path):
         found = mass.effect(before, np.array([q]))[0] * (number == mass.record)
         assert np.abs(found).any() == (number == 1)
         assert np.abs(found - change).max() < 1e-3 * np.abs(found).max() + 1e-9 * np.abs(before.frf).max()
+
+
+def test_sensors_that_move_from_record_to_record_weigh_where_they_are(tmp_path):
+    """Each set-up has masses at its own sensors, one unknown of all."""
+    text, _, _ = STUDY.partition("# how the test was made")
+    for name, outputs in (("first", ["2X", "4Y"]), ("second", ["3X", "3Y", "5Y"])):
+        ones = np.ones((len(FREQUENCY), len(outputs), 1), complex)
+        write_record(tmp_path / f"{name}.npz", FrfRecord(FREQUENCY, ones, outputs, ["4Y"], "receptance"))
+        text += f'[[record]]\nname = "{name}"\npath = "{name}.npz"\n\n[record.noise]\nrelative = 0.01\n\n'
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    ready = started(load_study(tmp_path / "study.toml"))
+    trial = base_trial(ready.study, ready.setups, ready.problems, ready.problems[0].theta_start)
+    fields = [fields_at(view.problem, view.problem.theta_start) for view in trial.views]
+    [weighing] = [one for one in pool(fields) if one.kind == "sensor_mass"]
+    assert (weighing.where, weighing.others) == (("2", "4", "3", "5"), ("2 4", "3 5"))
+    changed = trial.changed(weighing, 0.3)
+    assert changed.target.names[-1] == "mass[mass of each sensor]"
+    assert len(changed.target.names) == len(trial.target.names) + 1
+    for before, view in zip(fields, (one.problem for one in changed.views), strict=True):
+        lines = np.searchsorted(view.frequency, before.problem.frequency)
+        change = view.with_lines(lines).predicted(view.theta_start) - before.frf
+        found = weighing.effect(before, np.array([0.3]))[0]
+        assert np.abs(change).max() > 1e-3 * np.abs(before.frf).max()
+        assert np.abs(found - change).max() < 1e-3 * np.abs(change).max() + 1e-9 * np.abs(before.frf).max()
 
 
 @pytest.mark.parametrize(

@@ -281,6 +281,18 @@ def test_what_turns_that_the_model_has_too_much_of_is_named_first(tmp_path):
     assert first.found[0][1] == pytest.approx(-0.04, rel=0.1)
 
 
+def test_sensors_that_weigh_something_are_named_together_with_what_each_weighs(tmp_path):
+    truth = _with('point_mass]]\nname = "accelerometers"\nnodes = [2, 3, 4, 5]\nmass = 0.3')
+    result, _ = answered(written(tmp_path, off(), truth))
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("sensor_mass", ("2", "3", "4", "5"))
+    [(name, value, unit)] = first.found
+    assert (name, value, unit) == ("mass[mass of each sensor]", pytest.approx(0.3, rel=0.1), "kg")
+    assert first.chi_square_per_dof < 1.2
+    assert "+ nodes = [2, 3, 4, 5]" in first.lines
+
+
 def test_a_mass_that_sits_off_its_node_is_named_first_with_the_length_that_it_is_off(tmp_path):
     pump = _with('point_mass]]\nname = "pump"\nnodes = [4]\nmass = 1.5')
     arm = '[[structure.rigid_link]]\nname = "arm"\nmain = 4\ndependents = [7]\n\n[[unknown]]'

@@ -65,7 +65,7 @@ def pool(records: Sequence[Fields], names: Sequence[str] = ("",)) -> list[Candid
     """
     first, found = records[0], list[Candidate]()
     if first.structure.n_dofs <= MOST_DOFS:
-        found += [*_supports(records), *_joints(first), *_additions(first), *_untied(first)]
+        found += [*_supports(records), *_joints(first), *_additions(first), *_of_sensors(records), *_untied(first)]
     for number, fields in enumerate(records):
         found += _channels(fields, number)
         if len(names) > 1 and fields.structure.n_dofs <= MOST_DOFS:
@@ -152,6 +152,37 @@ def _masses(fields: Fields, record: int | None = None, name: str = "") -> Iterat
         every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
         where = (str(node),) if record is None else (str(node), name)
         yield Candidate("mass", where, added(every, _inertia), steps(scale, (1, -1)), record=record)
+
+
+def _of_sensors(records: Sequence[Fields]) -> Iterator[Candidate]:
+    """The same mass at the node of every sensor, of each record at its own, such as of accelerometers that weigh something."""
+    nodes = list(dict.fromkeys(node for fields in records for node in _sensed(fields)))
+    if 1 < len(nodes) <= _MOST_NODES:
+        first = next(fields for fields in records if _sensed(fields))
+        scale = min(_scale(first, place_of((dof, 1.0)), _inertia(first)) for dof in _moves_of(first, _sensed(first)))
+        of_record = tuple(" ".join(map(str, _sensed(fields))) for fields in records)
+        where = tuple(str(node) for node in nodes)
+        yield Candidate("sensor_mass", where, _weighing, steps(scale, (1, -1)), others=of_record)
+
+
+def _sensed(fields: Fields) -> tuple[int, ...]:
+    """The nodes of the sensors that read translations, those that move."""
+    nodes = dict.fromkeys(dof.node for dof in fields.problem.record.outputs if not dof.is_rotation)
+    return tuple(node for node in nodes if _moves_of(fields, (node,)))
+
+
+def _moves_of(fields: Fields, nodes: Collection[int]) -> list[Dof]:
+    """The translations of some nodes that are free."""
+    return [dof for dof in fields.columns if dof.node in nodes and not dof.is_rotation]
+
+
+def _weighing(fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """Of a mass at the node of every sensor of a record."""
+    ways = [place_of((dof, 1.0)) for dof in _moves_of(fields, _sensed(fields))]
+    if not ways:
+        return np.zeros((len(strengths), *fields.frf.shape), complex)
+    every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
+    return added(every, _inertia)(fields, strengths)
 
 
 def _turning(fields: Fields, nodes: Collection[int]) -> Iterator[Candidate]:

@@ -170,6 +170,17 @@ def _mass(study: Tables, candidate: Candidate, strength: float) -> None:
     _of_either_sign(study, "mass", name, strength)
 
 
+def _sensor_mass(study: Tables, candidate: Candidate, strength: float) -> None:
+    """One mass at each sensor: of the structure, or of each record where the sensors are not the same."""
+    name, of_record = _named(study, "mass of each sensor"), candidate.others
+    places = [study] if len(set(of_record)) == 1 else _records(study)
+    for place, nodes in zip(places, of_record, strict=False):
+        if nodes:
+            entry = {"name": name, "nodes": [int(node) for node in nodes.split()], "mass": _round(abs(strength))}
+            _append(place.setdefault("structure", {}), "point_mass", entry)
+    _of_either_sign(study, "mass", name, strength)
+
+
 def _inertia(study: Tables, candidate: Candidate, strength: float) -> None:
     dof, name = parse_dof(candidate.where[0]), _named(study, f"inertia {candidate.where[0]}")
     entry = {"name": name, "nodes": [dof.node], "direction": dof.direction, "rotary_inertia": _round(abs(strength))}
@@ -489,6 +500,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "dashpot": _dashpot,
     "friction": _friction,
     "mass": _mass,
+    "sensor_mass": _sensor_mass,
     "inertia": _inertia,
     "offset": _offset,
     "appendage": _appendage,

@@ -53,6 +53,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "dashpot": f"a damper acts {'between' if len(where) > 1 else 'at'} {' and '.join(where)}",
         "friction": f"something rubs at {first}",
         "mass": f"a mass at node {first} is {lack}" + (f" in {_record(where[1])}" if len(where) > 1 else ""),
+        "sensor_mass": f"each sensor has a mass that is {lack}: at nodes {listed(where, _SHOWN)}",
         "inertia": f"a rotary inertia at {first} is {lack}",
         "offset": f"the mass {first} sits off its node along {where[-1]}",
         "appendage": f"something swings of its own at {first}",
