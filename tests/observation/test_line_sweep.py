@@ -271,8 +271,26 @@ def test_a_sweep_is_come_back_to():
     at.values_at(1.02 * made.start)
     at.values_at(1.03 * made.start)
     count = at.lines.last_sweep.n_factorizations
-    at.derivatives_at(made.start)
+    assert np.array_equal(at.derivatives_at(made.start * (1 + 2e-16))[1], first)
+    assert at.lines.last_sweep.n_factorizations == count
+    at.derivatives_at(1.01 * made.start)
     assert at.lines.last_sweep.n_factorizations > count
+
+
+def test_derivatives_by_the_basis_are_those_of_its_fields():
+    """Parameters with many nodes take the forces through the basis, others line by line."""
+    structure, made, record, _ = model("block", n_sensors=3, n_loads=2, each=False)
+    lines = np.linspace(40.0, 900.0, 24)
+    record = replace(record, frequency=lines, values=np.ones((24, 3, 2)))
+    record = replace(record, inputs=(record.inputs[0], replace(record.inputs[1], sign=-1)))
+    at = response(structure, made, record, reduced=1e-6)
+    by_basis = at.derivatives_at(made.start)
+    assert at.lines.last_sweep.derivatives
+    fields = np.concatenate([x for _, x in at.solved_at(made.start)])
+    x, y = at.channels.under_loads(fields), at.channels.under_sensors(fields)
+    expected = at.sensitivity_at(made.start, x, y)
+    assert by_basis[1] == pytest.approx(expected, rel=1e-9, abs=1e-10 * np.abs(expected).max())
+    assert by_basis[0] == pytest.approx(at.channels.read(x), rel=1e-9)
 
 
 def test_few_lines_are_not_reduced():

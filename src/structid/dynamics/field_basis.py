@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import DynamicStiffness, LineFactor
@@ -12,6 +14,8 @@ from structid.dynamics.receptance import DynamicStiffness, LineFactor
 _FIELDS, _MOST_MOMENTS = 84, 8
 #: Part of a new vector that must be new, or rounding fills the basis.
 _NEW = 1e-9
+#: Random sums of equations that tell the sizes of what is left of them.
+_SUMS = 2000
 
 
 class FieldBasis:
@@ -22,10 +26,6 @@ class FieldBasis:
     right : (n_dofs, n_columns) float array
         The right-hand sides B.
     vectors : (n_dofs, n_vectors) float array
-    coordinates : (n_lines, n_vectors, n_columns) complex array
-        Of the fields.
-    residuals : (n_lines,) float array
-        Largest |b - Z x| / |b| of the right-hand sides b of each line.
     """
 
     def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
@@ -36,6 +36,11 @@ class FieldBasis:
         self.mass = sparse.csr_array((stiffness.data[0], *pattern), shape) if stiffness.data[0].any() else None
         self.vectors: FloatArray = np.zeros((len(right), 0))
         self._products = [self.vectors] * len(self.matrices)
+        self._sketch = _sketch(len(right))
+        self._sketched = [self._sketch @ self.vectors] * len(self.matrices)
+        self._projected = [np.zeros((0, 0))] * len(self.matrices)
+        self._loads: FloatArray = np.zeros((0, right.shape[1]))
+        self._known: dict[int, ComplexArray] = {}
 
     @property
     def size(self) -> int:
@@ -49,45 +54,98 @@ class FieldBasis:
             if not size.all():  # at a resonance without damping a factor may give anything, nothing as well
                 break
             moments.append(solver.solve(self.mass @ (moments[-1] / size)))
-        found = np.concatenate(moments, axis=1)
-        del moments
-        parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found.real
-        new = _orthonormal(self.vectors, parts)
-        self.vectors = np.concatenate([self.vectors, new], axis=1)
-        self._products = [
-            np.concatenate([known, matrix @ new], axis=1)
-            for known, matrix in zip(self._products, self.matrices, strict=True)
-        ]
-        self._solve()
+        self._take(np.concatenate(moments, axis=1))
 
-    def _solve(self) -> None:
-        """Coordinates of the fields and what is left of the equations, whose size is that of R x in [B, A_k V] = Q R."""
-        projected = [self.vectors.T @ product for product in self._products]
-        triangle = np.linalg.qr(np.concatenate([self.right, *self._products], axis=1), mode="r")
-        n_lines, n_columns, right = len(self.factors[0]), self.right.shape[1], self.vectors.T @ self.right
-        self.coordinates: ComplexArray = np.empty((n_lines, self.size, n_columns), dtype=np.complex128)
-        self.residuals: FloatArray = np.empty(n_lines)
-        for line in range(n_lines):
-            factors = [complex(factor[line]) for factor in self.factors]
-            small = sum(factor * matrix for factor, matrix in zip(factors, projected, strict=True))
-            x = self.coordinates[line] = np.linalg.solve(np.asarray(small), right)
-            rest = np.concatenate([np.eye(n_columns), *(-factor * x for factor in factors)])
+    def improve(self, solver: LineFactor, lines: Sequence[int]) -> None:
+        """Take in what the factorization of some line makes of what is left of the equations at others."""
+        rest = np.concatenate([self.rest(line) for line in lines], axis=1)
+        size = np.linalg.norm(rest, axis=0)
+        if not size.any():
+            return
+        self._take(solver.solve(rest[:, size > 0] / size[size > 0]))
+
+    def rest(self, line: int) -> NumberArray:
+        """What the fields leave of the equations at a line, B - Z x."""
+        x = self.coordinates(line)
+        parts = [
+            sum((own @ factor for own, factor in zip(self._products, given, strict=True)), np.zeros_like(self.right))
+            for given in ([np.real(f[line] * x) for f in self.factors], [np.imag(f[line] * x) for f in self.factors])
+        ]
+        rest = self.right - parts[0]
+        return rest - 1j * parts[1] if parts[1].any() else rest
+
+    def left(self, line: int) -> float:
+        """Largest |b - Z x| / |b| of the right-hand sides b of a line."""
+        size: FloatArray = np.linalg.norm(self.rest(line), axis=0) / np.linalg.norm(self.right, axis=0)
+        return float(size.max(initial=0.0))
+
+    @property
+    def residuals(self) -> FloatArray:
+        """`left` of every line, (n_lines,); of large models to a tenth or so, from random sums of their equations."""
+        n_columns = self.right.shape[1]
+        triangle = np.linalg.qr(np.concatenate([self._sketch @ self.right, *self._sketched], axis=1), mode="r")
+        found: FloatArray = np.empty(len(self.factors[0]))
+        for line in range(len(found)):
+            x = self.coordinates(line)
+            rest = np.concatenate([np.eye(n_columns), *(-factor[line] * x for factor in self.factors)])
             size = np.linalg.norm(triangle @ rest, axis=0) / np.linalg.norm(self.right, axis=0)
-            self.residuals[line] = size.max(initial=0.0)
+            found[line] = size.max(initial=0.0)
+        return found
+
+    def coordinates(self, line: int) -> ComplexArray:
+        """Of the fields at a line, (n_vectors, n_columns)."""
+        if line not in self._known:
+            small = sum(
+                complex(factor[line]) * matrix for factor, matrix in zip(self.factors, self._projected, strict=True)
+            )
+            self._known[line] = np.linalg.solve(np.asarray(small), self._loads.astype(np.complex128))
+        return self._known[line]
 
     def fields(self, line: int) -> NumberArray:
         """Fields at a line, (n_dofs, n_columns), real where nothing damps."""
-        x = self.coordinates[line]
+        x = self.coordinates(line)
         if not x.imag.any():
             return np.asarray(self.vectors @ x.real)
         found = np.empty((len(self.vectors), x.shape[1]), dtype=np.complex128)
         found.real, found.imag = self.vectors @ x.real, self.vectors @ x.imag
         return found
 
+    def all_coordinates(self) -> ComplexArray:
+        """Of the fields at all lines, (n_lines, n_vectors, n_columns)."""
+        return np.stack([self.coordinates(line) for line in range(len(self.factors[0]))])
+
     def read(self, sensors: sparse.sparray) -> ComplexArray:
         """S' times the fields at all lines, (n_lines, n_readings, n_columns)."""
-        read: ComplexArray = np.asarray(sensors.T @ self.vectors) @ self.coordinates
+        read: ComplexArray = np.asarray(sensors.T @ self.vectors) @ self.all_coordinates()
         return read
+
+    def _take(self, found: NumberArray) -> None:
+        """Add the part of the space of some fields that is new."""
+        parts = np.concatenate([found.real, found.imag], axis=1) if np.iscomplexobj(found) else found.real
+        new, before = _orthonormal(self.vectors, parts), self.vectors
+        self.vectors = np.concatenate([before, new], axis=1)
+        for k, matrix in enumerate(self.matrices):
+            product = matrix @ new
+            side, corner = before.T @ product, new.T @ product
+            self._projected[k] = np.block([[self._projected[k], side], [side.T, corner]])
+            self._products[k] = np.concatenate([self._products[k], product], axis=1)
+            self._sketched[k] = np.concatenate([self._sketched[k], self._sketch @ product], axis=1)
+        self._loads = self.vectors.T @ self.right
+        self._known = {}
+
+
+def _sketch(n: int) -> sparse.csr_array:
+    """Sums of n equations with random signs, each in one sum: norms stay what they are to a tenth, and differences are exact.
+
+    References
+    ----------
+    Woodruff (2014), Foundations and Trends in Theoretical Computer Science 10(1-2), 1-157, section 2.1.
+    """
+    if n <= _SUMS:
+        return sparse.eye_array(n, format="csr")
+    rng = np.random.default_rng(0)
+    place = np.arange(n), rng.integers(_SUMS, size=n)
+    return sparse.csr_array((rng.choice([-1.0, 1.0], size=n), place), (n, _SUMS)).T.tocsr()
 
 
 def _orthonormal(known: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -96,7 +154,9 @@ def _orthonormal(known: FloatArray, vectors: FloatArray) -> FloatArray:
     rest = vectors[:, size > 0] / size[size > 0]
     for _ in range(2):
         rest = rest - known @ (known.T @ rest)
-    left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-    new = left[:, singular > _NEW * max(1.0, singular.max(initial=0.0))]
+    _, singular, right = np.linalg.svd(np.linalg.qr(rest, mode="r"), full_matrices=False)
+    kept = singular > _NEW * max(1.0, singular.max(initial=0.0))
+    new = rest @ (right[kept].T / singular[kept])
     new = new - known @ (known.T @ new)
-    return np.linalg.qr(new)[0]
+    triangle = linalg.cholesky(new.T @ new, lower=True)
+    return np.asarray(linalg.solve_triangular(triangle, new.T, lower=True).T)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +17,13 @@ from structid.errors import SingularModelError
 FEWEST_LINES = 20
 #: The basis may have so many vectors, or this many for each right-hand side.
 _MOST_COLUMNS, _MOST_EACH = 600, 10
-#: Lines at which the basis begins without damping: a real factorization takes a quarter of the products.
-_UNDAMPED = 2
 #: Other lines may be off by more than the one that is verified: it must be better than asked by this factor.
 _SAFE = 0.3
+#: A line is solved for in full where no more than this part is left of what the basis leaves of its equations; at most so many
+#: rounds with the factorization of another line, each of which takes this part away at least, or it is factorized itself.
+_SOLVED, _ROUNDS, _SLOW = 0.05, 8, 0.5
+#: What is left of equations that are solved in full, in parts of the load, and most rounds to it.
+_IN_FULL, _MOST_ROUNDS = 1e-10, 40
 
 #: Line, fields solved for in full and fields of the basis there: the error in parts of what is allowed.
 ErrorOf = Callable[[int, NumberArray, NumberArray], float]
@@ -31,7 +34,9 @@ class FieldSweep:
 
     The basis holds, for each line that was factorized, Z^-1 B and further products with Z^-1 M there (rational Krylov).
     The next line is the one with the largest residual |B - Z x| / |B|; it is solved in full, which verifies the
-    fields there, and serves the basis if they are off. Z is symmetric: right-hand sides of loads and of sensors share
+    fields there, and serves the basis if they are off. The full solution takes the last factorization, of another line,
+    to what is left of the equations, round after round, and the equations projected on all of that; only where this goes
+    slowly it takes a factorization of its own. Z is symmetric: right-hand sides of loads and of sensors share
     one basis, so readings are off by the product of the errors of both fields, and derivatives by their sum.
 
     Parameters
@@ -58,7 +63,8 @@ class FieldSweep:
         self.n_factorizations = 0
         self._visited = np.zeros(len(stiffness.frequency), dtype=bool)
         self._line = len(self._visited) // 2
-        self._exact: NumberArray | None = None
+        self._last: LineFactor | None = None
+        self._error: float | None = None
 
     @property
     def n_lines(self) -> int:
@@ -81,40 +87,76 @@ class FieldSweep:
         SingularModelError
             If Z cannot be factorized at a line that is chosen.
         """
+        if self._error is not None:
+            return self._error
         most = min(len(self.right), max(_MOST_COLUMNS, _MOST_EACH * self.right.shape[1]))
-        while self.n_factorizations < _UNDAMPED and self.n_lines >= FEWEST_LINES:
-            try:
-                solver = self._solver(is_damped=False)
-                self._grow(solver, solver.solve(self.right))
-            except SingularModelError:
-                break  # a line at an undamped resonance: with damping it may be sound, which the next step tells
         while self.n_lines >= FEWEST_LINES:
-            fresh: LineFactor | None = None
-            if self._exact is None:
-                if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
-                    return None
-                fresh = self._solver()
-                self._exact = fresh.solve(self.right)
-            if self.n_basis:
-                error = error_of(self._line, self._exact, self.fields(self._line))
-                if error <= _SAFE:
-                    return error
-            self._grow(fresh or self._solver(), self._exact)
-            self._exact = None
-        return None
+            if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
+                break
+            self._begin()
+            self._next()
+            found = self.fields(self._line)
+            error = error_of(self._line, self._solved(), found)
+            if error <= _SAFE:
+                self._error = error
+                break
+            self._next()
+        self._last = None
+        return self._error
 
-    def _grow(self, solver: LineFactor, fields: NumberArray) -> None:
+    def in_full(self) -> Iterator[NumberArray]:
+        """Fields at one line after another, solved for until next to nothing is left of their equations.
+
+        One factorization serves all lines, in rounds; lines that do not come so far get one of their own.
+        """
+        self._begin()
+        for _ in range(_MOST_ROUNDS):
+            rest = [line for line in range(self.n_lines) if self.basis.left(line) > _IN_FULL]
+            if not rest or self._last is None:
+                break
+            self.basis.improve(self._last, rest)
+        for line in range(self.n_lines):
+            self._line = line
+            yield self.fields(line) if self.basis.left(line) <= _IN_FULL else self._grow()
+
+    def _solved(self) -> NumberArray:
+        """Fields at the line in full, which the basis then holds."""
+        if self._last is not None:
+            first = last = self.basis.left(self._line)
+            for _ in range(_ROUNDS):
+                self.basis.improve(self._last, [self._line])
+                left = self.basis.left(self._line)
+                if left <= _SOLVED * first:
+                    return self.fields(self._line)
+                if left > _SLOW * last:
+                    break
+                last = left
+        return self._grow()
+
+    def _begin(self) -> None:
+        """Take in the line without damping, a quarter of the products; with it where it lies at an undamped resonance."""
+        try:
+            self._grow(is_damped=False)
+        except SingularModelError:
+            self._grow()
+
+    def _grow(self, is_damped: bool = True) -> NumberArray:
+        """The fields at the line by a factorization of its own, taken in with their moments."""
+        self._last = None
+        self.n_factorizations += 1
+        solver = self.stiffness.solver(self._line, is_damped)
+        fields = solver.solve(self.right)
         self.basis.grow(solver, fields)
+        self._last = solver
+        return fields
+
+    def _next(self) -> None:
         self._visited[self._line] = True
         self._line = int(np.argmax(np.where(self._visited, -1.0, self.basis.residuals)))
 
     def fields(self, line: int) -> NumberArray:
         """Fields of the basis at a line, (n_dofs, n_columns)."""
         return self.basis.fields(line)
-
-    def _solver(self, is_damped: bool = True) -> LineFactor:
-        self.n_factorizations += 1
-        return self.stiffness.solver(self._line, is_damped)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -87,6 +88,25 @@ class ParameterForces:
         rows = np.ascontiguousarray(y)
         shape = (self.n_params, self.n_dofs)
         return [sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries]
+
+    def projected(self, factors: ComplexArray, vectors: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
+        """y' V' (dZ/dp) V x (no conjugate) at every line for the vectors V of a basis, (n_lines, n_y, n_x, n_params).
+
+        Parameters
+        ----------
+        factors : (n_lines, n_maps) complex array
+        vectors : (n_dofs, n_vectors) float array
+        x, y : (n_lines, n_vectors, n_x) and (n_lines, n_vectors, n_y) complex arrays
+        """
+        found = np.zeros((len(x), y.shape[2], x.shape[2], self.n_params), dtype=np.complex128)
+        adjoint = np.swapaxes(y, 1, 2)
+        for p, (first, last) in enumerate(pairwise(self.indptr)):
+            own = vectors[self.indices[first:last]].T
+            for factor, matrix in zip(factors.T, self.maps, strict=True):
+                if factor.any():
+                    small = own @ (matrix[first:last] @ vectors)
+                    found[..., p] += factor[:, None, None] * (adjoint @ (small @ x))
+        return found
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:

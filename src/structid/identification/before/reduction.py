@@ -63,7 +63,10 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     spread = np.linspace(0, len(found) - 1, _SPREAD + 2)[1:-1].round().astype(int)
     lines = np.unique(np.concatenate([highest, spread]))
     structure = problem.structure.unreduced if problem.structure.components else problem.structure
-    whole = replace(problem, structure=structure, record=problem.record.lines(lines), reduced=None, models=Models())
+    few = problem.record.lines(lines)
+    whole = replace(
+        problem, structure=structure, record=few, models=Models() if problem.structure.components else problem.models
+    )
     exact = whole.predicted(theta)
     errors = [reading_error(*pair) for pair in zip(exact, found[lines], strict=True)]
     worst = int(np.argmax(errors))

@@ -12,14 +12,14 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.factorization import Analysis, factorizer
 from structid.dynamics.receptance import DynamicStiffness, single_blas
-from structid.dynamics.reduced_sweep import ErrorOf, FieldSweep, reading_error, reduced_sweep
+from structid.dynamics.reduced_sweep import FEWEST_LINES, ErrorOf, FieldSweep, reading_error, reduced_sweep
 from structid.observation.contraction import ParameterForces
 from structid.observation.frf.channels import Channels
 from structid.observation.frf.lines.protocol import LineDerivatives
 from structid.observation.frf.slopes import StiffnessSlopes
 
-#: Readings of so many sets of parameters are kept, and sweeps.
-_MOST_READINGS, _KEPT = 40, 2
+#: Readings of so many sets of parameters are kept, sweeps, and derivatives up to so many bytes.
+_MOST_READINGS, _KEPT, _MOST_BYTES = 40, 2, 2e8
 #: Derivatives may be off by so many times what readings may.
 _DERIVATIVES = 10.0
 
@@ -109,6 +109,11 @@ class LargeLines:
         if known is not None:
             return known[:, :, columns]
         loads = sparse.csc_array(self.channels.columns[:, columns])
+        if self.reduced is not None and len(self.frequency) < FEWEST_LINES and not self.channels.n_contacts:
+            stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+            with single_blas():
+                full = FieldSweep(stiffness, self.pattern.indices, right).in_full()
+                return np.stack([self.channels.reader @ fields for fields in full])
         if self.reduced is not None and self.channels.n_contacts:
             stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
             with single_blas():
@@ -119,13 +124,20 @@ class LargeLines:
         return found
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; one line after another.
+        """See `LineDerivatives`; one line after another, or all at once where a basis serves them.
 
         Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
         """
+        known = self.last_sweep.derivatives.get(self._key(physical, coefficients))
+        if known is not None:
+            yield known
+            return
         sweep = self._reduced_sweep(physical, coefficients)
         sides, n_params = self.channels, self.slopes.parameters.n_params
         forces, factors = self.slopes.forces_at(physical, coefficients)
+        if sweep is not None and len(forces.indices) > n_params * sweep.n_basis:
+            yield self.last_sweep.derived(self._key(physical, coefficients), sweep, sides, forces, factors)
+            return
         used, place = np.unique(sides.inputs[0], return_inverse=True)
         few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
         direct = few and sweep is None
@@ -174,8 +186,9 @@ class LargeLines:
 
     @staticmethod
     def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
-        """Of what a sweep depends on: the values, and the Laplace variables."""
-        return physical.tobytes() + coefficients[:, 1].tobytes()
+        """Of what a sweep depends on: the values, but for their rounding, and the Laplace variables."""
+        part, power = np.frexp(physical)
+        return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
 
     def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
         data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
@@ -227,12 +240,13 @@ class LastSweep:
     ----------
     n_factorizations : int
         Of all sweeps so far.
-    readings : dict
-        What sensors read, by what it depends on.
+    readings, derivatives : dict
+        What sensors read, and `LineDerivatives` of all lines, by what they depend on.
     """
 
     def __init__(self) -> None:
         self.readings: dict[bytes, ComplexArray] = {}
+        self.derivatives: dict[bytes, LineDerivatives] = {}
         self._sweeps: dict[bytes, FieldSweep] = {}
         self._before = 0
 
@@ -262,6 +276,23 @@ class LastSweep:
         self.readings[key] = sweep.basis.read(sensors)
         return self.readings[key]
 
+    def derived(
+        self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
+    ) -> LineDerivatives:
+        """What sensors read at all lines under the loads, and its derivatives; the last ones are kept."""
+        x = sweep.basis.all_coordinates()
+        used, place = np.unique(sides.inputs[0], return_inverse=True)
+        change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]
+        change *= -sides.inputs[1][:, None]
+        values = sides.under_loads(sweep.basis.read(sides.sensors))
+        found = LineDerivatives(slice(0, len(x)), values, change, np.zeros((*values.shape[:2], 0)))
+        most = int(_MOST_BYTES // change.nbytes)
+        while self.derivatives and len(self.derivatives) >= most:
+            del self.derivatives[next(iter(self.derivatives))]
+        if most:
+            self.derivatives[key] = found
+        return found
+
     def __getstate__(self) -> dict[str, object]:
         """Without the fields, which are large."""
-        return {"readings": {}, "_sweeps": {}, "_before": self.n_factorizations}
+        return {"readings": {}, "derivatives": {}, "_sweeps": {}, "_before": self.n_factorizations}
