@@ -50,6 +50,48 @@ class Assembly:
         return rows
 
 
+@dataclass(frozen=True, eq=False)
+class DenseAssembly:
+    """The map from all element weights of a small structure to its matrices as full ones; made by `dense_assembly`.
+
+    Attributes
+    ----------
+    structure : Structure
+    laws : tuple of str
+        See `Assembly`.
+    operator : (n_laws n_dofs n_dofs, n_weights) sparse array
+        Weights stand in the order of the structure's contributions.
+    """
+
+    structure: Structure
+    laws: tuple[str, ...]
+    operator: sparse.csr_array
+
+    def matrices(self, values: FloatArray) -> FloatArray:
+        """Mass, viscous damping, stiffness and so on, (n_laws, n_dofs, n_dofs)."""
+        weights = np.concatenate([np.zeros(0), *(part.weights(values) for part in self.structure.contributions)])
+        n_dofs = self.structure.n_dofs
+        found: FloatArray = (self.operator @ weights).reshape(len(self.laws), n_dofs, n_dofs)
+        return found
+
+
+def dense_assembly(structure: Structure) -> DenseAssembly:
+    """The `DenseAssembly` of `structure`; made once, used for every set of values."""
+    laws, n_dofs = structure_laws(structure), structure.n_dofs
+    entries = {id(part.blocks): part.blocks.entries() for part in structure.contributions}
+    rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    n_weights = 0
+    for part in structure.contributions:
+        row, column, element, value = entries[id(part.blocks)]
+        rows.append((laws.index(part.law) * n_dofs + row) * n_dofs + column)
+        columns.append(n_weights + element)
+        values.append(value)
+        n_weights += part.blocks.n_elements
+    place = np.concatenate(rows), np.concatenate(columns)
+    operator = sparse.coo_array((np.concatenate(values), place), (len(laws) * n_dofs**2, n_weights))
+    return DenseAssembly(structure, laws, operator.tocsr())
+
+
 def structure_laws(structure: Structure) -> tuple[str, ...]:
     """Every law by which matrices of `structure` enter its dynamic stiffness: the basic ones, then each friction."""
     frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)

@@ -70,10 +70,7 @@ class SmallLines:
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         known = self._known.get(key)
         if known is None:
-            assembled = self.slopes.assembled
-            columns = np.repeat(np.arange(loads.shape[0]), np.diff(assembled.indptr))
-            matrices = np.zeros((len(assembled.laws), *[loads.shape[0]] * 2))
-            matrices[:, assembled.indices, columns] = assembled.data(self.slopes.parameters.values(physical))
+            matrices = self.slopes.full.matrices(self.slopes.parameters.values(physical))
             known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             self._known.clear()
             self._known[key] = known
