@@ -103,7 +103,7 @@ class StiffnessSlopes:
     @cached_property
     def dense(self) -> DenseSlopes:
         """The same as dense matrices, for small models."""
-        return dense_slopes(self.structure, self.laws, self.parameters.design)
+        return dense_slopes(self.full, self.parameters.design)
 
     @cached_property
     def _sensitive(self) -> tuple[SensitiveElements, ...]:
