@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 import structid as sid
-from structid.structure.matrices.assembly import assembly, dense_assembly
+from structid.structure.matrices.assembly import assembly
 from structid.structure.matrices.blocks import index_kind
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -52,18 +52,6 @@ def test_entries_of_every_law_equal_the_sum_of_element_matrices(name):
         own = sparse.csc_array((row, at.indices, at.indptr), (n, n)).toarray()
         exact = structure.matrix(law, values).toarray() if law in LAWS else 0.0
         assert own == pytest.approx(exact, rel=1e-13, abs=1e-13 * np.abs(own).max(initial=0.0))
-
-
-@pytest.mark.parametrize("name", list(CASES))
-def test_full_matrices_equal_the_entries_on_the_pattern(name):
-    structure = CASES[name]()
-    sparse_one, n = assembly(structure), structure.n_dofs
-    values = structure.values * np.random.default_rng(2).uniform(0.5, 2.0, len(structure.values))
-    full = dense_assembly(structure)
-    assert full.laws == sparse_one.laws
-    for own, row in zip(full.matrices(values), sparse_one.data(values), strict=True):
-        exact = sparse.csc_array((row, sparse_one.indices, sparse_one.indptr), (n, n)).toarray()
-        assert own == pytest.approx(exact, rel=1e-13, abs=1e-13 * np.abs(exact).max(initial=0.0))
 
 
 @pytest.mark.parametrize("name", list(CASES))

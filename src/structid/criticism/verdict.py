@@ -12,6 +12,7 @@ from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
+from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -275,6 +276,7 @@ def judged(
     n_tried: int = 0,
     suggestions: Sequence[Cause] = (),
     untried: str = "",
+    work: Work = ALONE,
 ) -> Judgement:
     """The verdict on an identification; records that stand out from the others are among its reasons.
 
@@ -289,8 +291,10 @@ def judged(
         What lowers the misfit most, where there is no cause.
     untried : str
         Why no changes were tried, where they might tell more.
+    work : Work
+        Where parts of the data are fitted.
     """
-    given = _judged(found, causes, n_tried, suggestions)
+    given = _judged(found, causes, n_tried, suggestions, work)
     if untried and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
@@ -298,7 +302,9 @@ def judged(
     return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
 
 
-def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, suggestions: Sequence[Cause]) -> Judgement:
+def _judged(
+    found: Identification, causes: Sequence[Cause], n_tried: int, suggestions: Sequence[Cause], work: Work
+) -> Judgement:
     estimate = found.estimate
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
@@ -368,7 +374,7 @@ def _judged(found: Identification, causes: Sequence[Cause], n_tried: int, sugges
     if any(one.is_far for one in found.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
-    apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
+    apart = disagreements(found.problems, estimate.theta, work) if found.target is not None else ()
     if any(one.share > (_CONTRADICTS_GROSSLY if one.is_gross else _CONTRADICTS) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"

@@ -70,27 +70,27 @@ def _criticized(
         found = replace(found, warnings=tuple(one for one in found.warnings if one not in ready.sensor_warnings))
         result = replace(result, identification=found)
         if not explain:
-            return replace(result, criticism=Criticism(judged(found))), ()
+            return replace(result, criticism=Criticism(judged(found, work=work))), ()
     if any(one.warning for one in found.truncations) and not explain:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        return replace(result, criticism=Criticism(judged(found, work=work))), ()
     ratio = noise_ratio(found)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
-        return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
+        return replace(result, criticism=Criticism(judged(found, causes, work=work), causes)), ()
     if found.estimate.chi_square_per_dof <= 1 and not found.missed and not explain:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        return replace(result, criticism=Criticism(judged(found, work=work))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
-        return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
+        return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX, work)
     if not ready.study.structure.has_matrices:
-        return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
+        return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}", work)
     if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
-        return _without_causes(result, _NO_PLACES)
+        return _without_causes(result, _NO_PLACES, work)
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
         explanation = explained(base, work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        return _without_causes(result, f"causes could not be looked for: {error}")
+        return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
@@ -100,7 +100,9 @@ def _criticized(
     tests = found.estimate.residual_tests
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
-        return replace(wider, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
+        return replace(
+            wider, criticism=Criticism(judged(found, causes, work=work), causes, n_tried=explanation.tried)
+        ), ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
@@ -108,15 +110,15 @@ def _criticized(
     accepted, lowering = (
         (made, made[:0]) if are_causes(made, misfit, expected, bool(found.missed)) else (made[:0], made)
     )
-    judgement = judged(found, accepted, explanation.tried, lowering)
+    judgement = judged(found, accepted, explanation.tried, lowering, work=work)
     if explanation.base.trial.is_large:
         judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
     return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
 
 
-def _without_causes(result: StudyResult, why: str) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    return replace(result, criticism=Criticism(judged(result.identification, untried=why))), ()
+def _without_causes(result: StudyResult, why: str, work: Work) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    return replace(result, criticism=Criticism(judged(result.identification, untried=why, work=work))), ()
 
 
 def _like_damper(cause: Cause) -> tuple[Cause, ...]:

@@ -19,7 +19,18 @@ from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
 from structid.explanation.kindred import kindred
-from structid.explanation.refits import MISFIT, Change, Fit, Fitted, Item, Near, approached, likewise, refitted, restored
+from structid.explanation.refits import (
+    MISFIT,
+    Change,
+    Fit,
+    Fitted,
+    Item,
+    Near,
+    approached,
+    likewise,
+    refitted,
+    restored,
+)
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
@@ -213,7 +224,10 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
     at_fit = [*shortlist.at_fit, *telling]
     kept = {k for k, one in enumerate(looked) if one.candidate.kind in _ALWAYS or one in at_fit}
-    promising = [*sorted(range(len(few)), key=lambda k: few[k].left)[:_FINALISTS], *range(first, len(looked))[:_FINALISTS]]
+    promising = [
+        *sorted(range(len(few)), key=lambda k: few[k].left)[:_FINALISTS],
+        *range(first, len(looked))[:_FINALISTS],
+    ]
     near = _approached(base, changes, alike, promising, kept, work, f"{which}causes")
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]

@@ -173,7 +173,9 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
     n_elements, n_local = position.shape
     own = counts[position].ravel()
     line = np.repeat(np.arange(position.size), own)
-    entry = np.arange(len(line)) + np.repeat(np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(own) + own, own)
+    entry = np.arange(len(line)) + np.repeat(
+        np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(own) + own, own
+    )
     element = line // n_local
     pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
     owner = pairs // n_free

@@ -18,7 +18,7 @@ from structid.observation.sensitive import (
     weighted_elements,
 )
 from structid.structure import Structure
-from structid.structure.matrices.assembly import Assembly, DenseAssembly, assembly, dense_assembly, structure_laws
+from structid.structure.matrices.assembly import Assembly, assembly, structure_laws
 from structid.unknowns import Parameters
 
 
@@ -45,11 +45,6 @@ class StiffnessSlopes:
     def assembled(self) -> Assembly:
         """The matrices on one sparsity pattern, for large models."""
         return assembly(self.structure)
-
-    @cached_property
-    def full(self) -> DenseAssembly:
-        """The same as full matrices, for small models."""
-        return dense_assembly(self.structure)
 
     def serves(self, structure: Structure, parameters: Parameters) -> bool:
         """Whether these are the slopes of that structure and parameters, whose priors and starts do not matter."""
@@ -103,7 +98,7 @@ class StiffnessSlopes:
     @cached_property
     def dense(self) -> DenseSlopes:
         """The same as dense matrices, for small models."""
-        return dense_slopes(self.full, self.parameters.design)
+        return dense_slopes(self.structure, self.laws, self.parameters.design)
 
     @cached_property
     def _sensitive(self) -> tuple[SensitiveElements, ...]:

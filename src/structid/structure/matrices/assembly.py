@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -49,67 +48,6 @@ class Assembly:
             if weights.any():
                 rows[self.laws.index(part.law)] += entries @ weights
         return rows
-
-
-@dataclass(frozen=True, eq=False)
-class DenseAssembly:
-    """The entries of all element matrices of a small structure, which its matrices are made of as full ones.
-
-    Attributes
-    ----------
-    structure : Structure
-    laws : tuple of str
-        See `Assembly`.
-    places : (3, n_entries) int array
-        Law, row and column of each entry.
-    weight : (n_entries,) int array
-        By which weight it is multiplied, in the order of the structure's contributions.
-    value : (n_entries,) float array
-    """
-
-    structure: Structure
-    laws: tuple[str, ...]
-    places: IntArray
-    weight: IntArray
-    value: FloatArray
-
-    @cached_property
-    def n_weights(self) -> int:
-        return sum(part.blocks.n_elements for part in self.structure.contributions)
-
-    def matrices(self, values: FloatArray) -> FloatArray:
-        """Mass, viscous damping, stiffness and so on, (n_laws, n_dofs, n_dofs)."""
-        weights = np.concatenate([np.zeros(0), *(part.weights(values) for part in self.structure.contributions)])
-        found: FloatArray = (self._operator @ weights).reshape(self._shape)
-        return found
-
-    @property
-    def _shape(self) -> tuple[int, int, int]:
-        return len(self.laws), self.structure.n_dofs, self.structure.n_dofs
-
-    @cached_property
-    def _operator(self) -> sparse.csr_array:
-        """From the weights to the entries of all matrices, (n_laws n_dofs n_dofs, n_weights)."""
-        row = np.ravel_multi_index(tuple(self.places), self._shape)
-        shape = int(np.prod(self._shape)), self.n_weights
-        return sparse.coo_array((self.value, (row, self.weight)), shape).tocsr()
-
-
-def dense_assembly(structure: Structure) -> DenseAssembly:
-    """The `DenseAssembly` of `structure`; made once, used for every set of values."""
-    laws = structure_laws(structure)
-    entries = {id(part.blocks): part.blocks.entries() for part in structure.contributions}
-    places, weight, value = [np.zeros((3, 0), np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-    first = 0
-    for part in structure.contributions:
-        row, column, element, own = entries[id(part.blocks)]
-        places.append(np.stack([np.full(len(row), laws.index(part.law)), row, column]))
-        weight.append(first + element)
-        value.append(own)
-        first += part.blocks.n_elements
-    return DenseAssembly(
-        structure, laws, np.concatenate(places, axis=1), np.concatenate(weight), np.concatenate(value)
-    )
 
 
 def structure_laws(structure: Structure) -> tuple[str, ...]:

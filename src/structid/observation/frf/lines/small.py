@@ -70,7 +70,8 @@ class SmallLines:
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         known = self._known.get(key)
         if known is None:
-            matrices = self.slopes.full.matrices(self.slopes.parameters.values(physical))
+            structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
+            matrices = np.stack([structure.matrix(law, values).toarray() for law in self.slopes.laws])
             known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             self._known.clear()
             self._known[key] = known
