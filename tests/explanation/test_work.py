@@ -63,12 +63,12 @@ def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(
     estimate = run_started(ready).identification.estimate
     problems = tuple(problem.decided(problem.theta_start) for problem in ready.problems)
     base = Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
-    first = approached(base, (Candidate("mass", ("4",)), 0.3), PLAIN_TOOLS)
+    first = approached(base, (Candidate("mass", ("4",)), 0.3, np.inf), PLAIN_TOOLS)
 
     def own(*arguments):
         return {"theta": "own"}
 
-    taken = likewise(base, (own, (Candidate("mass", ("4",)), 0.3), first), PLAIN_TOOLS)
+    taken = likewise(base, (own, (Candidate("mass", ("4",)), 0.3, np.inf), first), PLAIN_TOOLS)
     assert taken["theta"] is first["theta"]
-    assert likewise(base, (own, (Candidate("mass", ("3",)), 0.3), first), PLAIN_TOOLS) == {"theta": "own"}
-    assert likewise(base, (own, (Candidate("mass", ("4",)), 0.3), {}), PLAIN_TOOLS) == {"theta": "own"}
+    assert likewise(base, (own, (Candidate("mass", ("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
+    assert likewise(base, (own, (Candidate("mass", ("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}

@@ -22,7 +22,7 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
     found = shortlisted(base, ALONE, "causes").rows
     [swap] = [one for one in found if one.candidate.kind == "load_swap"]
-    end = approached(base, (swap.candidate, swap.strength), ALONE)
+    end = approached(base, (swap.candidate, swap.strength, np.inf), ALONE)
     assert end["cost"] < 1e-2 * base.cost
     assert end["cost"] < 1.5 * problem.n_data
 

@@ -118,8 +118,8 @@ def added(places: Places, law: Callable[[Fields], ComplexArray]) -> Effect:
     def effect(fields: Fields, strengths: FloatArray) -> ComplexArray:
         u, v, g = places.seen(fields)
         weight = strengths[:, None] * law(fields)
-        inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None] * u
-        found: ComplexArray = -np.swapaxes(v, 1, 2) @ inner * fields.factor
+        inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None]
+        found: ComplexArray = inner * (-np.swapaxes(v, 1, 2) * u * fields.factor)
         return found
 
     return effect

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 from scipy import special
@@ -12,6 +13,7 @@ from structid.arrays import FloatArray
 from structid.errors import StructidError
 from structid.estimation import LevenbergMarquardt, Problem, Search
 from structid.estimation.estimate import estimate
+from structid.estimation.search.work import ALONE, Tools, Work
 from structid.identification.together import together
 from structid.observation import FrfProblem, RecordProblem
 
@@ -53,7 +55,14 @@ class Disagreement:
         return bool(high > _MANIFOLD * low and self.distance > _FAR_APART)
 
 
-def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple[Disagreement, ...]:
+class _Fit(TypedDict, total=False):
+    """Of a part of the data; empty where it cannot be fitted."""
+
+    values: FloatArray
+    std: FloatArray
+
+
+def disagreements(problems: Sequence[RecordProblem], theta: FloatArray, work: Work = ALONE) -> tuple[Disagreement, ...]:
     """Halves of the band and of the channels, and single records, that give other values; each pair once.
 
     Parameters
@@ -61,34 +70,46 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray) -> tuple
     problems : sequence of RecordProblem
     theta : (n_params,) float array
         Free variables of all parameters together, from which each part is fitted.
+    work : Work
+        Where the parts are fitted.
     """
     place = {name: i for i, name in enumerate(together(problems).names)}
+    pairs = list(_pairs(problems))
+    parts = tuple(part for pair in pairs for _, part in pair)
+    starts = [theta[[place[name] for name in part.names]] for part in parts]
+    fits = iter(work.map("parts of the data", _fitted, parts, list(enumerate(starts))))
     found = []
-    for first, second in _pairs(problems):
-        fits = []
-        for _, part in (first, second):
-            start = np.array([theta[place[name]] for name in part.names])
-            try:
-                fits.append(estimate(part, _METHOD, search=Search(restarts=0, start=start)))
-            except (StructidError, np.linalg.LinAlgError):
-                break
-        if len(fits) < 2:
+    for first, second in pairs:
+        one, other = next(fits), next(fits)
+        if not one or not other:
             continue
-        shared = [name for name in fits[0].names if name in fits[1].names]
-        one, other = ([fit.names.index(name) for name in shared] for fit in fits)
-        difference = fits[0].values[one] - fits[1].values[other]
-        std = np.hypot(fits[0].std[one], fits[1].std[other])
+        names, others = first[1].names, second[1].names
+        shared = [name for name in names if name in others]
+        mine, theirs = [names.index(name) for name in shared], [others.index(name) for name in shared]
+        values = one["values"][mine], other["values"][theirs]
+        difference = values[0] - values[1]
+        std = np.hypot(one["std"][mine], other["std"][theirs])
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
-        size = np.maximum(np.abs(fits[0].values[one]), np.abs(fits[1].values[other]))
+        size = np.maximum(np.abs(values[0]), np.abs(values[1]))
         matters = np.abs(difference) > _MATTERS * size
         beyond = (2 * special.ndtr(-distance) * len(shared) < _RISK) & matters
         if beyond.any():
             stiff = np.array([not is_damping(name) for name in shared])
             share = float(beyond[stiff].mean()) if stiff.any() else 1.0
             worst = int(np.argmax(np.where(stiff & beyond, distance + distance.max(), distance)))
-            values = float(fits[0].values[one][worst]), float(fits[1].values[other][worst])
-            found.append(Disagreement((first[0], second[0]), shared[worst], values, float(distance[worst]), share))
+            pair = float(values[0][worst]), float(values[1][worst])
+            found.append(Disagreement((first[0], second[0]), shared[worst], pair, float(distance[worst]), share))
     return tuple(found)
+
+
+def _fitted(parts: tuple[Problem, ...], item: tuple[int, FloatArray], tools: Tools) -> _Fit:
+    """The fit of one of the parts from a start."""
+    number, start = item
+    try:
+        found = estimate(parts[number], _METHOD, search=Search(restarts=0, start=start))
+    except (StructidError, np.linalg.LinAlgError):
+        return {}
+    return {"values": found.values, "std": found.std}
 
 
 def is_damping(name: str) -> bool:

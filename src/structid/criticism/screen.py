@@ -122,7 +122,8 @@ class Point:
 
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         """Residuals off the basis, (n_rows, n_strengths)."""
-        rows = np.repeat(self.residual[:, None], len(strengths), axis=1)
+        rows = np.empty((len(self.residual), len(strengths)))
+        rows[:] = self.residual[:, None]
         first = 0
         with np.errstate(all="ignore"):
             for number, fields in enumerate(self.records):
@@ -132,8 +133,8 @@ class Point:
                     change = candidate.effect(fields, strengths)
                     rows[first : first + size] = fields.problem.data_rows(fields.frf + change)
                 first += size
-            found: FloatArray = rows - self.basis @ (self.basis.T @ rows)
-        return found
+            rows -= self.basis @ (self.basis.T @ rows)
+        return rows
 
 
 def _squares(off: FloatArray) -> FloatArray:

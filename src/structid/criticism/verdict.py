@@ -13,6 +13,7 @@ from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import HeldValue, doubted
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
+from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -280,6 +281,7 @@ def judged(
     suggestions: Sequence[Cause] = (),
     untried: str = "",
     held: Sequence[HeldValue] = (),
+    work: Work = ALONE,
 ) -> Judgement:
     """The verdict on an identification; records that stand out from the others are among its reasons.
 
@@ -296,8 +298,10 @@ def judged(
         Why no changes were tried, where they might tell more.
     held : sequence of HeldValue
         What the values rest on.
+    work : Work
+        Where parts of the data are fitted.
     """
-    given = _judged(found, causes, n_tried, suggestions, doubted(held))
+    given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
     if untried and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
@@ -311,6 +315,7 @@ def _judged(
     n_tried: int,
     suggestions: Sequence[Cause],
     doubts: Sequence[HeldValue],
+    work: Work,
 ) -> Judgement:
     estimate = found.estimate
     if is_sound(found) and not causes and doubts:
@@ -388,7 +393,7 @@ def _judged(
     if any(one.is_far for one in found.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
-    apart = disagreements(found.problems, estimate.theta) if found.target is not None else ()
+    apart = disagreements(found.problems, estimate.theta, work) if found.target is not None else ()
     if any(one.share > (_CONTRADICTS_GROSSLY if one.is_gross else _CONTRADICTS) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"

@@ -79,23 +79,23 @@ def _criticized(
         if not explain and (explain is False or not is_clear(held)):
             return _sound(ready, result, held, work)
     if any(one.warning for one in found.truncations) and not explain:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        return replace(result, criticism=Criticism(judged(found, work=work))), ()
     ratio = noise_ratio(found)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(found.estimate.chi_square_per_dof, ratio),)
-        return replace(result, criticism=Criticism(judged(found, causes), causes)), ()
+        return replace(result, criticism=Criticism(judged(found, causes, work=work), causes)), ()
     if found.estimate.chi_square_per_dof <= 1 and not found.missed and not explain and not held:
-        return replace(result, criticism=Criticism(judged(found))), ()
+        return replace(result, criticism=Criticism(judged(found, work=work))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
-        return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX)
+        return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX, work)
     if not ready.study.structure.has_matrices:
-        return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}")
+        return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}", work)
     if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
-        return _without_causes(result, _NO_PLACES)
+        return _without_causes(result, _NO_PLACES, work)
     try:
         explanation = explained(_base(ready, found), work)
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        return _without_causes(result, f"causes could not be looked for: {error}")
+        return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
         reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
@@ -104,8 +104,9 @@ def _criticized(
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits and not held:
         causes = (_noise_level(found.estimate.chi_square_per_dof, float(np.sqrt(found.estimate.chi_square_per_dof))),)
         wider = _wider(ready, result, explanation.likely)
-        return replace(wider, criticism=Criticism(judged(found, causes), causes, n_tried=explanation.tried)), ()
-    return _told(ready, result, explanation, held)
+        judgement = judged(found, causes, work=work)
+        return replace(wider, criticism=Criticism(judgement, causes, n_tried=explanation.tried)), ()
+    return _told(ready, result, explanation, held, work)
 
 
 def _base(ready: Start, found: Identification) -> Fitted:
@@ -122,13 +123,18 @@ def _sound(
         try:
             explanation = with_freed(_base(ready, found), [one.name for one in doubts], len(held), work)
         except (StructidError, np.linalg.LinAlgError) as error:
-            return _without_causes(result, f"it could not be fitted with what it holds set free: {error}", held)
-        return _told(ready, result, explanation, held, is_search=False)
+            return _without_causes(result, f"it could not be fitted with what it holds set free: {error}", work, held)
+        return _told(ready, result, explanation, held, work, is_search=False)
     return replace(result, criticism=Criticism(judged(found), held=held)), ()
 
 
 def _told(
-    ready: Start, result: StudyResult, explanation: Explanation, held: tuple[HeldValue, ...], is_search: bool = True
+    ready: Start,
+    result: StudyResult,
+    explanation: Explanation,
+    held: tuple[HeldValue, ...],
+    work: Work,
+    is_search: bool = True,
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with what was found; without `is_search` as changes that would lower the misfit, not as causes."""
     found = result.identification
@@ -139,7 +145,7 @@ def _told(
     misfit, expected = found.estimate.chi_square_per_dof, expected_misfit(found)
     is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
-    judgement = judged(found, accepted, explanation.tried, lowering, held=held)
+    judgement = judged(found, accepted, explanation.tried, lowering, held=held, work=work)
     if judgement.verdict == "approximate" and not held:
         held = held_values(ready, found)
     if explanation.base.trial.is_large:
@@ -155,9 +161,9 @@ def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> Study
 
 
 def _without_causes(
-    result: StudyResult, why: str, held: tuple[HeldValue, ...] = ()
+    result: StudyResult, why: str, work: Work, held: tuple[HeldValue, ...] = ()
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    judgement = judged(result.identification, untried=why, held=held)
+    judgement = judged(result.identification, untried=why, held=held, work=work)
     return replace(result, criticism=Criticism(judgement, held=held)), ()
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy import special
@@ -18,7 +19,18 @@ from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
 from structid.explanation.kindred import kindred
-from structid.explanation.refits import MISFIT, Change, Fit, Fitted, Item, approached, likewise, refitted, restored
+from structid.explanation.refits import (
+    MISFIT,
+    Change,
+    Fit,
+    Fitted,
+    Item,
+    Near,
+    approached,
+    likewise,
+    refitted,
+    restored,
+)
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 
@@ -209,12 +221,17 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     changes = [(bare(one.candidate), one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
-    near = _mapped(approached, base, changes, alike, work, f"{which}causes")
+    telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
+    at_fit = [*shortlist.at_fit, *telling]
+    kept = {k for k, one in enumerate(looked) if one.candidate.kind in _ALWAYS or one in at_fit}
+    promising = [
+        *sorted(range(len(few)), key=lambda k: few[k].left)[:_FINALISTS],
+        *range(first, len(looked))[:_FINALISTS],
+    ]
+    near = _approached(base, changes, alike, promising, kept, work, f"{which}causes")
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
-    telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
-    at_fit = [*shortlist.at_fit, *telling]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -246,12 +263,44 @@ def _first_alike(rows: Sequence[Screened]) -> list[int]:
     return [seen.index(key) for key in seen]
 
 
-def _mapped(
-    task: Task, base: Fitted, items: Sequence[Change] | Sequence[Item], alike: Sequence[int], work: Work, name: str
+def _approached(
+    base: Fitted,
+    changes: Sequence[Change],
+    alike: Sequence[int],
+    promising: Sequence[int],
+    kept: Collection[int],
+    work: Work,
+    name: str,
 ) -> list[Fit]:
-    """`task` of every item, but of those that may be `alike` of the first only, where the others can take its answer."""
-    first = [k for k, other in enumerate(alike) if other == k]
-    found = dict(zip(first, work.map(name, task, base, [items[k] for k in first]), strict=True))
+    """`approached` of every change, of the `promising` ones first.
+
+    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
+    whatever comes of it.
+    """
+    first = [k for k in promising if alike[k] == k]
+    fits = work.map(f"most promising {name}", approached, base, [(*changes[k], np.inf) for k in first])
+    known = dict(zip(first, fits, strict=True))
+    costs = sorted(one["cost"] for k, one in known.items() if one and changes[k][0].kind not in _ALWAYS)
+    above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
+    items = [(*change, np.inf if k in kept else above) for k, change in enumerate(changes)]
+    return _mapped(approached, base, items, alike, work, name, known)
+
+
+def _mapped(
+    task: Task,
+    base: Fitted,
+    items: Sequence[Near] | Sequence[Item],
+    alike: Sequence[int],
+    work: Work,
+    name: str,
+    known: Mapping[int, Fit] = MappingProxyType({}),
+) -> list[Fit]:
+    """`task` of every item that is not `known`, but of those that may be `alike` of the first only, where the others can take
+    its answer.
+    """
+    found = dict(known)
+    first = [k for k, other in enumerate(alike) if other == k and k not in found]
+    found.update(zip(first, work.map(name, task, base, [items[k] for k in first]), strict=True))
     rest = [k for k in range(len(items)) if k not in found]
     others = work.map(f"{name}, alike", likewise, base, [(task, items[k], found[alike[k]]) for k in rest])
     found.update(zip(rest, others, strict=True))

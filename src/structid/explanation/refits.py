@@ -88,15 +88,21 @@ class Fit(TypedDict, total=False):
 
 #: A change and its strength.
 Change = tuple[Candidate, float]
+#: A change, its strength, and the misfit above which it is of no use.
+Near = tuple[Candidate, float, float]
 #: A change, its strength, and free variables to fit it from.
 Item = tuple[Candidate, float, FloatArray]
 
 
-def approached(base: Fitted, change: Change, tools: Tools) -> Fit:
-    """Free variables and misfit of the anchored fit of a change; nothing where the study has no place for it."""
+def approached(base: Fitted, change: Near, tools: Tools) -> Fit:
+    """Free variables and misfit of the anchored fit of a change; nothing where the study has no place for it.
+
+    The misfit is only known to be above the one given where it would end there.
+    """
+    candidate, strength, above = change
     try:
-        trial = base.trial.changed(*change)
-        theta, cost = trial.approached()
+        trial = base.trial.changed(candidate, strength)
+        theta, cost = trial.approached(above - base.aside)
         return {"theta": theta, "cost": cost + base.aside + _left_out(base, trial, theta, is_near=True)}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
@@ -121,7 +127,7 @@ def _is_no_gain(base: Fitted, found: Fitted) -> bool:
     return any(abs(np.log(value)) > np.log(_MOST_GAIN) and not unit_of(candidate, value) for value in added)
 
 
-def likewise(base: Fitted, item: tuple[Task, Change | Item, Fit], tools: Tools) -> Fit:
+def likewise(base: Fitted, item: tuple[Task, Near | Item, Fit], tools: Tools) -> Fit:
     """What the fit of another change gave, where it has the same misfit with this one; else this one's own fit.
 
     At mirrored places of a symmetric structure changes answer alike.

@@ -16,7 +16,9 @@ from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
 from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
-from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.least_squares import Damping, End, minimize
+from structid.estimation.search.least_squares import Trial as Tried
+from structid.estimation.search.levenberg_marquardt import FactoredPoint
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
@@ -36,10 +38,33 @@ from structid.study.schema.study import Study, edited_study
 _OF_MODEL = ("structure", "channel_error", "name")
 #: Error of each value of an anchored fit, and of the start of each parameter, as parts of them.
 _MODEL_ERROR, START_ERROR = 0.1, 0.2
-QUICK = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-3)
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
+#: A search that promises no more than this part of the misfit by linear steps is not taken to gain more than so many times that.
+_NEAR_END, _MOST_GAINED = 0.05, 4.0
+
+
+@dataclass(frozen=True)
+class Raced(LevenbergMarquardt):
+    """Searches that end early where they would end above a sum of squares.
+
+    Parameters
+    ----------
+    above : float
+        Sum of squares from which on an end is of no use.
+    """
+
+    above: float = np.inf
+
+    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Tried:
+        promised = float(here.projected @ here.projected)
+        if promised < _NEAR_END * here.cost and here.cost - _MOST_GAINED * promised > self.above:
+            return Tried(None, end=End(False, "stopped where others are better"))
+        return super().tried(problem, here, damping)
+
+
+QUICK = Raced(max_iterations=12, gain_tolerance=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +175,15 @@ class Trial:
         ]
         return point_at(problems, theta, silent)
 
-    def approached(self) -> tuple[FloatArray, float]:
-        """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages."""
+    def approached(self, above: float = np.inf) -> tuple[FloatArray, float]:
+        """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages.
+
+        The fit ends early where its misfit would stay `above`.
+        """
         theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
             theta = minimize(stage, QUICK, theta).theta
-        found = minimize(self.anchored(), QUICK, theta)
+        found = minimize(self.anchored(), replace(QUICK, above=above), theta)
         return found.theta, float(found.costs[-1])
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:

@@ -17,6 +17,7 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.structure import Structure
 from structid.structure.matrices.blocks import Blocks, ElementMatrices, index_kind
+from structid.structure.matrices.contribution import Contribution
 
 #: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
 _CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536
@@ -267,32 +268,61 @@ class DenseSlopes:
 
 def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparray) -> DenseSlopes:
     """The `DenseSlopes` of a structure whose values are changed by parameters through `design` (n_values, n_params)."""
-    table, n_dofs = sparse.csr_array(design), structure.n_dofs
+    table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
+    n_weights = sum(item.blocks.n_elements for item in members)
+    changes, numbers = np.diff(table.indptr) > 0, np.arange(table.shape[0])
     slots: list[tuple[int, tuple[int, ...]]] = []
-    found: dict[int, list[tuple[IntArray, IntArray, IntArray, FloatArray]]] = {}
-    n_slopes = 0
-    for member, item in enumerate(structure.contributions):
-        entries, used = item.blocks.entries(), []
+    # of each place of a contribution: the value and the slope of every weight, -1 where no parameter changes it
+    values: list[IntArray] = []
+    slopes: list[IntArray] = []
+    n_slopes, first = 0, 0
+    for member, item in enumerate(members):
+        own, used = slice(first, first + item.blocks.n_elements), []
         for k, place in enumerate(item.places):
-            own = table[place]
-            if not own.nnz:
+            if not changes[place].any():
                 continue
+            while len(values) <= k:
+                values.append(np.full(n_weights, -1))
+                slopes.append(np.full(n_weights, -1))
+            values[k][own], slopes[k][own] = numbers[place], n_slopes + np.arange(item.blocks.n_elements)
+            n_slopes += item.blocks.n_elements
             used.append(k)
-            pieces = found.setdefault(laws.index(item.law), [])
-            pieces += [(key, column, n_slopes + at, value) for key, column, at, value in _joined(entries, own, n_dofs)]
-            n_slopes += own.shape[0]
         if used:
             slots.append((member, tuple(used)))
-    joined = {law: [np.concatenate(arrays) for arrays in zip(*pieces, strict=True)] for law, pieces in found.items()}
-    pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *(arrays[0] for arrays in joined.values())]))
-    maps, operators = [], []
-    for law, (key, column, at, value) in joined.items():
-        rows, row = np.unique(key, return_inverse=True)
+        first = own.stop
+    pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    row, column, weight, value = _weighed_entries(members, laws, n_dofs)
+    for of_value, of_slope in zip(values, slopes, strict=True):
+        known = of_value[weight] >= 0
+        entries = row[known], column[known], weight[known], value[known]
+        own_rows = table[np.maximum(of_value, 0)]
+        pieces += [(key, at, of_slope[which], own) for key, at, which, own in _joined(entries, own_rows, n_dofs)]
+    key, at, slope, change = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    pattern, maps, operators = np.unique(key), [], []
+    for law_number in np.unique(at // n_dofs).tolist():
+        mine = at // n_dofs == law_number
+        rows, place_of = np.unique(key[mine], return_inverse=True)
         shape = (len(rows) * n_dofs, n_slopes)
-        operators.append(sparse.coo_array((value, (row * n_dofs + column, at)), shape).tocsr())
-        maps.append((law, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
+        entry = place_of * n_dofs + at[mine] % n_dofs
+        operators.append(sparse.coo_array((change[mine], (entry, slope[mine])), shape).tocsr())
+        maps.append((law_number, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
     forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
     return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
+
+
+def _weighed_entries(
+    members: Sequence[Contribution], laws: Sequence[str], n_dofs: int
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Of all entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
+    known = {id(item.blocks): item.blocks.entries() for item in members}
+    none = np.zeros(0, dtype=np.int64)
+    found, first = [(none, none, none, np.zeros(0))], 0
+    for item in members:
+        row, column, element, value = known[id(item.blocks)]
+        found.append((row, laws.index(item.law) * n_dofs + column, first + element, value))
+        first += item.blocks.n_elements
+    row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    return row, column, weight, value
 
 
 def _joined(

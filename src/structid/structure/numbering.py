@@ -170,25 +170,18 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
     if simple[position].all():
         dofs = np.where(counts[position] == 1, np.resize(first, counts.shape)[position], -1).astype(np.int64)
         return Blocks(dofs, local, n_free)
-    tied = [
-        _tied_element(row[row >= 0], block[np.ix_(row >= 0, row >= 0)], matrix)
-        for row, block in zip(position, local, strict=True)
-    ]
-    size = max(len(free) for free, _ in tied)
-    dofs = -np.ones((len(tied), size), dtype=np.int64)
-    blocks = np.zeros((len(tied), size, size))
-    for e, (free, block) in enumerate(tied):
-        dofs[e, : len(free)] = free
-        blocks[e, : len(free), : len(free)] = block
-    return Blocks(dofs, blocks, n_free)
-
-
-def _tied_element(row: IntArray, block: FloatArray, matrix: sparse.csr_array) -> tuple[IntArray, FloatArray]:
-    """Free degrees of freedom of one element and its matrix on them."""
-    spans = [slice(*matrix.indptr[i : i + 2]) for i in row]  # slicing a sparse matrix takes ten times as long
-    columns = np.concatenate([matrix.indices[span] for span in spans] or [np.zeros(0, np.int64)])
-    free, at = np.unique(columns, return_inverse=True)
-    dense = np.zeros((len(row), len(free)))
-    lines = np.repeat(np.arange(len(row)), [span.stop - span.start for span in spans])
-    np.add.at(dense, (lines, at), np.concatenate([matrix.data[span] for span in spans] or [np.zeros(0)]))
-    return free.astype(np.int64), dense.T @ block @ dense
+    n_elements, n_local = position.shape
+    own = counts[position].ravel()
+    line = np.repeat(np.arange(position.size), own)
+    entry = np.arange(len(line)) + np.repeat(
+        np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(own) + own, own
+    )
+    element = line // n_local
+    pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
+    owner = pairs // n_free
+    begin, size = np.searchsorted(owner, np.arange(n_elements)), int(np.bincount(owner, minlength=1).max())
+    ties = np.zeros((n_elements, n_local, size))
+    np.add.at(ties, (element, line % n_local, place - begin[element]), matrix.data[entry])
+    dofs = -np.ones((n_elements, size), dtype=np.int64)
+    dofs[owner, np.arange(len(pairs)) - begin[owner]] = pairs % n_free
+    return Blocks(dofs, np.swapaxes(ties, 1, 2) @ local @ ties, n_free)

@@ -73,5 +73,7 @@ class WhitenedFrf:
 def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
     """The principal logarithm of values of a least size: a complex one of NumPy's takes six times as long."""
     found = np.empty_like(z)
-    found.real, found.imag = np.log(np.maximum(np.abs(z), least)), np.angle(z)
+    size = np.abs(z)
+    np.log(np.maximum(size, least, out=size), out=found.real)
+    np.arctan2(z.imag, z.real, out=found.imag)
     return found

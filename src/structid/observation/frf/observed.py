@@ -61,7 +61,7 @@ class ObservedFrf:
         if decay is None:
             return self.model, self.record.laplace
         laplace = self.record.laplace + decay
-        coefficients = law_coefficients(self.model.slopes.assembled.laws, laplace, {})
+        coefficients = law_coefficients(self.model.slopes.laws, laplace, {})
         factor = laplace ** DERIVATIVES[self.record.kind]
         return replace(self.model, fixed_coefficients=coefficients, kind_factor=factor), laplace
 
@@ -76,7 +76,7 @@ def _laplace_slope(
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)
     weights = model.parameters.values(physical)
-    inertia, viscous = (model.slopes.assembled.structure.matrix(law, weights) for law in ("inertia", "viscous"))
+    inertia, viscous = (model.slopes.structure.matrix(law, weights) for law in ("inertia", "viscous"))
     flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
     shape = (x.shape[1], x.shape[0], x.shape[2])
     s = laplace[:, None, None]

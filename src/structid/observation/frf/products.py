@@ -152,7 +152,7 @@ def response_products(
             " or fewer parameters"
         )
     shape = (len(model.frequency), model.channels.n_outputs, len(model.channels.inputs[0]))
-    n_params, n_dofs = model.parameters.n_params, model.slopes.assembled.structure.n_dofs
+    n_params, n_dofs = model.parameters.n_params, model.slopes.structure.n_dofs
     size = 16 * int(np.prod(shape)) * n_params
     stored = np.empty((2, *shape, n_params)) if size <= stored_bytes else None
     forces, factors = model.slopes.forces_at(physical, model.fixed_coefficients)

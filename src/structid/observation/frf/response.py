@@ -30,7 +30,6 @@ from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.solver.frfs.model import SolverFrfs
 from structid.structure import Base, Structure
-from structid.structure.matrices.assembly import assembly
 from structid.structure.measured import joined_receptance
 from structid.unknowns import Parameters
 
@@ -138,7 +137,7 @@ class Models:
         """Of a parametrized structure."""
         found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if found is None:
-            found = StiffnessSlopes(assembly(structure), parameters)
+            found = StiffnessSlopes(structure, parameters)
             self._slopes.add(found)
         return found
 
@@ -195,7 +194,7 @@ def response(
     bases = driving_bases(structure, record)
     structure = structure.let_go(bases) if bases else structure
     slopes = models.slopes(structure, unknown)
-    laws = slopes.assembled.laws
+    laws = slopes.laws
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)

@@ -18,29 +18,39 @@ from structid.observation.sensitive import (
     weighted_elements,
 )
 from structid.structure import Structure
-from structid.structure.matrices.assembly import Assembly
+from structid.structure.matrices.assembly import Assembly, assembly, structure_laws
 from structid.unknowns import Parameters
 
 
 @dataclass(frozen=True, eq=False)
 class StiffnessSlopes:
-    """The matrices of a parametrized structure on one pattern, and how they change.
+    """The matrices of a parametrized structure, and how they change.
 
     Attributes
     ----------
-    assembled : Assembly
+    structure : Structure
     parameters : Parameters
         Of which only the values matter that they give the structure.
     """
 
-    assembled: Assembly
+    structure: Structure
     parameters: Parameters
+
+    @cached_property
+    def laws(self) -> tuple[str, ...]:
+        """See `Assembly`."""
+        return structure_laws(self.structure)
+
+    @cached_property
+    def assembled(self) -> Assembly:
+        """The matrices on one sparsity pattern, for large models."""
+        return assembly(self.structure)
 
     def serves(self, structure: Structure, parameters: Parameters) -> bool:
         """Whether these are the slopes of that structure and parameters, whose priors and starts do not matter."""
         own = self.parameters
         same = own.design is parameters.design and own.offset is parameters.offset
-        return same and self.assembled.structure is structure
+        return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
         """The element matrices that the parameters weigh, and the factor of each kind at every line.
@@ -51,7 +61,7 @@ class StiffnessSlopes:
         coefficients : (n_lines, n_laws) complex array
             How each law enters the dynamic stiffness.
         """
-        structure, parameters = self.assembled.structure, self.parameters
+        structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
         found = self._known_parts.get(key)
         if found is None:
@@ -61,7 +71,7 @@ class StiffnessSlopes:
         factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
         for kind, uses in enumerate(found.uses):
             for law, scale in uses:
-                factors[:, kind] += coefficients[:, self.assembled.laws.index(law)] * scale
+                factors[:, kind] += coefficients[:, self.laws.index(law)] * scale
         return found, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
@@ -69,7 +79,7 @@ class StiffnessSlopes:
         found, factors = self.parts_at(physical, coefficients)
         known = self._known_forces.get("last")
         if known is None or (known[0] is not found and not known[0].same_slopes(found)):
-            forces = parameter_forces(found.parts, self.parameters.n_params, self.assembled.structure.n_dofs)
+            forces = parameter_forces(found.parts, self.parameters.n_params, self.structure.n_dofs)
             known = self._known_forces["last"] = found, forces
         return known[1], factors
 
@@ -77,7 +87,7 @@ class StiffnessSlopes:
         self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
     ) -> ComplexArray:
         """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params)."""
-        if self.assembled.structure.n_dofs <= DENSE_UP_TO:
+        if self.structure.n_dofs <= DENSE_UP_TO:
             return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)
         forces, factors = self.forces_at(physical, coefficients)
         found = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
@@ -88,15 +98,15 @@ class StiffnessSlopes:
     @cached_property
     def dense(self) -> DenseSlopes:
         """The same as dense matrices, for small models."""
-        return dense_slopes(self.assembled.structure, self.assembled.laws, self.parameters.design)
+        return dense_slopes(self.structure, self.laws, self.parameters.design)
 
     @cached_property
     def _sensitive(self) -> tuple[SensitiveElements, ...]:
-        return sensitive_elements(self.assembled.structure, self.parameters)
+        return sensitive_elements(self.structure, self.parameters)
 
     @cached_property
     def _steering(self) -> IntArray:
-        return steering_values(self.assembled.structure, self.parameters, self._sensitive)
+        return steering_values(self.structure, self.parameters, self._sensitive)
 
     @cached_property
     def _known_parts(self) -> dict[bytes, WeightedParts]:

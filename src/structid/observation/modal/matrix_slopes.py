@@ -11,9 +11,12 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray
+from structid.dynamics.receptance import DENSE_UP_TO
+from structid.observation.contraction import DenseSlopes, dense_slopes
 from structid.observation.latest import Latest
 from structid.observation.sensitive import SensitiveElements, sensitive_elements, weight_slope
 from structid.structure import Structure
+from structid.structure.matrices.assembly import structure_laws
 from structid.unknowns import Parameters
 
 #: Derivative of the weights of some elements, (n_elements, n_params).
@@ -26,11 +29,12 @@ _FEW, _SMALL = 6, 50_000
 
 @dataclass(frozen=True, eq=False)
 class MatrixSlopes:
-    """Products y' (dA/dp) x with the derivatives of mass, damping and stiffness; made by `matrix_slopes`."""
+    """Products y' (dA/dp) x with the derivatives of mass, damping and stiffness: of small models by full matrices dA/dp, which
+    all modes share.
+    """
 
     structure: Structure
     parameters: Parameters
-    elements: tuple[SensitiveElements, ...]
 
     def products(
         self, physical: FloatArray, laws: Iterable[str], y: FloatArray, x: FloatArray
@@ -48,6 +52,9 @@ class MatrixSlopes:
         -------
         dict of str to (n, n_y, n_x, n_params) float array
         """
+        if self.structure.n_dofs <= DENSE_UP_TO:
+            changes, adjoint = self._latest_changes.at(physical, self._changes_at), np.swapaxes(y, 1, 2)[:, None]
+            return {law: np.moveaxis(adjoint @ (changes[law] @ x[:, None]), 1, -1) for law in laws}
         shape = (x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params)
         found: dict[str, FloatArray] = {law: np.zeros(shape) for law in laws}
         weights = self._weight_slopes(physical)
@@ -59,6 +66,31 @@ class MatrixSlopes:
                     slope = weights[number, member]
                     found[law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
         return found
+
+    def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
+        """dA/dp of the matrix A of each law, (n_params, n_dofs, n_dofs)."""
+        at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
+        found = {law: np.zeros((self.parameters.n_params, n_dofs, n_dofs)) for law in self._laws}
+        for law, chosen, matrix in at.maps:
+            found[self._laws[law]][at.parameters[chosen], at.dofs[chosen]] = matrix
+        return found
+
+    @cached_property
+    def _laws(self) -> tuple[str, ...]:
+        return structure_laws(self.structure)
+
+    @cached_property
+    def _dense(self) -> DenseSlopes:
+        return dense_slopes(self.structure, self._laws, self.parameters.design)
+
+    @cached_property
+    def _latest_changes(self) -> Latest[dict[str, FloatArray]]:
+        return Latest()
+
+    @cached_property
+    def elements(self) -> tuple[SensitiveElements, ...]:
+        """What the parameters weigh, of larger models."""
+        return sensitive_elements(self.structure, self.parameters)
 
     def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
         """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
@@ -92,8 +124,3 @@ class MatrixSlopes:
     @cached_property
     def _latest(self) -> Latest[dict[_Member, Slope]]:
         return Latest()
-
-
-def matrix_slopes(structure: Structure, unknown: Parameters) -> MatrixSlopes:
-    """The `MatrixSlopes` of a parametrized structure."""
-    return MatrixSlopes(structure, unknown, sensitive_elements(structure, unknown))

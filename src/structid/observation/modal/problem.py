@@ -20,7 +20,7 @@ from structid.modal import ModalRecord
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.latest import Latest
 from structid.observation.modal.dynamic import dynamic_residual
-from structid.observation.modal.matrix_slopes import MatrixSlopes, matrix_slopes
+from structid.observation.modal.matrix_slopes import MatrixSlopes
 from structid.observation.modal.measured import FewSensorsError, MeasuredModes
 from structid.observation.modal.output import GroupData, GroupFit, ModelState, by_mode, group_changes, group_fit
 from structid.observation.modal.settings import ModalForm, ModalSettings
@@ -144,7 +144,7 @@ class ModalProblem(MeasuredProblem):
     @cached_property
     def slopes(self) -> MatrixSlopes:
         """Derivatives of the structure's matrices."""
-        return matrix_slopes(self.structure, self.parameters)
+        return MatrixSlopes(self.structure, self.parameters)
 
     @cached_property
     def rows(self) -> DataRows:

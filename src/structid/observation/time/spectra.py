@@ -183,7 +183,7 @@ class SpectraProblem(ResponseProblem):
     @cached_property
     def _columns(self) -> sparse.csc_array:
         """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
-        structure = self.model.slopes.assembled.structure
+        structure = self.model.slopes.structure
         loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
         return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self._transient_forces)]))
 
@@ -193,7 +193,7 @@ class SpectraProblem(ResponseProblem):
 
         Supports that drive the structure are held in these, and carry no force.
         """
-        known = self.model.slopes.assembled.structure
+        known = self.model.slopes.structure
         n_dofs = known.n_dofs
         if not self.transient:
             return np.zeros((n_dofs, 0))

@@ -243,7 +243,7 @@ class Contribution:
         if self.scale is not None and place >= before:
             return own * factor * self.scale.slope(values, place - before)
         scale = 1.0 if self.scale is None else self.scale.of(values)
-        return np.broadcast_to(factor * scale, own.shape) if place == 0 else own * scale
+        return np.full(own.shape, factor * scale) if place == 0 else own * scale
 
 
 def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:

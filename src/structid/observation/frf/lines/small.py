@@ -70,10 +70,8 @@ class SmallLines:
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         known = self._known.get(key)
         if known is None:
-            assembled = self.slopes.assembled
-            columns = np.repeat(np.arange(loads.shape[0]), np.diff(assembled.indptr))
-            matrices = np.zeros((len(assembled.laws), *[loads.shape[0]] * 2))
-            matrices[:, assembled.indices, columns] = assembled.data(self.slopes.parameters.values(physical))
+            structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
+            matrices = np.stack([structure.matrix(law, values).toarray() for law in self.slopes.laws])
             known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             self._known.clear()
             self._known[key] = known
