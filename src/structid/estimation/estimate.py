@@ -298,8 +298,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         level : float
             Probability between 0 and 1 that it covers the truth, where the problem is nearly linear.
         """
-        if not 0 < level < 1:
-            raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+        require_level(level)
         quantile = float(special.ndtri(0.5 + level / 2))
         half = quantile * self.std_free
         with np.errstate(over="ignore"):
@@ -374,6 +373,12 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
             },
             "parameter",
         )  # fmt: skip
+
+
+def require_level(level: float) -> None:
+    """Raise `InputError` unless `level` is the probability of an interval."""
+    if not 0 < level < 1:
+        raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
 
 
 def estimate(
