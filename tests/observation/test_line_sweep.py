@@ -16,6 +16,7 @@ from structid.identification.options import IdentifyOptions
 from structid.observation.contraction import element_products
 from structid.observation.frf.lines.large import sweep_error
 from structid.observation.frf.response import Models, response
+from structid.unknowns.priors import priors_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import empty_record, solid
@@ -300,7 +301,8 @@ def noisy(form, shape="plate", **options):
     rng = np.random.default_rng(2)
     values = at.values_at(made.start) * (1 + 0.1 * rng.standard_normal(record.values.shape))
     record = replace(record, values=values, variance=(0.03 * np.abs(values)) ** 2)
-    made = replace(made, prior_mean=made.start.copy(), prior_std=np.where(np.arange(made.n_params) % 3, 0.2, np.nan))
+    priors = priors_of(sid.Prior(value, 0.2) if i % 3 else None for i, value in enumerate(made.start))
+    made = replace(made, priors=priors)
     return sid.FrfProblem(structure, made, record, form, **options)
 
 

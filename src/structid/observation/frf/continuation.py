@@ -28,7 +28,7 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
     slope = unknowns.transforms.slope(unknowns.theta_start)
     size = unknowns.sizes(unknowns.start) / np.abs(slope)
     width = expected * np.where(size > 0, size, 1.0)
-    return np.where(np.isfinite(unknowns.prior_std), np.inf, width)
+    return np.where(unknowns.priors.stated, np.inf, width)
 
 
 def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
