@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.estimation.search.minimum import Stored
 
 #: Logarithm of a density and its gradient; minus infinity where there is none.
 LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -104,7 +104,7 @@ class ChainState:
     acceptance: float
 
 
-def restored(kept: Mapping[str, Any]) -> ChainState:
+def restored(kept: Stored) -> ChainState:
     """The state of which `dataclasses.asdict` was kept."""
     return ChainState(**{**kept, "at": Place(**kept["at"]), "step": StepSize(**kept["step"])})
 
