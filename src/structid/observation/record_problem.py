@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self, cast
+from typing import Protocol, Self, cast
 
 import numpy as np
 from scipy import sparse
@@ -125,6 +125,16 @@ class RecordFacts:
     record: object = None
 
 
+class RecordData(Protocol):
+    """The data of a record, and what is known beside them."""
+
+    @property
+    def rows(self) -> DataRows: ...
+
+    @property
+    def facts(self) -> RecordFacts: ...
+
+
 class OfRows(ABC):
     """What has `rows` of data, and answers for them."""
 
@@ -143,6 +153,22 @@ class OfRows(ABC):
     @property
     def series(self) -> IntArray:
         return self.rows.series
+
+
+class OfRecordData(OfRows):
+    """What has `data` of a record, and answers for them."""
+
+    @property
+    @abstractmethod
+    def data(self) -> RecordData: ...
+
+    @property
+    def rows(self) -> DataRows:
+        return self.data.rows
+
+    @property
+    def facts(self) -> RecordFacts:
+        return self.data.facts
 
 
 class Undecided:

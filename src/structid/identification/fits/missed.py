@@ -91,7 +91,7 @@ def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found:
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """What is tested apart: its name, its rows of the residual, and chi-square per value from where on it is missed."""
     if isinstance(problem, ModalProblem):
-        kinds = problem.row_kinds
+        kinds = problem.data.row_kinds
         for kind in dict.fromkeys(kinds.tolist()):
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES
