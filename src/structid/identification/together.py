@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -14,10 +13,8 @@ from structid.estimation import JointProblem, Problem
 from structid.identification.varying import varying
 from structid.observation import RecordProblem
 from structid.observation.scatter import scatter_problems
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
-
-N = TypeVar("N", bound=NamedUnknowns)
 
 
 def together(problems: Sequence[RecordProblem]) -> Problem:

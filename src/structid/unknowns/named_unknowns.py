@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -12,6 +13,8 @@ from structid.arrays import FloatArray, locked, require_shape
 from structid.errors import InputError
 from structid.unknowns.priors import Coupling, Priors
 from structid.unknowns.transforms import Transforms
+
+N = TypeVar("N", bound="NamedUnknowns")
 
 #: Kinds of parameters that are damping, linear in the motion.
 DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
@@ -125,6 +128,13 @@ class NamedUnknowns:
         free, own = ~self.priors.stated & (width > 0), self.priors
         mean, std = np.where(free, self.start, own.mean), np.where(free, width, own.std)
         return replace(self, priors=Priors(mean, std, own.lognormal))
+
+
+def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
+    """The same begun at the `known` values of its names, of those that lie in their range."""
+    start = np.array([known.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
+    inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
+    return unknowns.started_at(np.where(inside, start, unknowns.start))
 
 
 def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:

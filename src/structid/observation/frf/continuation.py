@@ -31,6 +31,12 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
     return np.where(unknowns.priors.stated, np.inf, width)
 
 
+def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
+    """Angular frequencies over the band of `omega`, a level apart in the logarithm, at least 60 and at most 250."""
+    count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
+    return np.geomspace(omega[0], omega[-1], count)
+
+
 def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
     """The record at s = omega (a + i) for each level a that its lines allow.
 
@@ -43,8 +49,7 @@ def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> t
     own = 0.0 if record.decay is None else float(record.decay[0])
     found = []
     for level in levels:
-        count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
-        at = np.geomspace(omega[0], omega[-1], count)
+        at = level_frequencies(omega, level)
         try:
             smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)
         except InputError:
