@@ -29,7 +29,7 @@ from structid.estimation import JointProblem
 from structid.modal.modal_record import ModalChanges
 from structid.observation import FrfProblem, ModalProblem, ModalSettings
 from structid.observation.modal.paired import pairing
-from structid.observation.modal.problem import pull, shape_residual
+from structid.observation.modal.problem import of_form, pull, shape_residual
 
 
 def chain(n=5):
@@ -281,7 +281,7 @@ def test_modal_fit_takes_more_sensors_than_degrees_of_freedom(channels):
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.3 * rng.standard_normal(3))), record)
     found = estimate(problem, plans=problem.stage_plans())
     np.testing.assert_allclose(found.values, true, rtol=1e-5)
-    force = problem.of_form("dynamic")
+    force = of_form(problem, "dynamic")
     gradient, difference = gradient_errors(force, force.theta_start)
     np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
 

@@ -24,7 +24,7 @@ from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSetup
 from structid.modal.modal_record import ModalChanges
 from structid.observation import ModalProblem, ModalSettings
-from structid.observation.modal.problem import pull
+from structid.observation.modal.problem import of_form, pull
 
 MASS, STIFFNESS = 2000.0, np.array([3.0e6, 2.8e6, 2.5e6, 2.2e6, 2.0e6])
 
@@ -227,7 +227,7 @@ def test_what_cannot_do_without_more_entries_says_so():
     with pytest.raises(InputError, match="MACs are of shapes"):
         problem_of(bare, shape_form="mac", shape_error=0.05)
     with pytest.raises(InputError, match="form 'dynamic' needs a known shape entry"):
-        problem_of(bare).of_form("dynamic")
+        of_form(problem_of(bare), "dynamic")
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
         InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"

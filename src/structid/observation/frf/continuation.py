@@ -37,7 +37,7 @@ def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
     return np.geomspace(omega[0], omega[-1], count)
 
 
-def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
+def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
     """The record at s = omega (a + i) for each level a that its lines allow.
 
     Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
@@ -48,7 +48,7 @@ def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> t
         return ()
     own = 0.0 if record.decay is None else float(record.decay[0])
     found = []
-    for level in levels:
+    for level in LEVELS:
         at = level_frequencies(omega, level)
         try:
             smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)

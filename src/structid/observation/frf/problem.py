@@ -115,9 +115,6 @@ class FrfProblem(ResponseProblem):
         if self.record.segment is not None:
             _require_leakage(self, self.record.segment)
 
-    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> FrfProblem:
-        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
-
     def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         return self.record.values, self.predicted(theta)
 

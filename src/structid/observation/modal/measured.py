@@ -15,7 +15,6 @@ from structid.modal.modal_record import largest_entries, unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.observation.modal.output import GroupData, by_mode
 from structid.observation.modal.settings import ModalSettings
-from structid.observation.record_problem import DataRows, RecordFacts
 from structid.shown import counted
 from structid.similarity.shapes import most_real, real_turn
 
@@ -36,49 +35,6 @@ class MeasuredModes:
 
     def __post_init__(self) -> None:
         _require_sound(self)
-
-    @property
-    def facts(self) -> RecordFacts:
-        n_modes = self.record.n_modes
-        return RecordFacts(
-            np.full(n_modes, np.nan),
-            np.zeros(n_modes),
-            noise="the deviations of the modes",
-            measures_force=False,
-            leaves_damping_out=not self.settings.use_damping
-            and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
-            record=self.record,
-        )
-
-    @cached_property
-    def rows(self) -> DataRows:
-        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own.
-
-        Channels without a row have no name: those that are unknown in all modes, or in one of every group.
-        """
-        n = len(self.record.channels)
-        if self.settings.form == "dynamic":
-            mode, place = np.nonzero(self.record.known.T[self.measured])
-            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
-            return DataRows(self.measured[mode], 2 * place, forces)
-        lines, series = [], []
-        for group in self.groups:
-            m = len(group.members)
-            lines += [np.tile(group.members, len(group.channels)), np.repeat(group.members, m)]
-            series += [np.repeat(2 * group.channels, m), np.full(m * m, 2 * n)]
-        used = np.unique(np.concatenate([group.channels for group in self.groups]))
-        shapes = [f"shape at {self.record.channels[c]}" for c in used]
-        scalars = ("frequency", "damping ratio") if self.settings.use_damping else ("frequency",)
-        lines.append(np.tile(self.measured, len(scalars)))
-        series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.measured)))
-        return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
-
-    @cached_property
-    def row_kinds(self) -> NDArray[np.str_]:
-        """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
-        return np.array([_kind_of(name) for name in self.rows.names])[
-            np.unique(self.rows.series, return_inverse=True)[1]
-        ]
 
     @property
     def has_shapes(self) -> bool:
@@ -278,11 +234,3 @@ def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
             " their shapes are the same or sums of each other, as where a mode is listed twice; leave one out of the file or"
             " with `use`, or give the shapes at more sensors"
         )
-
-
-def _kind_of(row: str) -> str:
-    """What kind of value the data rows of this name are."""
-    first = row.partition(" ")[0]
-    return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
-        first, "damping ratios"
-    )

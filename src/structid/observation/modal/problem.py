@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.arrays import FloatArray
 from structid.errors import InputError
@@ -22,7 +23,7 @@ from structid.observation.modal.measured import FewSensorsError, MeasuredModes
 from structid.observation.modal.model import DENSE_UP_TO, ModalModel
 from structid.observation.modal.paired import output_changes, output_rows
 from structid.observation.modal.settings import ModalForm, ModalSettings
-from structid.observation.record_problem import MeasuredProblem, OfRecordData
+from structid.observation.record_problem import DataRows, MeasuredProblem, RecordFacts
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -33,7 +34,7 @@ _SINGULAR = 1e14
 
 
 @dataclass(frozen=True, eq=False)
-class ModalProblem(OfRecordData, MeasuredProblem):
+class ModalProblem(MeasuredProblem):
     """Parameters of a structure from measured modes.
 
     Forms of the residual:
@@ -111,16 +112,43 @@ class ModalProblem(OfRecordData, MeasuredProblem):
         """The structure's modes as the record's sensors see them."""
         return ModalModel(self.structure, self.parameters, self.record.channels, self.channels, self.record.n_modes)
 
-    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> ModalProblem:
-        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
-
     @property
     def frequency(self) -> FloatArray:
         return self.record.frequency
 
-    def of_form(self, form: ModalForm) -> ModalProblem:
-        """The same with a residual of another form."""
-        return replace(self, settings=replace(self.settings, form=form))
+    @property
+    def facts(self) -> RecordFacts:
+        return replace(
+            super().facts,
+            noise="the deviations of the modes",
+            measures_force=False,
+            leaves_damping_out=not self.settings.use_damping
+            and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
+            record=self.record,
+        )
+
+    @cached_property
+    def rows(self) -> DataRows:
+        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own.
+
+        Channels without a row have no name: those that are unknown in all modes, or in one of every group.
+        """
+        n = len(self.record.channels)
+        if self.settings.form == "dynamic":
+            mode, place = np.nonzero(self.record.known.T[self.data.measured])
+            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
+            return DataRows(self.data.measured[mode], 2 * place, forces)
+        lines, series = [], []
+        for group in self.data.groups:
+            m = len(group.members)
+            lines += [np.tile(group.members, len(group.channels)), np.repeat(group.members, m)]
+            series += [np.repeat(2 * group.channels, m), np.full(m * m, 2 * n)]
+        used = np.unique(np.concatenate([group.channels for group in self.data.groups]))
+        shapes = [f"shape at {self.record.channels[c]}" for c in used]
+        scalars = ("frequency", "damping ratio") if self.settings.use_damping else ("frequency",)
+        lines.append(np.tile(self.data.measured, len(scalars)))
+        series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
+        return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
@@ -138,7 +166,7 @@ class ModalProblem(OfRecordData, MeasuredProblem):
             ordered = replace(near, settings=errors, in_order=True)
             ways.append((("modes in their order", ordered),))
         if self.data.has_shapes and self.structure.n_dofs <= DENSE_UP_TO and self.channels is None:
-            ways.append((("modal dynamic residual", near.of_form("dynamic")),))
+            ways.append((("modal dynamic residual", of_form(near, "dynamic")),))
         return ways
 
     def residual(self, theta: FloatArray) -> FloatArray:
@@ -170,9 +198,28 @@ class ModalProblem(OfRecordData, MeasuredProblem):
         return output_changes(self.data, self.model, self.physical(theta), self.in_order)
 
 
+def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
+    """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
+    kinds = np.array([_kind_of(name) for name in problem.rows.names])
+    return kinds[np.unique(problem.series, return_inverse=True)[1]]
+
+
+def _kind_of(row: str) -> str:
+    """What kind of value the data rows of this name are."""
+    first = row.partition(" ")[0]
+    return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
+        first, "damping ratios"
+    )
+
+
+def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
+    """The same with a residual of another form."""
+    return replace(problem, settings=replace(problem.settings, form=form))
+
+
 def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
     """The rows of shape values in the residual of form ``output``, in standard deviations."""
-    of = problem if problem.settings.form == "output" else problem.of_form("output")
+    of = problem if problem.settings.form == "output" else of_form(problem, "output")
     return of.residual(theta)[: of.n_data][of.series < 2 * len(problem.record.channels)]
 
 
@@ -188,7 +235,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
     if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
         return {}
     covariance = np.linalg.inv(information)
-    kinds = problem.data.row_kinds
+    kinds = row_kinds(problem)
     whole = float(at.residual[: problem.n_data] @ at.residual[: problem.n_data])
     found = {}
     filled = (at.residual[: problem.n_data] != 0) | (at.jacobian[: problem.n_data] != 0).any(axis=1)
