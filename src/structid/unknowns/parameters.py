@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import AnyArray, FloatArray, locked
+from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
@@ -112,17 +112,9 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
             raise InputError(f"prior of {one.names[0]} {prior.problem}")
         if prior is not None and prior.kind == "lognormal" and one.limits[0] < 0:
             raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
-    counts = [one.n_params for one in free]
-
-    def each(values: Iterable[float], dtype: type = float) -> AnyArray:
-        """One value a family as one a parameter."""
-        return locked(np.repeat(np.array(list(values), dtype=dtype), counts))
-
-    transforms = Transforms(
-        _joined((_transform(one),) * one.n_params for one in free),
-        each(one.limits[0] for one in free),
-        each(one.limits[1] for one in free),
-    )
+    family_of = np.repeat(np.arange(len(free)), [one.n_params for one in free])
+    limits = np.array([one.limits for one in free], dtype=float).reshape(-1, 2)[family_of]
+    transforms = Transforms(_joined((_transform(one),) * one.n_params for one in free), *locked(limits.T))
     start = [one.start for one in free]
     sizes = [_sizes(one) for one in free]
     made = Parameters(
@@ -132,7 +124,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         elements=_joined(element_sets(one) for one in free),
         start=locked(np.concatenate(start) if start else np.zeros(0)),
         transforms=transforms,
-        priors=priors_of(one.unknown.prior for one in free).at(np.repeat(np.arange(len(free)), counts)),
+        priors=priors_of(one.unknown.prior for one in free).at(family_of),
         scale=locked(np.concatenate(sizes) if sizes else np.zeros(0)),
         offset=locked(offset),
         design=design,

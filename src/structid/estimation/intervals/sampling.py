@@ -236,8 +236,9 @@ def _log_posterior(problem: Problem, centre: FloatArray, factor: FloatArray, fla
     return density
 
 
-def _log_slope_derivative(problem: Problem, theta: FloatArray, step: float = 1e-5) -> FloatArray:
+def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
     """d log|dp/dtheta| / d theta by central differences; each parameter depends on its own variable alone."""
+    step = 1e-5
     ratio = problem.slope(theta + step) / problem.slope(theta - step)
     return np.log(np.abs(ratio)) / (2 * step)
 
