@@ -32,7 +32,7 @@ from structid.dynamics.factorization import factorizer, installed_factorizers
 from structid.dynamics.modes import modes
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
-from structid.observation.frf.response import Response, response
+from structid.observation.frf.response import Models, Response, response
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))
@@ -117,7 +117,7 @@ def problem(
     made = sid.parameters(structure, unknowns)
     record = replace(record, values=response(structure, made, record).values_at(made.start))
     noisy = replace(record, variance=(0.01 * np.abs(record.values)) ** 2)
-    return sid.FrfProblem(structure, made, noisy, factorizer=name)
+    return sid.FrfProblem(structure, made, noisy, models=Models(name))
 
 
 def shapes(quick: bool) -> dict[str, tuple[int, ...]]:
@@ -246,7 +246,7 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
     lowest = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=11).frequency
     record = empty_record(structure, np.linspace(0.3 * lowest[0], lowest[10], 50), 20)
     for name in compared():
-        model = response(structure, at.parameters, record, factorizer=name)
+        model = response(structure, at.parameters, record, models=Models(name))
         stiffness = model.stiffness(at.start, model.fixed_coefficients)
         loads = model.columns[:, np.unique(model.inputs[0])].toarray()
         pattern = model.assembled.indices, model.assembled.indptr
@@ -264,7 +264,7 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
         )
         yield Row(f"full sweep / reduced, 3-D 10k, 50 lines, 10 modes, {name}", full / reduced, 5, True, note)
         yield linearized(
-            response(structure, at.parameters, record, factorizer=name, reduced=1e-6), model, at.unknowns.start
+            response(structure, at.parameters, record, reduced=1e-6, models=Models(name)), model, at.unknowns.start
         )
 
 

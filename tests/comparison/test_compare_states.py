@@ -76,9 +76,9 @@ def test_two_studies_with_unchanged_masses_locate_the_weaker_spring(states, tmp_
 
 def test_small_changes_and_limits_are_not_shown_as_zero(states, tmp_path):
     found = compare(*states, CompareOptions(unchanged=("mass",)))
-    factors = {"change": 1e-4, "covariance": 1e-8, "detection_limit": 1e-4}
-    parts = {name: factor * getattr(found.comparison, name) for name, factor in factors.items()}
-    table = comparison_table(replace(found, comparison=replace(found.comparison, **parts)))
+    told = found.comparison
+    small = replace(told, after=told.before + 1e-4 * told.change, covariance=1e-8 * told.covariance)
+    table = comparison_table(replace(found, comparison=small))
     for row in table.rows:
         shown = [row[table.header.index(name)] for name in ("Change", "Std", "Detection limit")]
         assert all(re.search("[1-9]", cell) for cell in shown), row

@@ -81,8 +81,8 @@ def test_parameter_without_an_upper_limit_says_so(seed, basis):
     found = estimate(case)
     assert found.covariance_basis == basis
     item = profile(case, found, "b")
-    assert item.open_above
-    assert not item.open_below
+    assert item.is_open[1]
+    assert not item.is_open[0]
     assert item.upper == np.inf
     assert 2.0 < item.lower < 8.0
     assert "no upper limit" in item.words
@@ -124,5 +124,5 @@ def test_parameter_at_its_bound_has_a_profile_with_one_limit():
     low, high = found.interval()[0]
     assert np.isnan(low) or (low < 0.01 and high > 0.99)
     item = profile(case, found, 0)
-    assert item.open_above
+    assert item.is_open[1]
     assert item.lower == pytest.approx(1.02 - np.sqrt(QUANTILE_95 * 0.02**2 + 0.02**2), abs=2e-4)

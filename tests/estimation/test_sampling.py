@@ -74,7 +74,7 @@ def samples_of(values):
     columns = [values[:, :, j] for j in range(values.shape[2])]
     diagnostics = [locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size)]
     names = tuple("abc"[: values.shape[2]])
-    return Samples(names, names, locked(values), "nuts", "physical", False, *diagnostics, 0, 0)
+    return Samples(names, names, locked(values), False, *diagnostics, 0, 0)
 
 
 def test_gradient_of_the_log_posterior_is_its_difference_quotient():

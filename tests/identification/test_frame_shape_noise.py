@@ -11,6 +11,7 @@ from structid import IdentifyOptions, ModalSettings, Status, identify_together
 from structid.estimation import LevenbergMarquardt
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.multistart import staged
+from structid.observation.modal.problem import of_form
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "accuracy"))
 from frame_shape_noise import problem
@@ -32,7 +33,7 @@ def test_twelve_stiffnesses_from_three_modes_are_right_to_their_deviations():
 def test_stages_that_end_worse_than_they_began_are_given_up(astray):
     setup, true = problem(2, 0)
     own = setup.prepared(IdentifyOptions()).problem
-    stage, start = own.of_form("dynamic"), own.theta_start
+    stage, start = of_form(own, "dynamic"), own.theta_start
     end = start - 3.0 if astray else np.log(true)
     begun = []
 

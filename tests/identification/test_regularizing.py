@@ -106,8 +106,8 @@ def test_study_file_states_terms_and_results_tell_them(tmp_path, monkeypatch):
     study = load_study(path)
     assert study.options.regularization == (sid.Sparsity("stiffness", "upper"),)
     place = study.parameters.names.index("stiffness[ground]")
-    assert study.parameters.prior_std[place] == pytest.approx(99.0)
-    assert study.parameters.prior_lognormal.tolist() == [i == place for i in range(study.parameters.n_params)]
+    assert study.parameters.priors.std[place] == pytest.approx(99.0)
+    assert study.parameters.priors.lognormal.tolist() == [i == place for i in range(study.parameters.n_params)]
     predicted = CliRunner().invoke(cli.app, ["check", str(path)])
     assert "predicted without the sparsity of stiffness[upper] that `identify` will use" in predicted.stdout
     done = CliRunner().invoke(cli.app, ["identify", str(path), "--no-report"])

@@ -12,10 +12,12 @@ import pytest
 
 import structid as sid
 from structid.dynamics.factorization import installed_factorizers
+from structid.errors import InputError
 from structid.identification.options import IdentifyOptions
 from structid.observation.contraction import element_products
 from structid.observation.frf.lines.large import sweep_error
 from structid.observation.frf.response import Models, response
+from structid.unknowns.priors import priors_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import empty_record, solid
@@ -52,7 +54,7 @@ def dense_values(structure, made, record, physical):
 @pytest.mark.parametrize("name", installed_factorizers())
 @pytest.mark.parametrize("shape", list(SHAPES))
 def test_values_equal_dense_matrices(shape, name):
-    structure, made, record, at = model(shape, factorizer=name)
+    structure, made, record, at = model(shape, models=Models(name))
     assert at.is_large
     exact = dense_values(structure, made, record, made.start)
     assert at.values_at(made.start) == pytest.approx(exact, rel=1e-9, abs=1e-10 * np.abs(exact).max())
@@ -189,11 +191,20 @@ def test_error_of_a_sweep_weighs_readings_and_derivatives():
     assert 0.5 < error <= 1.0
 
 
+def test_the_factorizer_goes_with_the_models():
+    structure, made, record, _ = model()
+    record = replace(record, variance=np.ones(record.values.shape))
+    problem = pickle.loads(pickle.dumps(sid.FrfProblem(structure, made, record, models=Models("superlu"))))
+    assert problem.model.lines.pattern.factorizer == "superlu"
+    with pytest.raises(InputError, match=r"write models=Models\('superlu'\)"):
+        sid.FrfProblem(structure, made, record, factorizer="superlu")
+
+
 def test_lines_in_use_are_shared_where_all_is_the_same():
     structure, made, record, _ = model()
     models = Models()
 
-    def lines(unknown=made, record=record, **options):
+    def lines(unknown=made, record=record, models=models, **options):
         return response(structure, unknown, record, models=models, **options).lines
 
     at = lines()
@@ -203,7 +214,7 @@ def test_lines_in_use_are_shared_where_all_is_the_same():
     for other in (lines(reduced=1e-6), lines(record=record.lines(np.arange(2)))):
         assert other is not at
         assert other.pattern is at.pattern
-    for other in (lines(factorizer="superlu"), lines(record=record.channels(record.outputs[:2]))):
+    for other in (lines(models=Models("superlu")), lines(record=record.channels(record.outputs[:2]))):
         assert other.pattern is not at.pattern
     assert response(structure, made, record).lines is not at
     kept = weakref.ref(at)
@@ -318,7 +329,8 @@ def noisy(form, shape="plate", **options):
     rng = np.random.default_rng(2)
     values = at.values_at(made.start) * (1 + 0.1 * rng.standard_normal(record.values.shape))
     record = replace(record, values=values, variance=(0.03 * np.abs(values)) ** 2)
-    made = replace(made, prior_mean=made.start.copy(), prior_std=np.where(np.arange(made.n_params) % 3, 0.2, np.nan))
+    priors = priors_of(sid.Prior(value, 0.2) if i % 3 else None for i, value in enumerate(made.start))
+    made = replace(made, priors=priors)
     return sid.FrfProblem(structure, made, record, form, **options)
 
 

@@ -28,6 +28,8 @@ from structid.dynamics.modes import modes
 from structid.estimation import JointProblem
 from structid.modal.modal_record import ModalChanges
 from structid.observation import FrfProblem, ModalProblem, ModalSettings
+from structid.observation.modal.paired import pairing
+from structid.observation.modal.problem import of_form, pull, shape_residual
 
 
 def chain(n=5):
@@ -127,9 +129,9 @@ def test_modes_in_their_order_are_paired_by_it_whatever_their_shapes():
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4)
     shuffled = replace(record, mode_shapes=record.mode_shapes[:, [1, 0, 3, 2]])
     by_shape, by_order = (ModalProblem(structure, unknown, shuffled, in_order=flag) for flag in (False, True))
-    state = by_shape.model_state(unknown.start)
-    assert by_shape.pairing(state).tolist() == [1, 0, 3, 2]
-    assert by_order.pairing(state).tolist() == [0, 1, 2, 3]
+    state = by_shape.model.state(unknown.start)
+    assert pairing(by_shape.data, state, False).tolist() == [1, 0, 3, 2]
+    assert pairing(by_order.data, state, True).tolist() == [0, 1, 2, 3]
     require_exact_slope(
         by_order, by_order.theta_start + 0.1 * np.random.default_rng(1).standard_normal(unknown.n_params)
     )
@@ -279,7 +281,7 @@ def test_modal_fit_takes_more_sensors_than_degrees_of_freedom(channels):
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.3 * rng.standard_normal(3))), record)
     found = estimate(problem, plans=problem.stage_plans())
     np.testing.assert_allclose(found.values, true, rtol=1e-5)
-    force = problem.of_form("dynamic")
+    force = of_form(problem, "dynamic")
     gradient, difference = gradient_errors(force, force.theta_start)
     np.testing.assert_allclose(gradient, difference, atol=1e-5 * np.abs(gradient).max())
 
@@ -424,7 +426,7 @@ def test_shapes_by_their_mac_make_the_objective_of_published_work():
     assurance = np.array(
         [(a @ b) ** 2 / ((a @ a) * (b @ b)) for a, b in zip(record.mode_shapes.T, model.mode_shapes.T, strict=True)]
     )
-    own = problem.shape_residual(theta)
+    own = shape_residual(problem, theta)
     assert own @ own == pytest.approx(np.sum(1 - assurance) / 0.04**2, rel=1e-9)
     std = np.sqrt(np.diag(record.covariance)[:4])
     whole = np.sum(1 - assurance) / 0.04**2 + np.sum(((model.frequency - record.frequency) / std) ** 2)
@@ -443,7 +445,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 4, np.random.default_rng(3))
     problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=True))
     theta = problem.theta_start
-    found = problem.pull(theta)
+    found = pull(problem, theta)
     assert list(found) == ["shapes", "frequencies", "damping ratios"]  # nothing mixes where no modes are close
     assert [rows for rows, _, _ in found.values()] == [12, 4, 4]
     at = problem.linearize(theta)
@@ -454,7 +456,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     assert found["frequencies"][1] == pytest.approx(np.trace(left @ rows.T @ rows), rel=1e-9)
     assert sum(part for _, _, part in found.values()) == pytest.approx(1)
     fewer = replace(problem, record=record.some_modes(np.array([0])), parameters=stiffnesses(structure))
-    assert fewer.pull(theta) == {}
+    assert pull(fewer, theta) == {}
 
 
 def test_modal_problem_refuses_more_modes_than_the_model_has():

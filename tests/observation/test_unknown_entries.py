@@ -24,6 +24,7 @@ from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSetup
 from structid.modal.modal_record import ModalChanges
 from structid.observation import ModalProblem, ModalSettings
+from structid.observation.modal.problem import of_form, pull
 
 MASS, STIFFNESS = 2000.0, np.array([3.0e6, 2.8e6, 2.5e6, 2.2e6, 2.0e6])
 
@@ -105,7 +106,7 @@ def test_rows_are_those_of_known_entries_and_what_is_unknown_has_no_part():
         for mode, series in zip(problem.lines[shapes], problem.series[shapes], strict=True)
     }
     assert pairs == {(m, c) for m in range(4) for c in range(5)} - {(0, 1), (2, 3), (2, 4)}
-    assert problem.pull(problem.theta_start)["shapes"][0] == 17
+    assert pull(problem, problem.theta_start)["shapes"][0] == 17
     freedom = estimate(problem).degrees_of_freedom
     assert freedom == 4 + 17 - 4 - 5  # frequencies and entries, less scales, less unknowns
     noisy = problem_of(replace(record, shape_std=np.where(record.known, record.shape_std, 7.0)))
@@ -139,7 +140,7 @@ def test_a_channel_that_no_group_of_modes_has_whole_has_no_row():
     found = identify_together([ModalSetup(storeys(), problem.parameters, record, ModalSettings(closeness=0.5))])
     named = [test.name for test in found.estimate.residual_tests.series]
     assert named == [*(f"shape at {c}X+" for c in (1, 2, 4, 5)), "mixing of close modes", "frequency"]
-    assert problem.pull(problem.theta_start)["shapes"][0] == 4 * 4
+    assert pull(problem, problem.theta_start)["shapes"][0] == 4 * 4
 
 
 def test_the_scale_and_its_error_are_those_of_known_entries():
@@ -226,7 +227,7 @@ def test_what_cannot_do_without_more_entries_says_so():
     with pytest.raises(InputError, match="MACs are of shapes"):
         problem_of(bare, shape_form="mac", shape_error=0.05)
     with pytest.raises(InputError, match="form 'dynamic' needs a known shape entry"):
-        problem_of(bare).of_form("dynamic")
+        of_form(problem_of(bare), "dynamic")
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
         InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"

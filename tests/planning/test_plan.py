@@ -21,6 +21,7 @@ from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, 
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.run.plan import planned
 from structid.study.schema.plan import load_plan
+from structid.unknowns.priors import priors_of
 from study_cases import CHAIN, RIGID, chain_record, replaced, write_chain
 
 DEFLECTIONS = parse_dofs([f"{n}Y" for n in range(1, 7)])
@@ -233,9 +234,8 @@ def test_priors_add_their_information(beam):
     structure, unknown = beam
     options = beam_options(n_sensors=1)
     without = plan(structure, unknown, options)
-    prior_std = np.full(12, np.nan)
-    prior_std[1] = 1e-4 * unknown.start[1]
-    informed = replace(unknown, prior_mean=unknown.start, prior_std=prior_std)
+    mean = unknown.start[1]
+    informed = replace(unknown, priors=priors_of(sid.Prior(mean, 1e-4 * mean) if i == 1 else None for i in range(12)))
     found = plan(structure, informed, options)
     assert found.chosen.std[1] < 1e-4
     assert found.chosen.std[1] == pytest.approx(

@@ -209,8 +209,8 @@ def test_a_chain_goes_on_from_its_place_when_its_coordinates_turn():
     turned, longer = place(60), place(200)
     assert (turned.phase, turned.done, longer.phase, longer.done) == (1, 0, 0, 30)
     assert not np.allclose(turned.factor, np.eye(2))
-    assert turned.factor @ turned.x == pytest.approx(longer.x, rel=1e-12)
-    assert turned.log_density == pytest.approx(longer.log_density, rel=1e-12)
+    assert turned.factor @ turned.at.x == pytest.approx(longer.at.x, rel=1e-12)
+    assert turned.at.log_density == pytest.approx(longer.at.log_density, rel=1e-12)
 
 
 def test_the_step_size_is_set_to_accept_four_of_five():
@@ -221,7 +221,7 @@ def test_the_step_size_is_set_to_accept_four_of_five():
 
     found, _ = continued(density, begun(density, np.ones(12)), 400, 400, 800, np.random.default_rng(0))
     assert found.acceptance / 400 == pytest.approx(0.8, abs=0.08)
-    assert np.exp(found.log_mean) > 0.55
+    assert np.exp(found.step.log_mean) > 0.55
 
 
 def test_of_ways_that_came_as_far_the_one_with_the_least_misfit_is_followed():

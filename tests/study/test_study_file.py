@@ -180,7 +180,7 @@ def test_every_unknown_key_reaches_the_parameters(tmp_path):
     extra = "start = 800.0\nbounds = [500.0, 1500.0]\nprior = {mean = 900.0, std = 50.0}\nname = 'both'"
     unknown = load_study(write_chain(tmp_path, replaced("each = true", extra))).parameters
     i = unknown.names.index("stiffness[both]")
-    assert (unknown.start[i], unknown.prior_mean[i], unknown.prior_std[i]) == (800.0, 900.0, 50.0)
+    assert (unknown.start[i], unknown.priors.mean[i], unknown.priors.std[i]) == (800.0, 900.0, 50.0)
     assert (unknown.transforms.lower[i], unknown.transforms.upper[i]) == (500.0, 1500.0)
     tied = replaced("each = true", 'tied_to = "stiffness[ground]"\nratio = 0.5')
     assert load_study(write_chain(tmp_path, tied)).parameters.n_params == 6

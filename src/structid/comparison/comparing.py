@@ -20,13 +20,13 @@ from structid.estimation.comparison.states import states_problem
 from structid.estimation.estimate import estimate
 from structid.estimation.search.work import StageProgress
 from structid.identification.together import together
-from structid.observation import RecordProblem
 from structid.plain import Plain, plain_table
 from structid.shown import listed
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
 from structid.study.run.solver.rounds import about_answer
 from structid.study.run.start import started
 from structid.study.schema.study import Study, load_study
+from structid.unknowns.named_unknowns import begun_at
 
 COMPARE_PAGE = "compare.html"
 
@@ -182,14 +182,7 @@ def _problem(state: State, fallback: State | None = None) -> Problem:
     found = state.result.identification
     if found.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    return together([_begun(problem, known) for problem in found.problems])
-
-
-def _begun(problem: RecordProblem, known: dict[str, float]) -> RecordProblem:
-    unknown = problem.parameters
-    start = np.array([known.get(name, own) for name, own in zip(unknown.names, unknown.start, strict=True)])
-    inside = (start > unknown.transforms.lower) & (start < unknown.transforms.upper)
-    return problem.with_parameters(unknown.started_at(np.where(inside, start, unknown.start)))
+    return together([one.with_parameters(begun_at(one.parameters, known)) for one in found.problems])
 
 
 def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ...]:

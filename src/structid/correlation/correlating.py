@@ -129,7 +129,7 @@ def values_at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, flo
 
 
 def before_and_after(
-    found: Identification, options: CorrelateOptions = DEFAULT
+    found: Identification,
 ) -> tuple[
     tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
 ]:
@@ -141,7 +141,7 @@ def before_and_after(
     for one in found.modal_fits:
         with suppress(InputError, SingularModelError):
             values = one.initial_values, one.problem.physical(one.theta)
-            before, after = (_fitted_modes(one, physical, options) for physical in values)
+            before, after = (_fitted_modes(one, physical) for physical in values)
             modal.append((before, after))
     for fit in found.fits:
         with suppress(InputError):
@@ -151,7 +151,7 @@ def before_and_after(
     return tuple(modal), tuple(responses)
 
 
-def _fitted_modes(fit: ModalFit, physical: FloatArray, options: CorrelateOptions) -> ModesCorrelation:
+def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
     problem = fit.problem
     values = problem.property_values(physical)
-    return correlated_modes(problem.structure, values, fit.measured, options, problem.settings, fit.name)
+    return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)

@@ -45,15 +45,7 @@ class ModesCorrelation:
     structure : Structure
     measured : ModalRecord
     model : Modes
-    sensors : (n_dofs, n_channels) sparse array
-    shapes, seen : (n_channels, n_measured) and (n_channels, n_model) float arrays
-        Measured, as real as can be, NaN where an entry is unknown, and the model's.
     pairing : Pairing
-    coefficients : (n_model, n_measured) float array
-        The sum of the model's modes that is the like of each measured shape, in its scale: of close modes several, of
-        one without a pair, or without a known entry, none.
-    comac, ecomac : (n_channels,) float arrays
-        Over the pairs and the entries that are known; NaN without one.
     self_orthogonality : (n_measured, n_measured) float array or None
     cross_orthogonality : (n_measured, n_model) float array or None
         Of measured shapes with the mass reduced to the sensors; None where it cannot be, NaN of shapes that are not known
@@ -68,18 +60,59 @@ class ModesCorrelation:
     structure: Structure
     measured: ModalRecord
     model: Modes
-    sensors: sparse.csc_array
-    shapes: FloatArray
-    seen: FloatArray
     pairing: Pairing
-    coefficients: FloatArray
-    comac: FloatArray
-    ecomac: FloatArray
     self_orthogonality: FloatArray | None
     cross_orthogonality: FloatArray | None
     expanded: ExpandedShapes | None
     options: CorrelateOptions
     notes: tuple[str, ...]
+
+    @cached_property
+    def sensors(self) -> sparse.csc_array:
+        """(n_dofs, n_channels)."""
+        return self.structure.selection(self.measured.channels)
+
+    @cached_property
+    def shapes(self) -> FloatArray:
+        """Measured, as real as can be, (n_channels, n_measured); NaN where an entry is unknown."""
+        return most_real(self.measured.mode_shapes)
+
+    @cached_property
+    def seen(self) -> FloatArray:
+        """Shapes of the model at the sensors, (n_channels, n_model)."""
+        return np.asarray(self.sensors.T @ self.model.mode_shapes)
+
+    @cached_property
+    def coefficients(self) -> FloatArray:
+        """The sum of the model's modes that is the like of each measured shape, in its scale, (n_model, n_measured).
+
+        Of close modes several, of one without a pair, or without a known entry, none.
+        """
+        found = np.zeros((self.seen.shape[1], self.shapes.shape[1]))
+        for i in self.pairing.paired.tolist():
+            known, own = ~np.isnan(self.shapes[:, i]), list(self.pairing.partners(i))
+            if known.any():
+                found[own, i] = np.linalg.lstsq(self.seen[known][:, own], self.shapes[known, i], rcond=None)[0]
+        return found
+
+    @cached_property
+    def _pairs_at_sensors(self) -> tuple[FloatArray, FloatArray]:
+        """Measured shapes of pairs that the sensors see, and the model's likes of them, (n_channels, n) each."""
+        pairs, like = self.pairing.paired, self.seen @ self.coefficients[:, self.pairing.paired]
+        moving = np.abs(np.where(np.isnan(self.shapes[:, pairs]), 0.0, like)).max(axis=0, initial=0.0) > 0
+        return self.shapes[:, pairs[moving]], like[:, moving]
+
+    @property
+    def comac(self) -> FloatArray:
+        """Of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
+        x, y = self._pairs_at_sensors
+        return comac(x, y) if x.size else np.full(len(x), np.nan)
+
+    @property
+    def ecomac(self) -> FloatArray:
+        """As `comac`."""
+        x, y = self._pairs_at_sensors
+        return ecomac(x, y) if x.size else np.full(len(x), np.nan)
 
     @property
     def n_paired(self) -> int:
@@ -130,7 +163,7 @@ class ModesCorrelation:
     def warnings(self) -> tuple[str, ...]:
         """What the pairs say of model and test: missing, surplus and doubtful modes, and sensors that stand out."""
         found = list(self.notes)
-        surplus, far = self.pairing.surplus, self._too_far
+        surplus, far = self.pairing.surplus, _too_far(self)
         missing = [i for i in self.pairing.missing.tolist() if i not in far]
         if missing:
             found.append(
@@ -154,43 +187,44 @@ class ModesCorrelation:
             found.append(f"pairs of measured modes {numbers} are ambiguous: other modes of the model are as good")
         if len(self.measured.channels) == 1:
             found.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
-        return (*found, *self._turned())
+        return (*found, *_turned(self))
 
-    @cached_property
-    def _too_far(self) -> dict[int, int]:
-        """Measured modes whose shape is the model's at a frequency too far off for a pair, with that mode of the model."""
-        free = np.ones(len(self.model.frequency), dtype=bool)
-        free[[k for i in self.pairing.paired.tolist() for k in self.pairing.partners(i)]] = False
-        found = {}
-        for i in self.pairing.missing.tolist():
-            like = np.where(free, self.pairing.mac[i], 0.0)
-            if like.max(initial=0.0) >= _SAME:
-                found[i] = int(like.argmax())
-        return found
 
-    def _turned(self) -> list[str]:
-        """The sensor that agrees much better if it is turned round; modes are paired anew for each, as it may have cost them."""
-        use = np.flatnonzero(self.pairing.nearness.any(axis=0))
-        if self.measured.n_modes < 2 or len(self.shapes) < 3 or not len(use):
-            return []
-        known, nearness = self.measured.known, self.pairing.nearness[:, use]
-        x, y = np.where(known, self.shapes, 0.0), self.seen[:, use]
-        product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (known.T @ y**2)
-        n_shapes = max(1, int(known.any(axis=0).sum()))
+def _too_far(found: ModesCorrelation) -> dict[int, int]:
+    """Measured modes whose shape is the model's at a frequency too far off for a pair, with that mode of the model."""
+    free = np.ones(len(found.model.frequency), dtype=bool)
+    free[[k for i in found.pairing.paired.tolist() for k in found.pairing.partners(i)]] = False
+    far = {}
+    for i in found.pairing.missing.tolist():
+        like = np.where(free, found.pairing.mac[i], 0.0)
+        if like.max(initial=0.0) >= _SAME:
+            far[i] = int(like.argmax())
+    return far
 
-        def mean_mac(product: FloatArray) -> float:
-            mac = np.where(nearness > 0, product**2 / np.where(energy > 0, energy, np.inf), 0.0)
-            return float(mac[assigned(mac * nearness)].sum() / n_shapes)
 
-        now = mean_mac(product)
-        turned = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
-        best = int(np.argmax(turned))
-        if turned[best] - now < _TURNED or turned[best] < self.options.least_mac:
-            return []
-        return [
-            f"{self.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the modes from"
-            f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
-        ]
+def _turned(found: ModesCorrelation) -> list[str]:
+    """The sensor that agrees much better if it is turned round; modes are paired anew for each, as it may have cost them."""
+    use = np.flatnonzero(found.pairing.nearness.any(axis=0))
+    if found.measured.n_modes < 2 or len(found.shapes) < 3 or not len(use):
+        return []
+    known, nearness = found.measured.known, found.pairing.nearness[:, use]
+    x, y = np.where(known, found.shapes, 0.0), found.seen[:, use]
+    product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (known.T @ y**2)
+    n_shapes = max(1, int(known.any(axis=0).sum()))
+
+    def mean_mac(product: FloatArray) -> float:
+        mac = np.where(nearness > 0, product**2 / np.where(energy > 0, energy, np.inf), 0.0)
+        return float(mac[assigned(mac * nearness)].sum() / n_shapes)
+
+    now = mean_mac(product)
+    turned = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
+    best = int(np.argmax(turned))
+    if turned[best] - now < _TURNED or turned[best] < found.options.least_mac:
+        return []
+    return [
+        f"{found.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the modes from"
+        f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
+    ]
 
 
 def _listed(values: FloatArray) -> str:
@@ -243,15 +277,7 @@ def correlated_modes(
         closeness=settings.closeness,
         frequency_guard=settings.frequency_guard,
     )
-    coefficients = _coefficients(shapes, seen, pairing)
-    pairs, notes = pairing.paired, []
-    coordinate, enhanced = (np.full(len(shapes), np.nan) for _ in range(2))
-    like = seen @ coefficients[:, pairs]
-    known = ~np.isnan(shapes)
-    moving = np.abs(np.where(known[:, pairs], like, 0.0)).max(axis=0, initial=0.0) > 0
-    if moving.any():
-        x, y = shapes[:, pairs[moving]], like[:, moving]
-        coordinate, enhanced = comac(x, y), ecomac(x, y)
+    pairs, notes, known = pairing.paired, [], ~np.isnan(shapes)
     bases = [_basis(model, int(known[:, i].sum()), pairing, i, float(f)) for i, f in enumerate(record.frequency)]
     own = cross = expanded = None
     try:
@@ -274,20 +300,7 @@ def correlated_modes(
         )  # fmt: skip
     except (InputError, ArithmeticError) as error:
         notes.append(f"no expansion of the measured shapes: {error}")
-    return ModesCorrelation(
-        name, structure, record, model, sensors, shapes, seen, pairing, coefficients, coordinate, enhanced, own, cross, expanded,
-        options, tuple(notes),
-    )  # fmt: skip
-
-
-def _coefficients(shapes: FloatArray, seen: FloatArray, pairing: Pairing) -> FloatArray:
-    """Of the model's partners in each measured shape, by least squares at the sensors."""
-    found = np.zeros((seen.shape[1], shapes.shape[1]))
-    for i in pairing.paired.tolist():
-        known, own = ~np.isnan(shapes[:, i]), list(pairing.partners(i))
-        if known.any():
-            found[own, i] = np.linalg.lstsq(seen[known][:, own], shapes[known, i], rcond=None)[0]
-    return found
+    return ModesCorrelation(name, structure, record, model, pairing, own, cross, expanded, options, tuple(notes))
 
 
 def _moving(pairing: Pairing) -> NDArray[np.bool_]:

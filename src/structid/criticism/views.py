@@ -86,8 +86,8 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
     Lines lie off the axis, where damping hardly counts; smoothed data are those of the same modes farther off. The loads are
     the channels that move most.
     """
-    state, pairs = problem.model_state(problem.physical(theta)), paired_modes(problem, theta)
-    seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.readings(problem.physical(theta))[0][:, None]
+    state, pairs = problem.model.state(problem.physical(theta)), paired_modes(problem, theta)
+    seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.model.readings(problem.physical(theta))[0][:, None]
     shapes, frequency = seen.copy(), state.modes.frequency.copy()
     given, like = problem.data.shapes[:, problem.data.measured], seen[:, pairs.number]
     known = ~np.isnan(given)

@@ -13,8 +13,6 @@ from scipy import special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import correlation_length
-from structid.estimation.diagnostics.bounds import AtBound, is_free
-from structid.estimation.diagnostics.identifiability import Identifiability
 from structid.estimation.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.estimation.problem import Problem, Way
 from structid.estimation.search.least_squares import Method
@@ -22,7 +20,7 @@ from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
 from structid.estimation.search.minimum import Minimum
 from structid.estimation.search.multistart import Answer, Search, distinct_answers, named, searched_minima
 from structid.estimation.search.work import ALONE, StageProgress, Work
-from structid.estimation.uncertainty import Covariance
+from structid.estimation.uncertainty import Spread
 from structid.shown import Overview, Shown, counted, data_frame, figures, listed
 
 if TYPE_CHECKING:
@@ -89,83 +87,6 @@ class ParameterValues:
     slope: FloatArray | None = None
     to_physical: Callable[[FloatArray], FloatArray] = np.array
     scale: FloatArray | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Spread:
-    """How well the parameters are known.
-
-    Attributes
-    ----------
-    noise : Covariance
-        From the noise of the data alone (and the priors), physical units.
-    model_error : Covariance
-        From the residuals themselves, correlated along the axis and within channels; carries model error.
-    covariance_basis : str
-        ``"noise"`` or ``"model_error"``: which of the two `uncertainty` and `std` are.
-    identified : (n_params,) bool array
-        Whether the relative standard deviation is at most 1, at the estimate and at the initial values (see
-        `diagnostics.refusal.carried`).
-    identifiability : Identifiability
-        Rank, condition and undetermined directions, from the data alone; of a matrix-free search the rank only.
-    determined : float
-        How many combinations of parameters the data determine: the rank, or by posterior draws tr(C J'J).
-    bound_initial : (n_params,) float array or None
-        Cramer-Rao bound of each parameter if the truth were the initial values, physical units.
-    at_bound : tuple of AtBound
-        Parameters that ended at a bound. They have no standard deviation; those of the others, rank and directions are
-        with them held there.
-    """
-
-    noise: Covariance
-    model_error: Covariance
-    covariance_basis: str
-    identified: np.ndarray
-    identifiability: Identifiability
-    determined: float = float("nan")
-    bound_initial: FloatArray | None = None
-    at_bound: tuple[AtBound, ...] = ()
-
-    @property
-    def is_free(self) -> np.ndarray:
-        """Which parameters are not at a bound, (n_params,) bool."""
-        return is_free(self.at_bound, len(self.identified))
-
-    @property
-    def uncertainty(self) -> Covariance:
-        """The one that `covariance_basis` names."""
-        return self.noise if self.covariance_basis == "noise" else self.model_error
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Matrix of `uncertainty`; a matrix-free search gives none."""
-        return self.uncertainty.matrix
-
-    @property
-    def covariance_noise(self) -> FloatArray:
-        return self.noise.matrix
-
-    @property
-    def covariance_model_error(self) -> FloatArray:
-        return self.model_error.matrix
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviations from `uncertainty`."""
-        return self.uncertainty.std
-
-    @property
-    def std_noise(self) -> FloatArray:
-        return self.noise.std
-
-    @property
-    def std_model_error(self) -> FloatArray:
-        return self.model_error.std
-
-    @property
-    def correlation(self) -> FloatArray:
-        """Correlation matrix of the parameters."""
-        return self.covariance / np.outer(self.std, self.std)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -298,8 +219,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         level : float
             Probability between 0 and 1 that it covers the truth, where the problem is nearly linear.
         """
-        if not 0 < level < 1:
-            raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+        require_level(level)
         quantile = float(special.ndtri(0.5 + level / 2))
         half = quantile * self.std_free
         with np.errstate(over="ignore"):
@@ -376,6 +296,12 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         )  # fmt: skip
 
 
+def require_level(level: float) -> None:
+    """Raise `InputError` unless `level` is the probability of an interval."""
+    if not 0 < level < 1:
+        raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+
+
 def estimate(
     problem: Problem,
     method: Method | None = None,
@@ -449,7 +375,7 @@ def estimate(
         scale=locked(problem.sizes(np.zeros(len(theta)))),
         noise=found.noise,
         model_error=found.model_error,
-        covariance_basis="model_error" if found.misfit else "noise",
+        covariance_basis=found.covariance_basis,
         identified=locked(found.identified),
         identifiability=found.identifiability,
         determined=found.determined,

@@ -15,7 +15,7 @@ from structid.estimation.diagnostics.identifiability import Identifiability
 from structid.estimation.linearization import OperatorLinearization
 from structid.estimation.problem import Problem
 from structid.estimation.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
-from structid.estimation.uncertainty import DrawnCovariance, Uncertainty, misses_noise
+from structid.estimation.uncertainty import DrawnCovariance, Uncertainty, basis, misses_noise
 
 _SOLVED, _MOST_INNER = 1e-5, 2000
 _MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"
@@ -74,12 +74,11 @@ def drawn_uncertainty(
     return Uncertainty(
         noise=noise,
         model_error=model,
-        misfit=misfit,
+        covariance_basis=basis(misfit),
         identified=identified,
         carried=np.ones(at.n_params, dtype=bool),
         identifiability=Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ()),
         determined=determined,
-        bound_initial=None,
         freedom=at.n_data - determined,
         words=tuple(words),
     )

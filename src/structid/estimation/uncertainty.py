@@ -135,49 +135,105 @@ class DrawnCovariance:
         return np.asarray(((weights @ self.draws.T) ** 2).mean(axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """What is known of the parameters at a minimum.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Spread:
+    """How well the parameters are known.
 
     Attributes
     ----------
-    noise, model_error : Covariance
-        From the noise of the data alone and the priors; from the residuals themselves, which carries model error.
-    misfit : bool
-        Whether the fit misses the noise, so that `model_error` counts.
+    noise : Covariance
+        From the noise of the data alone (and the priors), physical units.
+    model_error : Covariance
+        From the residuals themselves, correlated along the axis and within channels; carries model error.
+    covariance_basis : str
+        ``"noise"`` or ``"model_error"``: which of the two `uncertainty` and `std` are.
     identified : (n_params,) bool array
-    carried : (n_params,) bool array
-        Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
+        Whether the relative standard deviation is at most 1, at the estimate and at the initial values (see
+        `diagnostics.refusal.carried`).
     identifiability : Identifiability
-        Without a Jacobian nothing but a rank, as `determined` tells it.
+        Rank, condition and undetermined directions, from the data alone; of a matrix-free search the rank only.
     determined : float
-        How many combinations of parameters the data determine: tr(C J'J) by draws, else the rank.
+        How many combinations of parameters the data determine: the rank, or by posterior draws tr(C J'J).
     bound_initial : (n_params,) float array or None
-        Cramer-Rao bound if the truth were the initial values.
-    freedom : float
-        Degrees of freedom of chi-square.
-    words : tuple of str
-        How it was found, or why a parameter is refused.
+        Cramer-Rao bound of each parameter if the truth were the initial values, physical units.
     at_bound : tuple of AtBound
-        Parameters at a bound; the others are free, and all else is of these with them held there.
+        Parameters that ended at a bound. They have no standard deviation; those of the others, rank and directions are
+        with them held there.
     """
 
     noise: Covariance
     model_error: Covariance
-    misfit: bool
+    covariance_basis: str
     identified: np.ndarray
-    carried: np.ndarray
     identifiability: Identifiability
-    determined: float
-    bound_initial: FloatArray | None
-    freedom: float
-    words: tuple[str, ...]
+    determined: float = float("nan")
+    bound_initial: FloatArray | None = None
     at_bound: tuple[AtBound, ...] = ()
 
     @property
     def is_free(self) -> np.ndarray:
         """Which parameters are not at a bound, (n_params,) bool."""
         return is_free(self.at_bound, len(self.identified))
+
+    @property
+    def uncertainty(self) -> Covariance:
+        """The one that `covariance_basis` names."""
+        return self.noise if self.covariance_basis == "noise" else self.model_error
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Matrix of `uncertainty`; a matrix-free search gives none."""
+        return self.uncertainty.matrix
+
+    @property
+    def covariance_noise(self) -> FloatArray:
+        return self.noise.matrix
+
+    @property
+    def covariance_model_error(self) -> FloatArray:
+        return self.model_error.matrix
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations from `uncertainty`."""
+        return self.uncertainty.std
+
+    @property
+    def std_noise(self) -> FloatArray:
+        return self.noise.std
+
+    @property
+    def std_model_error(self) -> FloatArray:
+        return self.model_error.std
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix of the parameters."""
+        return self.covariance / np.outer(self.std, self.std)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Uncertainty(Spread):
+    """What a method knows of the parameters at a minimum.
+
+    Attributes
+    ----------
+    carried : (n_params,) bool array
+        Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
+    freedom : float
+        Degrees of freedom of chi-square.
+    words : tuple of str
+        How it was found, or why a parameter is refused.
+    """
+
+    carried: np.ndarray
+    freedom: float
+    words: tuple[str, ...]
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the fit misses the noise, so that `model_error` counts."""
+        return self.covariance_basis == "model_error"
 
 
 def dense_uncertainty(
@@ -218,7 +274,7 @@ def dense_uncertainty(
     return Uncertainty(
         noise=noise,
         model_error=model,
-        misfit=misfit,
+        covariance_basis=basis(misfit),
         identified=identified,
         carried=at_start,
         identifiability=found,
@@ -228,6 +284,11 @@ def dense_uncertainty(
         words=(refusal,),
         at_bound=held,
     )
+
+
+def basis(misfit: bool) -> str:
+    """Which covariance counts where the fit misses the noise or not."""
+    return "model_error" if misfit else "noise"
 
 
 def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:

@@ -14,8 +14,8 @@ _DENSE_UP_TO = 600
 _NULL = 1e-12
 
 
-def record_warnings(structure: Structure, record: FrfRecord) -> tuple[str, ...]:
-    """Signs and coherence of `record` that do not look right for `structure`.
+def record_warnings(record: FrfRecord) -> tuple[str, ...]:
+    """Signs and coherence of `record` that do not look right.
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
     mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention.

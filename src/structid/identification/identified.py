@@ -119,9 +119,29 @@ class Known:
     varied: tuple[Varied, ...] = ()
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scale:
+    """What is known of the common scale of masses and stiffnesses.
+
+    Attributes
+    ----------
+    total_mass, total_mass_std : float
+        Of the first set-up's structure, kg; NaN where the structure has no mass property in kg.
+    ratios : Ratios or None
+        What remains where the data leave the scale free.
+    rests_on_force : bool
+        Whether it is the force's alone; see `ratios.rests_on_force`.
+    """
+
+    total_mass: float
+    total_mass_std: float
+    ratios: Ratios | None = None
+    rests_on_force: bool = False
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Identification(Shown, IdentificationPlots, Known, Fits):
-    """An estimate with what it was made from and what it predicts; see `Fits` and `Known` for its parts.
+class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
+    """An estimate with what it was made from and what it predicts; see `Fits`, `Known` and `Scale` for its parts.
 
     Attributes
     ----------
@@ -131,18 +151,12 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
         Of each record, with the polarities that were found.
     target : Problem or None
         What was minimized; None by an estimator of time histories that minimizes nothing of many records.
-    total_mass, total_mass_std : float
-        Of the first set-up's structure, kg; NaN where the structure has no mass property in kg.
     warnings : tuple of str
         What the reader should know first.
     intervals : Intervals
         95 % intervals of all parameters, and how they were found.
     ran_away : tuple of int
         Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
-    ratios : Ratios or None
-        What remains where the data leave a common scale of masses and stiffnesses free.
-    rests_on_force : bool
-        Whether that scale is the force's alone; see `ratios.rests_on_force`.
     truncations : tuple of Truncation
         What reduction of components changes at the answer, as each record sees it.
     missed : tuple of Missed
@@ -152,12 +166,8 @@ class Identification(Shown, IdentificationPlots, Known, Fits):
     estimate: Estimate
     problems: tuple[RecordProblem, ...]
     target: Problem | None
-    total_mass: float
-    total_mass_std: float
     warnings: tuple[str, ...]
     intervals: Intervals
-    ratios: Ratios | None = None
-    rests_on_force: bool = False
     ran_away: tuple[int, ...] = ()
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()

@@ -22,7 +22,7 @@ def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, .
     Those that the data determine in a fit to within the noise were only started far off, and a damping that goes to nothing
     is absent; these have not run away.
     """
-    has_prior = by_name(found.names, problems, lambda part: np.isfinite(part.prior_std))
+    has_prior = by_name(found.names, problems, lambda part: part.priors.stated)
     positive = by_name(found.names, problems, lambda part: np.array(part.transforms.kinds, dtype=object) == "log")
     unsure = ~found.identified | (found.covariance_basis == "model_error")
     candidates = positive.astype(bool) & ~has_prior.astype(bool) & unsure & (found.initial > 0)

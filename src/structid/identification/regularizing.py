@@ -364,7 +364,7 @@ def regularization_warnings(
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:
         sources = [coupling.name for p in problems for coupling in p.parameters.couplings]
-        sources += ["their priors"] if any(np.isfinite(p.unknowns.prior_std).any() for p in problems) else []
+        sources += ["their priors"] if any(p.unknowns.priors.stated.any() for p in problems) else []
         warnings.append(
             f"{len(owing)} of {len(found.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
             f" by the data: {listed(owing, 4)}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -14,11 +13,8 @@ from structid.estimation import JointProblem, Problem
 from structid.identification.varying import varying
 from structid.observation import RecordProblem
 from structid.observation.scatter import scatter_problems
-from structid.unknowns.named_unknowns import NamedUnknowns
-
-N = TypeVar("N", bound=NamedUnknowns)
-#: Mean, standard deviation and whether it is log-normal, of a prior.
-StatedPrior = tuple[float, float, bool]
+from structid.unknowns.named_unknowns import N, NamedUnknowns
+from structid.unknowns.priors import Prior, priors_of
 
 
 def together(problems: Sequence[RecordProblem]) -> Problem:
@@ -64,11 +60,11 @@ def alike(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[Rec
     if len(problems) == 1:
         return tuple(problems)
     first: dict[str, tuple[NamedUnknowns, int]] = {}
-    priors: dict[str, StatedPrior] = {}
+    priors: dict[str, Prior] = {}
     for part in (part for problem in problems for part in problem.parts):
         for i, name in enumerate(part.names):
             first.setdefault(name, (part, i))
-            stated = _stated_prior(part, i)
+            stated = part.priors.one(i)
             if stated is not None and priors.setdefault(name, stated) != stated:
                 raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
     return tuple(
@@ -76,23 +72,14 @@ def alike(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[Rec
     )
 
 
-def _stated_prior(unknowns: NamedUnknowns, index: int) -> StatedPrior | None:
-    """The prior of the unknown at `index`; None where there is none."""
-    mean, std = float(unknowns.prior_mean[index]), float(unknowns.prior_std[index])
-    return (mean, std, bool(unknowns.prior_lognormal[index])) if np.isfinite(std) else None
-
-
-def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, StatedPrior]) -> N:
+def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
     """The same with start and scale of each as the unknowns that `first` names by it, and with these `priors`."""
     if not unknowns.names:
         return unknowns
     origin = [first[name] for name in unknowns.names]
-    mean, std, lognormal = zip(*(priors.get(name, (np.nan, np.nan, False)) for name in unknowns.names), strict=True)
     return replace(
         unknowns,
         start=locked([one.start[i] for one, i in origin], float),
         scale=locked([one.scale[i] for one, i in origin], float),
-        prior_mean=locked(mean, float),
-        prior_std=locked(std, float),
-        prior_lognormal=locked(lognormal, bool),
+        priors=priors_of(priors.get(name) for name in unknowns.names),
     )

@@ -13,7 +13,7 @@ from structid.arrays import locked
 from structid.dof import Dof, parse_dof
 from structid.errors import InputError
 from structid.observation.channel_errors import ChannelErrors, Measured
-from structid.unknowns.priors import Prior
+from structid.unknowns.priors import Prior, priors_of
 from structid.unknowns.transforms import Transform, Transforms
 
 ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
@@ -122,11 +122,7 @@ def channel_errors(record: Measured, unknowns: Iterable[ChannelUnknown]) -> Chan
             locked([low for low, _ in limits], float),
             locked([high for _, high in limits], float),
         ),
-        prior_mean=locked([g.unknown.prior.mean if g.unknown.prior else np.nan for g in free], float),
-        prior_std=locked([g.unknown.prior.std if g.unknown.prior else np.nan for g in free], float),
-        prior_lognormal=locked(
-            [g.unknown.prior is not None and g.unknown.prior.kind == "lognormal" for g in free], bool
-        ),
+        priors=priors_of(group.unknown.prior for group in free),
         scale=locked([radian if g.unknown.property == "delay" else 0.0 for g in free], float),
         outputs=tuple(record.outputs),
         inputs=tuple(record.inputs),

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self, cast
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 from scipy import sparse
@@ -19,6 +19,9 @@ from structid.structure import Structure
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns, joined
 from structid.unknowns.priors import held_rows
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 class NamedProblem(OfUnknowns, BaseProblem):
@@ -253,9 +256,10 @@ class MeasuredProblem(RecordProblem):
         errors = cast(ChannelErrors, channels[0]) if channels else None
         return self.with_errors(errors, cast(Parameters, parameters))
 
-    @abstractmethod
     def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> Self:
         """The same data with other errors of channels, and other parameters of the structure where they are given."""
+        kept = self.parameters if parameters is None else parameters
+        return cast(Self, replace(cast("DataclassInstance", self), channels=channels, parameters=kept))
 
 
 class ResponseProblem(MeasuredProblem):

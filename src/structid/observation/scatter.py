@@ -11,6 +11,7 @@ from structid.arrays import FloatArray, IntArray, locked
 from structid.estimation.linearization import Linearization
 from structid.observation.record_problem import NamedProblem, RecordProblem
 from structid.unknowns import Coupling, NamedUnknowns, Transforms
+from structid.unknowns.priors import no_priors
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,6 @@ def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterPro
     for row, (common, own) in enumerate(pairs):
         matrix[row, column[own]], matrix[row, column[common]] = 1.0, -1.0
     origin = [where[label] for label in names]
-    nothing = locked(np.full(len(names), np.nan))
     named = NamedUnknowns(
         names=names,
         kinds=tuple(one.kinds[i] for one, i in origin),
@@ -105,9 +105,7 @@ def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterPro
             locked([one.transforms.lower[i] for one, i in origin], float),
             locked([one.transforms.upper[i] for one, i in origin], float),
         ),
-        prior_mean=nothing,
-        prior_std=nothing,
-        prior_lognormal=locked(np.zeros(len(names)), bool),
+        priors=no_priors(len(names)),
         scale=locked([one.scale[i] for one, i in origin], float),
     )
     return ScatterProblem(named, Coupling(name, matrix, np.zeros(len(pairs)), logarithmic=True), scatters[0].std)

@@ -136,16 +136,12 @@ class Enough:
     averages: float
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A planned test beside its alternatives.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlannedTests:
+    """What was chosen, and what it is held against.
 
     Attributes
     ----------
-    structure : Structure
-    parameters : Parameters
-    options : PlanOptions
-        With the candidates filled in.
     installed : PlannedTest or None
         What is there already.
     chosen : PlannedTest
@@ -160,6 +156,39 @@ class Plan:
         `chosen` at as many lines spread evenly over the candidate lines, for comparison.
     next_sensors : tuple of PlannedTest
         The installed (or else the chosen) test with one more sensor, the most telling first.
+    """
+
+    installed: PlannedTest | None
+    chosen: PlannedTest
+    kammer: PlannedTest | None
+    everything: PlannedTest
+    frequencies: PlannedTest | None
+    spread: PlannedTest | None
+    next_sensors: tuple[PlannedTest, ...]
+
+    @property
+    def determined(self) -> bool:
+        """Whether all candidates together determine every parameter of interest to better than its own size."""
+        return self.everything.determined
+
+    @property
+    def tests(self) -> tuple[PlannedTest, ...]:
+        """Every test to compare, in the order of a table."""
+        following = self.next_sensors[:1]
+        given = (self.installed, *following, self.chosen, self.kammer, self.everything, self.frequencies, self.spread)
+        return tuple(test for test in given if test is not None)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plan(PlannedTests):
+    """A planned test beside its alternatives, which are documented as `PlannedTests`.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+    options : PlanOptions
+        With the candidates filled in.
     enough : Enough or None
     identifiability : Identifiability
         Rank, undetermined directions and collinear groups of the chosen test, from its data alone.
@@ -168,20 +197,8 @@ class Plan:
     structure: Structure
     parameters: Parameters
     options: PlanOptions
-    installed: PlannedTest | None
-    chosen: PlannedTest
-    kammer: PlannedTest | None
-    everything: PlannedTest
-    frequencies: PlannedTest | None
-    spread: PlannedTest | None
-    next_sensors: tuple[PlannedTest, ...]
     enough: Enough | None
     identifiability: Identifiability
-
-    @property
-    def determined(self) -> bool:
-        """Whether all candidates together determine every parameter of interest to better than its own size."""
-        return self.everything.determined
 
     @property
     def is_undamped(self) -> bool:
@@ -196,10 +213,3 @@ class Plan:
         """Parameters of interest that all candidates together do not determine to better than their own size."""
         lost = ~(self.everything.std <= 1) & self.everything.of_interest
         return tuple(name for name, is_lost in zip(self.parameters.names, lost, strict=True) if is_lost)
-
-    @property
-    def tests(self) -> tuple[PlannedTest, ...]:
-        """Every test to compare, in the order of a table."""
-        following = self.next_sensors[:1]
-        given = (self.installed, *following, self.chosen, self.kammer, self.everything, self.frequencies, self.spread)
-        return tuple(test for test in given if test is not None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,15 +85,9 @@ class MatricesOut:
         )
 
 
-@dataclass(frozen=True)
-class ModesOut:
-    """Modes as a run gives them.
-
-    Attributes
-    ----------
-    path : str
-        File of frequencies and shapes.
-    """
+@dataclass(frozen=True, eq=False)
+class OneFile(ABC):
+    """What a run gives in one file, at `path` in its folder."""
 
     path: str
 
@@ -101,9 +96,18 @@ class ModesOut:
         """Files of a run that are kept."""
         return (self.path,)
 
+    @abstractmethod
+    def read(self, folder: Path) -> object:
+        """What the file holds; an `InputError` where it is missing, cut short, or lacks what is needed."""
+
     def require_whole(self, folder: Path) -> None:
-        """Raise an `InputError` where the file is missing, cannot be read to its end or holds no modes."""
+        """Raise an `InputError` where the file cannot be used."""
         self.read(folder)
+
+
+@dataclass(frozen=True, eq=False)
+class ModesOut(OneFile):
+    """Modes as a run gives them: frequencies and shapes."""
 
     def read(self, folder: Path) -> Shapes:
         """The modes of a run."""

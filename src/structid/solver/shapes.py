@@ -85,10 +85,15 @@ def read_shapes(path: Path) -> Shapes:
     return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True, suffix)
 
 
-def _of_record(path: Path) -> Shapes:
-    record = read_modes(path)
+def require_last_line(path: Path) -> None:
+    """Raise a `FileError` where a table ends within a line, as where the run that writes it was cut short."""
     if path.suffix.lower() == ".csv" and not path.read_bytes().endswith((b"\n", b"\r")):
         raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
+
+
+def _of_record(path: Path) -> Shapes:
+    record = read_modes(path)
+    require_last_line(path)
     signs = np.array([dof.sign for dof in record.channels])
     dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
     values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 from scipy import sparse
 
 from structid.arrays import FloatArray, locked, require_shape
 from structid.errors import InputError
-from structid.unknowns.priors import Coupling, prior_entries
+from structid.unknowns.priors import Coupling, Priors
 from structid.unknowns.transforms import Transforms
+
+N = TypeVar("N", bound="NamedUnknowns")
 
 #: Kinds of parameters that are damping, linear in the motion.
 DAMPING = ("viscous_damping", "loss_factor", "damping_ratio")
@@ -31,10 +34,8 @@ class NamedUnknowns:
         Initial physical values.
     transforms : Transforms
         How each is kept in its range.
-    prior_mean, prior_std : (n_params,) float arrays
-        Prior in physical units; NaN where there is none.
-    prior_lognormal : (n_params,) bool array
-        Whether the prior is log-normal instead of Gaussian.
+    priors : Priors
+        What is known of each alone.
     scale : (n_params,) float array
         Size that a standard deviation is held against even where the value is smaller, as for a delay, or the initial value
         of what may be negative; 0 for most.
@@ -50,9 +51,7 @@ class NamedUnknowns:
     units: tuple[str, ...]
     start: FloatArray
     transforms: Transforms
-    prior_mean: FloatArray
-    prior_std: FloatArray
-    prior_lognormal: np.ndarray
+    priors: Priors
     scale: FloatArray
     couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
     held: tuple[FloatArray, FloatArray] | None = field(default=None, kw_only=True)
@@ -93,7 +92,7 @@ class NamedUnknowns:
 
         Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
         """
-        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        rows, residual, slope = self.priors.entries(physical)
         own = np.zeros((len(rows), len(physical)))
         own[np.arange(len(rows)), rows] = slope
         parts = [(residual, own), *(coupling.rows(physical) for coupling in self.couplings)]
@@ -101,12 +100,12 @@ class NamedUnknowns:
 
     def prior_residual(self, physical: FloatArray) -> FloatArray:
         """The residual of `prior_rows` alone, (n_rows,)."""
-        own = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)[1]
+        own = self.priors.entries(physical)[1]
         return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
-        rows, residual, slope = prior_entries(physical, self.prior_mean, self.prior_std, self.prior_lognormal)
+        rows, residual, slope = self.priors.entries(physical)
         own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
         parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
         return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
@@ -126,9 +125,16 @@ class NamedUnknowns:
     def kept_near_start(self, relative: float) -> Self:
         """The same, each without a prior drawn to its start by one of `relative` of its size as standard deviation."""
         width = relative * self.sizes(self.start)
-        free = ~np.isfinite(self.prior_std) & (width > 0)
-        mean, std = np.where(free, self.start, self.prior_mean), np.where(free, width, self.prior_std)
-        return replace(self, prior_mean=locked(mean), prior_std=locked(std))
+        free, own = ~self.priors.stated & (width > 0), self.priors
+        mean, std = np.where(free, self.start, own.mean), np.where(free, width, own.std)
+        return replace(self, priors=Priors(mean, std, own.lognormal))
+
+
+def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
+    """The same begun at the `known` values of its names, of those that lie in their range."""
+    start = np.array([known.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
+    inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
+    return unknowns.started_at(np.where(inside, start, unknowns.start))
 
 
 def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
@@ -146,9 +152,7 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
         units=first.units + second.units,
         start=both(first.start, second.start),
         transforms=first.transforms.followed_by(second.transforms),
-        prior_mean=both(first.prior_mean, second.prior_mean),
-        prior_std=both(first.prior_std, second.prior_std),
-        prior_lognormal=both(first.prior_lognormal, second.prior_lognormal),
+        priors=first.priors.followed_by(second.priors),
         scale=both(first.scale, second.scale),
         couplings=tuple(couplings),
         held=(both(held[0][0], held[1][0]), both(held[0][1], held[1][1])),

@@ -11,12 +11,12 @@ from typing import TypeVar
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import AnyArray, FloatArray, locked
+from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
-from structid.unknowns.priors import Coupling
+from structid.unknowns.priors import Coupling, no_priors, priors_of
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 from structid.unknowns.varying import BEGUN, Scatter
@@ -52,13 +52,11 @@ class Parameters(NamedUnknowns):
     @property
     def has_priors(self) -> bool:
         """Whether anything is known of the parameters beside their ranges."""
-        return bool(np.isfinite(self.prior_std).any() or self.couplings)
+        return bool(self.priors.stated.any() or self.couplings)
 
     def without_priors(self) -> Parameters:
         """The same parameters with nothing known of them but their ranges."""
-        nothing = locked(np.full(self.n_params, np.nan))
-        none = locked(np.zeros(self.n_params), bool)
-        return replace(self, prior_mean=nothing, prior_std=nothing, prior_lognormal=none, couplings=())
+        return replace(self, priors=no_priors(self.n_params), couplings=())
 
     def coupled(self, *couplings: Coupling) -> Parameters:
         """The same parameters with more knowledge of their combinations."""
@@ -108,23 +106,15 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     free = [one for one in families if one.is_free]
     for one in free:
         _ = one.limits
-    priors = [one.unknown.prior for one in free]
-    for one, prior in zip(free, priors, strict=True):
+    for one in free:
+        prior = one.unknown.prior
         if prior is not None and prior.problem:
             raise InputError(f"prior of {one.names[0]} {prior.problem}")
         if prior is not None and prior.kind == "lognormal" and one.limits[0] < 0:
             raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
-    counts = [one.n_params for one in free]
-
-    def each(values: Iterable[float], dtype: type = float) -> AnyArray:
-        """One value a family as one a parameter."""
-        return locked(np.repeat(np.array(list(values), dtype=dtype), counts))
-
-    transforms = Transforms(
-        _joined((_transform(one),) * one.n_params for one in free),
-        each(one.limits[0] for one in free),
-        each(one.limits[1] for one in free),
-    )
+    family_of = np.repeat(np.arange(len(free)), [one.n_params for one in free])
+    limits = np.array([one.limits for one in free], dtype=float).reshape(-1, 2)[family_of]
+    transforms = Transforms(_joined((_transform(one),) * one.n_params for one in free), *locked(limits.T))
     start = [one.start for one in free]
     sizes = [_sizes(one) for one in free]
     made = Parameters(
@@ -134,9 +124,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         elements=_joined(element_sets(one) for one in free),
         start=locked(np.concatenate(start) if start else np.zeros(0)),
         transforms=transforms,
-        prior_mean=each(prior.mean if prior else np.nan for prior in priors),
-        prior_std=each(prior.std if prior else np.nan for prior in priors),
-        prior_lognormal=each((prior is not None and prior.kind == "lognormal" for prior in priors), bool),
+        priors=priors_of(one.unknown.prior for one in free).at(family_of),
         scale=locked(np.concatenate(sizes) if sizes else np.zeros(0)),
         offset=locked(offset),
         design=design,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -45,6 +46,74 @@ class Prior:
         if self.kind == "lognormal" and self.mean <= 0:
             return f"needs a positive mean to be log-normal, got {self.mean:g}"
         return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Priors:
+    """Priors of single parameters, one entry each.
+
+    Attributes
+    ----------
+    mean, std : (n_params,) float arrays
+        Physical units; NaN where there is none.
+    lognormal : (n_params,) bool array
+        Whether it is log-normal instead of Gaussian.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    lognormal: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, kind in (("mean", float), ("std", float), ("lognormal", bool)):
+            object.__setattr__(self, name, locked(getattr(self, name), kind))
+
+    @property
+    def stated(self) -> np.ndarray:
+        """Which parameters have one, (n_params,) bool."""
+        return np.isfinite(self.std)
+
+    def one(self, index: int) -> Prior | None:
+        """That of one parameter."""
+        if not self.stated[index]:
+            return None
+        kind: PriorKind = "lognormal" if self.lognormal[index] else "normal"
+        return Prior(float(self.mean[index]), float(self.std[index]), kind)
+
+    def at(self, index: IntArray) -> Priors:
+        """Those of the parameters at `index`."""
+        return Priors(self.mean[index], self.std[index], self.lognormal[index])
+
+    def followed_by(self, other: Priors) -> Priors:
+        """Those of both, one after the other."""
+        pairs = (self.mean, other.mean), (self.std, other.std), (self.lognormal, other.lognormal)
+        return Priors(*(np.concatenate(pair) for pair in pairs))
+
+    def entries(self, physical: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Whitened rows: which parameter each is about, residual and derivative, (n_rows,) each.
+
+        (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) - s^2 / 2.
+        """
+        rows = np.flatnonzero(self.stated)
+        p, m, s, log = physical[rows], self.mean[rows], self.std[rows], self.lognormal[rows]
+        slope, residual = 1 / s, (p - m) / s
+        if log.any():
+            width = np.sqrt(np.log1p((s[log] / m[log]) ** 2))
+            residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
+            slope[log] = 1 / (width * p[log])
+        return rows, residual, slope
+
+
+def priors_of(each: Iterable[Prior | None]) -> Priors:
+    """As arrays, None where there is none."""
+    given = [one or Prior(np.nan, np.nan) for one in each]
+    log = [one.kind == "lognormal" for one in given]
+    return Priors(np.array([one.mean for one in given]), np.array([one.std for one in given]), np.array(log))
+
+
+def no_priors(n_params: int) -> Priors:
+    """Those of parameters of which nothing is known."""
+    return priors_of([None]).at(np.zeros(n_params, dtype=int))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,30 +245,6 @@ def joint_prior(
     matrix = np.zeros((len(known), len(names)))
     matrix[:, [names.index(label) for label in known]] = whitener
     return Coupling(name, matrix, whitener @ mean, logarithmic)
-
-
-def prior_entries(
-    physical: FloatArray, mean: FloatArray, std: FloatArray, lognormal: np.ndarray
-) -> tuple[np.ndarray, FloatArray, FloatArray]:
-    """Whitened rows of the priors of single parameters: which each is about, residual and derivative, (n_rows,) each.
-
-    (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) - s^2 / 2.
-
-    Parameters
-    ----------
-    physical : (n_params,) float array
-    mean, std : (n_params,) float arrays
-        NaN where there is no prior.
-    lognormal : (n_params,) bool array
-    """
-    rows = np.flatnonzero(np.isfinite(std))
-    p, m, s, log = physical[rows], mean[rows], std[rows], lognormal[rows]
-    slope, residual = 1 / s, (p - m) / s
-    if log.any():
-        width = np.sqrt(np.log1p((s[log] / m[log]) ** 2))
-        residual[log] = (np.log(p[log] / m[log]) + width**2 / 2) / width
-        slope[log] = 1 / (width * p[log])
-    return rows, residual, slope
 
 
 def held_rows(held: tuple[FloatArray, FloatArray] | None, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from scipy import sparse
 
 from structid.arrays import locked
 from structid.estimation.comparison.states import OF_RECORD
+from structid.unknowns.priors import no_priors
 
 if TYPE_CHECKING:
     from structid.unknowns.parameters import Parameters
@@ -63,7 +64,6 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
     kept[columns] = 0.0
     design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(kept), design[:, columns]]))
     design.eliminate_zeros()
-    none = np.full(m, np.nan)
     return replace(
         parameters,
         names=(*parameters.names, *(own_name(name, title) for name in common)),
@@ -72,9 +72,7 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
         elements=(*parameters.elements, *(parameters.elements[i] for i in columns)),
         start=locked(np.concatenate([parameters.start, parameters.start[columns]])),
         transforms=ranges.followed_by(ranges.at(columns)),
-        prior_mean=locked(np.concatenate([parameters.prior_mean, none])),
-        prior_std=locked(np.concatenate([parameters.prior_std, none])),
-        prior_lognormal=locked(np.concatenate([parameters.prior_lognormal, np.zeros(m, bool)]), bool),
+        priors=parameters.priors.followed_by(no_priors(m)),
         scale=locked(np.concatenate([parameters.scale, parameters.scale[columns]])),
         couplings=tuple(coupling.among(n + m, 0) for coupling in parameters.couplings),
         design=design,

@@ -67,11 +67,7 @@ def save(
         As `modes_of_file`.
     """
     chosen = ModesOptions(frequencies=tuple(frequencies), band=None if band is None else (band[0], band[1]))
-    found = modes_of_file(path, chosen, read)
-    with staged_folder(folder, MODES_PAGE) as staged:
-        write_modes_results(found, staged)
-        modes_page(found).write(staged)
-    return _modes(found)
+    return _written(modes_of_file(path, chosen, read), folder)
 
 
 def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
@@ -100,7 +96,11 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
         return {**_told(merging.modes), "setups": merging.frequency.T, "spread": merging.frequency_spread}
     if len(paths) < 2:
         raise InputError("choose two records or more, or two files of modes; one needs no merging")
-    found = modes_of_setups(paths, ModesOptions(band=None if band is None else (band[0], band[1])), read)
+    options = ModesOptions(band=None if band is None else (band[0], band[1]))
+    return _written(modes_of_setups(paths, options, read), folder)
+
+
+def _written(found: ModesResult, folder: Path) -> dict[str, Entry]:
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(found, staged)
         modes_page(found).write(staged)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -38,39 +39,23 @@ class Identified(Protocol):
     def status(self) -> Status: ...
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Change of every parameter from a baseline to a later state, with its significance.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class States:
+    """Two states side by side.
 
     Attributes
     ----------
     names, kinds, units : tuple of str
         The parameters compared.
-    before, after, change : (n,) float arrays
-        Values in both states and their difference, physical units. With `carried` parameters, `before` is the
-        baseline's value corrected by what the later data say about those.
-    covariance_before, covariance_after, covariance : (n, n) float arrays
-        Of `before`, `after` and `change`; NaN where a state does not determine a parameter.
-    p_values : (n,) float array
-        Probability of a change as large in either direction if there were none; NaN where it is not tested.
-    adjusted : (n,) float array
-        The same, corrected for the number of tests; a change is declared where it is at most `level`.
-    changed : (n,) bool array
-        Where a change is declared.
-    detection_limit : (n,) float array
-        Smallest single change that is declared with probability `power`, physical units.
-    level, power : float
-    correction : str
-        ``holm``: `level` is the probability of any false declaration; ``benjamini_hochberg``: the expected part of
-        false ones among those declared.
+    before, after : (n,) float arrays
+        Values in both states, physical units. With `carried` parameters, `before` is the baseline's value corrected by what
+        the later data say about those.
+    covariance_before, covariance_after : (n, n) float arrays
+        NaN where a state does not determine a parameter.
     carried : tuple of str
         Parameters taken as the same in both states, known to the later state as the baseline found them.
     only_before, only_after : tuple of str
         Parameters of one state only; what is held fixed in the other adds no uncertainty to the changes.
-    status : Status
-        The worse of the two states'.
-    statistic, probability : float
-        Chi-square of all changes together, and the probability of a larger one if nothing had changed.
     """
 
     names: tuple[str, ...]
@@ -78,28 +63,75 @@ class Comparison:
     units: tuple[str, ...]
     before: FloatArray
     after: FloatArray
-    change: FloatArray
     covariance_before: FloatArray
     covariance_after: FloatArray
-    covariance: FloatArray
-    p_values: FloatArray
-    adjusted: FloatArray
-    changed: np.ndarray
-    detection_limit: FloatArray
-    level: float
-    power: float
-    correction: Correction
     carried: tuple[str, ...]
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
+
+    @property
+    def change(self) -> FloatArray:
+        """(n,), physical units."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison(States):
+    """Change of every parameter from a baseline to a later state, with its significance; see `States` for the states.
+
+    Attributes
+    ----------
+    covariance : (n, n) float array
+        Of `change`; NaN where a state does not determine a parameter.
+    level, power : float
+    correction : str
+        ``holm``: `level` is the probability of any false declaration; ``benjamini_hochberg``: the expected part of
+        false ones among those declared.
+    status : Status
+        The worse of the two states'.
+    """
+
+    covariance: FloatArray
+    level: float
+    power: float
+    correction: Correction
     status: Status
-    statistic: float
-    probability: float
 
     @property
     def std(self) -> FloatArray:
         """Standard deviation of every change."""
         return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def p_values(self) -> FloatArray:
+        """Probability of a change as large in either direction if there were none, (n,); NaN where it is not tested."""
+        return locked(2 * special.ndtr(-np.abs(self.change / _tested_std(self.covariance))))
+
+    @cached_property
+    def adjusted(self) -> FloatArray:
+        """`p_values` corrected for their number, (n,); a change is declared where it is at most `level`."""
+        return locked(adjusted_p_values(self.p_values, self.correction))
+
+    @property
+    def changed(self) -> np.ndarray:
+        """Where a change is declared, (n,) bool."""
+        return self.adjusted <= self.level
+
+    @property
+    def detection_limit(self) -> FloatArray:
+        """Smallest single change that is declared with probability `power`, (n,), physical units."""
+        std = _tested_std(self.covariance)
+        return std * detectable(int(np.isfinite(std).sum()), self.level, self.power)
+
+    @property
+    def statistic(self) -> float:
+        """Chi-square of all changes together."""
+        return _together(self.change, self.covariance)[0]
+
+    @property
+    def probability(self) -> float:
+        """Of a larger `statistic` if nothing had changed."""
+        return _together(self.change, self.covariance)[1]
 
     @property
     def relative_change(self) -> FloatArray:
@@ -194,14 +226,23 @@ def compare_states(
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
     before, p, q, cross = _carried(baseline, later, first, second, carried)
-    labels = (names, tuple(baseline.kinds[i] for i in first), tuple(baseline.units[i] for i in first))
-    only = (
-        tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
-        tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
+    return Comparison(
+        names=names,
+        kinds=tuple(baseline.kinds[i] for i in first),
+        units=tuple(baseline.units[i] for i in first),
+        before=locked(before),
+        after=locked(later.values[second]),
+        covariance_before=locked(p),
+        covariance_after=locked(q),
+        carried=carried,
+        only_before=tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
+        only_after=tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
+        covariance=locked(p + q - cross - cross.T),
+        level=level,
+        power=power,
+        correction=correction,
+        status=baseline.status if baseline.status is not Status.CONVERGED else later.status,
     )
-    status = baseline.status if baseline.status is not Status.CONVERGED else later.status
-    values, settings = (before, later.values[second]), (level, power, correction)
-    return _compared(labels, values, (p, q, cross), settings, carried, only, status)
 
 
 def compare_jointly(
@@ -238,18 +279,23 @@ def compare_jointly(
         raise InputError(_NOTHING_IN_COMMON)
     at, to = (np.array([place[name] for name in names]) for place in (first, second))
     _require_units(names, [found.units[i] for i in at], [found.units[i] for i in to])
-    covariance = found.covariance
-    return _compared(
-        (names, tuple(found.kinds[i] for i in at), tuple(found.units[i] for i in at)),
-        (found.values[at], found.values[to]),
-        (covariance[np.ix_(at, at)], covariance[np.ix_(to, to)], covariance[np.ix_(at, to)]),
-        (level, power, correction),
-        tuple(shared),
-        (
-            tuple(name for name in first if name not in second and name not in shared),
-            tuple(name for name in second if name not in first),
-        ),
-        found.status,
+    p, q, cross = (found.covariance[np.ix_(*pair)] for pair in ((at, at), (to, to), (at, to)))
+    return Comparison(
+        names=names,
+        kinds=tuple(found.kinds[i] for i in at),
+        units=tuple(found.units[i] for i in at),
+        before=locked(found.values[at]),
+        after=locked(found.values[to]),
+        covariance_before=locked(p),
+        covariance_after=locked(q),
+        carried=tuple(shared),
+        only_before=tuple(name for name in first if name not in second and name not in shared),
+        only_after=tuple(name for name in second if name not in first),
+        covariance=locked(p + q - cross - cross.T),
+        level=level,
+        power=power,
+        correction=correction,
+        status=found.status,
     )
 
 
@@ -269,48 +315,10 @@ def _require_units(names: Sequence[str], first: Sequence[str], second: Sequence[
             raise InputError(f"{name} must have one unit in both states, got {one} and {other}; declare `factor` alike")
 
 
-def _compared(
-    labels: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
-    values: tuple[FloatArray, FloatArray],
-    covariances: tuple[FloatArray, FloatArray, FloatArray],
-    settings: tuple[float, float, Correction],
-    carried: tuple[str, ...],
-    single: tuple[tuple[str, ...], tuple[str, ...]],
-    status: Status,
-) -> Comparison:
-    """Tests of the differences of `values`, whose covariances and the one between them are given."""
-    level, power, correction = settings
-    p, q, cross = covariances
-    covariance, change = p + q - cross - cross.T, values[1] - values[0]
+def _tested_std(covariance: FloatArray) -> FloatArray:
+    """Standard deviations of changes; NaN of those that cannot be tested."""
     variance = np.diag(covariance)
-    std = np.sqrt(np.where(variance > 0, variance, np.nan))
-    p_values = 2 * special.ndtr(-np.abs(change / std))
-    adjusted = adjusted_p_values(p_values, correction)
-    statistic, probability = _together(change, covariance)
-    return Comparison(
-        names=labels[0],
-        kinds=labels[1],
-        units=labels[2],
-        before=locked(values[0]),
-        after=locked(values[1]),
-        change=locked(change),
-        covariance_before=locked(p),
-        covariance_after=locked(q),
-        covariance=locked(covariance),
-        p_values=locked(p_values),
-        adjusted=locked(adjusted),
-        changed=locked(adjusted <= level),
-        detection_limit=locked(std * detectable(int(np.isfinite(std).sum()), level, power)),
-        level=level,
-        power=power,
-        correction=correction,
-        carried=carried,
-        only_before=single[0],
-        only_after=single[1],
-        status=status,
-        statistic=statistic,
-        probability=probability,
-    )
+    return np.sqrt(np.where(variance > 0, variance, np.nan))
 
 
 def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:

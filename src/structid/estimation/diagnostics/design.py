@@ -42,9 +42,9 @@ def relative_std(rows: FloatArray) -> FloatArray:
     return np.sqrt(np.diag(inverse_information(rows)))
 
 
-def ignorance(n_params: int, std: float = IGNORANCE) -> FloatArray:
-    """Rows of a prior of relative standard deviation `std` on each parameter, so weak that it only ranks the hopeless."""
-    return np.eye(n_params) / std
+def ignorance(n_params: int) -> FloatArray:
+    """Rows of a prior of relative standard deviation `IGNORANCE` on each parameter, so weak that it only ranks the hopeless."""
+    return np.eye(n_params) / IGNORANCE
 
 
 def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None) -> float:

@@ -52,6 +52,12 @@ class SeriesTest:
     runs_probability: float
 
 
+def _doubted(series: Sequence[SeriesTest], p_values: Sequence[float]) -> tuple[str, ...]:
+    """Names of the channels whose p-value is too small, at 0.001 for all of them together."""
+    adjusted = adjusted_p_values(np.array(p_values))
+    return tuple(dict.fromkeys(test.name for test, p in zip(series, adjusted, strict=True) if p < _DOUBT))
+
+
 @dataclass(frozen=True)
 class ResidualTests:
     """Tests of a whole residual; a small probability speaks against model or noise level, never for them.
@@ -83,16 +89,12 @@ class ResidualTests:
     @property
     def not_white(self) -> tuple[str, ...]:
         """Names of the channels whose residual is correlated along its axis, at 0.001 for all of them together."""
-        adjusted = adjusted_p_values(np.array([test.whiteness_probability for test in self.series]))
-        named = [test.name for test, p in zip(self.series, adjusted, strict=True) if p < _DOUBT]
-        return tuple(dict.fromkeys(named))
+        return _doubted(self.series, [test.whiteness_probability for test in self.series])
 
     @property
     def one_sided(self) -> tuple[str, ...]:
         """Names of the channels whose signs come in too long or too short runs, by the same measure."""
-        adjusted = adjusted_p_values(np.array([test.runs_probability for test in self.series]))
-        named = [test.name for test, p in zip(self.series, adjusted, strict=True) if p < _DOUBT]
-        return tuple(dict.fromkeys(named))
+        return _doubted(self.series, [test.runs_probability for test in self.series])
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError, StructidError
 from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
-from structid.estimation.estimate import Estimate, Status
+from structid.estimation.estimate import Estimate, Status, require_level
 from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Shifted
 from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
@@ -92,8 +92,7 @@ class Bootstrap:
         Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the
         same in any transformation of the parameter.
         """
-        if not 0 < level < 1:
-            raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+        require_level(level)
         if not self.is_reliable:
             return np.full((len(self.names), 2), np.nan)
         n = len(self.values)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.arrays import FloatArray
+from structid.estimation.search.minimum import Stored
 
 #: Logarithm of a density and its gradient; minus infinity where there is none.
 LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -17,17 +18,24 @@ _DEEPEST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
-    """A place on a trajectory: position, momentum, logarithm of the density and its gradient."""
+class Place:
+    """A place, the logarithm of the density there and its gradient."""
 
     x: FloatArray
-    p: FloatArray
     log_density: float
     gradient: FloatArray
 
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A place on a trajectory, and the momentum there."""
+
+    at: Place
+    p: FloatArray
+
     @property
     def energy(self) -> float:
-        return -self.log_density + 0.5 * float(self.p @ self.p)
+        return -self.at.log_density + 0.5 * float(self.p @ self.p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +54,24 @@ class _Tree:
 
 
 @dataclass(frozen=True, eq=False)
+class StepSize:
+    """Logarithms of the present step and of its mean, what the trajectories missed, and where steps are drawn to."""
+
+    log_size: float
+    log_mean: float
+    error: float
+    centre: float
+
+    def after(self, i: int, accepted: float) -> StepSize:
+        """After draw `i` of a phase, which was accepted with this probability, to come to 80 %."""
+        error = self.error + (0.8 - accepted - self.error) / (i + 11)
+        log_size = float(self.centre - np.sqrt(i + 1) / 0.05 * error)
+        return StepSize(
+            log_size, self.log_mean + (log_size - self.log_mean) * float(i + 1) ** -0.75, error, self.centre
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class ChainState:
     """Where a chain is between two draws: all that the next ones depend on, besides the random numbers.
 
@@ -55,12 +81,10 @@ class ChainState:
         0 and 1 in the two halves of the warm-up, 2 while draws are kept.
     done : int
         Draws of this phase so far.
-    x, gradient : (n_params,) float arrays
-        Place, and the gradient of the logarithm of the density there, in the coordinates y with `factor` y = x.
-    log_density : float
+    at : Place
+        In the coordinates y with `factor` y = x.
     factor : (n_params, n_params) float array
-    log_size, log_mean, error, centre : float
-        Of the step size: the present one, its mean, and what sets it.
+    step : StepSize
     warmup : (done, n_params) float array
         Draws of this phase, empty in the last one.
     n_gradients, n_divergent : int
@@ -71,18 +95,18 @@ class ChainState:
 
     phase: int
     done: int
-    x: FloatArray
-    gradient: FloatArray
-    log_density: float
+    at: Place
     factor: FloatArray
-    log_size: float
-    log_mean: float
-    error: float
-    centre: float
+    step: StepSize
     warmup: FloatArray
     n_gradients: int
     n_divergent: int
     acceptance: float
+
+
+def restored(kept: Stored) -> ChainState:
+    """The state of which `dataclasses.asdict` was kept."""
+    return ChainState(**{**kept, "at": Place(**kept["at"]), "step": StepSize(**kept["step"])})
 
 
 def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
@@ -120,10 +144,10 @@ def continued(
             while state.phase < 2 and state.done == lengths[state.phase]:
                 state = _next_phase(log_density, state)
             if n == 0 or state.done == lengths[state.phase]:
-                return state, np.array(kept).reshape(len(kept), len(state.x))
+                return state, np.array(kept).reshape(len(kept), len(state.at.x))
             state, n = _drawn(log_density, state, rng), n - 1
             if state.phase == 2:
-                kept.append(state.x)
+                kept.append(state.at.x)
 
 
 def _phase(
@@ -131,14 +155,13 @@ def _phase(
 ) -> ChainState:
     """The state before the first draw of a phase."""
     value, gradient = _turned(log_density, factor, phase)(x)
-    log_size, none = float(np.log(size)), np.zeros((0, len(x)))
-    centre = float(np.log(10 * size))
-    return ChainState(phase, 0, x, gradient, value, factor, log_size, log_size, 0.0, centre, none, spent + 1, 0, 0.0)
+    step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
+    return ChainState(phase, 0, Place(x, value, gradient), factor, step, np.zeros((0, len(x))), spent + 1, 0, 0.0)
 
 
 def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
     """The state before the next phase, with the coordinates and the step size that the draws of this one give."""
-    size, x, factor = float(np.exp(state.log_mean)), state.x, state.factor
+    size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
     if state.phase == 0:
         kept = state.warmup[len(state.warmup) // 4 :]
         if len(kept) > 1:
@@ -167,28 +190,22 @@ def _shrunk_covariance(draws: FloatArray) -> FloatArray:
 
 def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
     """The state after one more draw; the step size is set by its acceptance in the warm-up."""
-    at = _State(state.x, np.zeros_like(state.x), state.log_density, state.gradient)
     density = _turned(log_density, state.factor, state.phase)
-    tree = _trajectory(density, at, float(np.exp(state.log_size)), rng)
-    accepted, drawn = tree.acceptance / max(tree.n_steps, 1), tree.drawn
+    tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
+    accepted = tree.acceptance / max(tree.n_steps, 1)
     moved = replace(
-        state, done=state.done + 1, x=drawn.x, gradient=drawn.gradient, log_density=drawn.log_density,
-        n_gradients=state.n_gradients + tree.n_steps, n_divergent=state.n_divergent + tree.diverged,
-        acceptance=state.acceptance + accepted,
+        state, done=state.done + 1, at=tree.drawn.at, n_gradients=state.n_gradients + tree.n_steps,
+        n_divergent=state.n_divergent + tree.diverged, acceptance=state.acceptance + accepted,
     )  # fmt: skip
     if state.phase == 2:
         return moved
-    i, error = state.done, state.error
-    error += (0.8 - accepted - error) / (i + 11)
-    log_size = float(state.centre - np.sqrt(i + 1) / 0.05 * error)
-    log_mean = state.log_mean + (log_size - state.log_mean) * float(i + 1) ** -0.75
-    warmup = np.concatenate([state.warmup, drawn.x[None]])
-    return replace(moved, log_size=log_size, log_mean=log_mean, error=error, warmup=warmup)
+    warmup = np.concatenate([state.warmup, moved.at.x[None]])
+    return replace(moved, step=state.step.after(state.done, accepted), warmup=warmup)
 
 
-def _trajectory(log_density: LogDensity, state: _State, size: float, rng: np.random.Generator) -> _Tree:
+def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
     """A trajectory doubled until it turns back, from a fresh momentum."""
-    begin = replace(state, p=rng.standard_normal(len(state.x)))
+    begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
     for depth in range(_DEEPEST):
         sign = 1 if rng.random() < 0.5 else -1
@@ -211,10 +228,10 @@ def _grown(
 ) -> _Tree:
     """2^depth leapfrog steps on from `end`."""
     if depth == 0:
-        half = end.p + 0.5 * step * end.gradient
-        x = end.x + step * half
+        half = end.p + 0.5 * step * end.at.gradient
+        x = end.at.x + step * half
         value, gradient = log_density(x)
-        state = _State(x, half + 0.5 * step * gradient, value, gradient)
+        state = _State(Place(x, value, gradient), half + 0.5 * step * gradient)
         gain = energy - state.energy if np.isfinite(value) else -np.inf
         diverged = not gain > -_DIVERGED
         return _Tree(state, state, state, gain, state.p, diverged, diverged, min(1.0, float(np.exp(min(gain, 0.0)))), 1)

@@ -12,7 +12,7 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError
 from structid.estimation.averaging import few_averages
 from structid.estimation.covariance import fit_covariance
-from structid.estimation.estimate import Estimate
+from structid.estimation.estimate import Estimate, require_level
 from structid.estimation.problem import Problem
 from structid.estimation.problems.restricted import Held
 from structid.estimation.search.least_squares import minimize
@@ -38,21 +38,15 @@ class Profile:
         Physical values at which the others were fitted, rising.
     deviance : (n_points,) float array
         By how much the least sum of squares there is above that of the estimate, over `scale`.
-    path : (n_points, n_params) float array
-        Physical values of all parameters there.
     scale : float
         What the sum of squares is divided by: 1 for noise, the ratio of variances with and without model error else.
     lower, upper : float
         Where the deviance is the chi-square quantile of `level` with one degree of freedom, in physical units; the
         end of the parameter's range where it never is.
-    open_below, open_above : bool
-        Whether that end is such an end of the range: the data give no limit there.
-    laplace : (float, float)
-        `Estimate.interval` of the same level.
+    is_open : (bool, bool)
+        Whether the lower and the upper end are such ends of the range: the data give no limit there.
     nonlinearity : float
         Largest relative difference of a half-width in the free variable from the Laplace one; infinite for an open end.
-    better : float
-        Least deviance that was met; clearly below 0 the estimate was not the minimum.
     """
 
     name: str
@@ -60,15 +54,16 @@ class Profile:
     level: float
     values: FloatArray
     deviance: FloatArray
-    path: FloatArray
     scale: float
     lower: float
     upper: float
-    open_below: bool
-    open_above: bool
-    laplace: tuple[float, float]
+    is_open: tuple[bool, bool]
     nonlinearity: float
-    better: float
+
+    @property
+    def better(self) -> float:
+        """Least deviance that was met; clearly below 0 the estimate was not the minimum."""
+        return float(self.deviance.min())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,7 +80,7 @@ class Profile:
         InputError
             If the data give no limit on a side.
         """
-        if self.open_below or self.open_above:
+        if any(self.is_open):
             raise InputError(f"{self.words}: there is no distribution to draw from")
         least = int(self.deviance.argmin())
         root = np.sign(np.arange(len(self.values)) - least) * np.sqrt(np.maximum(self.deviance, 0.0))
@@ -102,12 +97,12 @@ class Profile:
         """What the profile says against the Laplace interval."""
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
-        if self.open_below and self.open_above:
+        if all(self.is_open):
             return f"{self.name} has no limit on either side"
         percent = f"{100 * self.level:g} %"
-        if self.open_above:
+        if self.is_open[1]:
             return f"{self.name} has no upper limit; {percent} above {self.lower:.4g} {self.unit}"
-        if self.open_below:
+        if self.is_open[0]:
             return f"{self.name} has no lower limit; {percent} below {self.upper:.4g} {self.unit}"
         if self.nonlinearity < 0.1:
             return (
@@ -158,7 +153,7 @@ def profile(
     Wilks (1938), Ann. Math. Stat. 9; Venzon and Moolgavkar (1988), Appl. Stat. 37; Kent (1982), Biometrika 69.
     """
     index = _position(estimate, parameter)
-    laplace = estimate.interval(level)[index]
+    require_level(level)
     quantile = float(special.ndtri(0.5 + level / 2))
     scale = _scale(problem, estimate, index)
     sides = [_Side(problem, estimate, index, scale, sign, quantile, max_points) for sign in (-1, 1)]
@@ -166,7 +161,7 @@ def profile(
     points = [*below[::-1], (float(estimate.theta[index]), 0.0, np.array(estimate.theta)), *above]
     ends = np.array([low, high])
     with np.errstate(over="ignore"):
-        path = np.array([problem.physical(theta) for _, _, theta in points])
+        values = [problem.physical(theta)[index] for _, _, theta in points]
         lower, upper = (float(problem.physical(_with(estimate.theta, index, end))[index]) for end in ends)
     half = quantile * estimate.std_free[index]
     ratios = np.abs(ends - estimate.theta[index]) / half if np.isfinite(half) and half > 0 else np.full(2, np.inf)
@@ -174,17 +169,13 @@ def profile(
         name=estimate.names[index],
         unit=estimate.units[index],
         level=level,
-        values=locked(path[:, index]),
+        values=locked(values),
         deviance=locked([deviance for _, deviance, _ in points]),
-        path=locked(path),
         scale=scale,
         lower=lower,
         upper=upper,
-        open_below=not np.isfinite(low),
-        open_above=not np.isfinite(high),
-        laplace=(float(laplace[0]), float(laplace[1])),
+        is_open=(not np.isfinite(low), not np.isfinite(high)),
         nonlinearity=float(np.abs(ratios - 1).max()),
-        better=min(deviance for _, deviance, _ in points),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,9 +12,9 @@ from structid.arrays import FloatArray, locked
 from structid.errors import InputError, SingularModelError
 from structid.estimation.averaging import few_averages
 from structid.estimation.covariance import fit_covariance
-from structid.estimation.estimate import Estimate
+from structid.estimation.estimate import Estimate, require_level
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
-from structid.estimation.intervals.nuts import ChainState, begun, continued
+from structid.estimation.intervals.nuts import begun, continued, restored
 from structid.estimation.problem import Problem
 from structid.estimation.search.minimum import Stored
 from structid.estimation.search.work import ALONE, Tools, Work
@@ -38,10 +38,6 @@ class Samples:
     names, units : tuple of str
     samples : (n_chains, n_draws, n_params) float array
         Physical units.
-    sampler : str
-        ``"nuts"`` or ``"emcee"``.
-    flat_in : str
-        Where the prior of parameters without a declared one is flat; see `sample`.
     stretched : bool
         Whether the draws were stretched about the estimate to its covariance, which carries model error or few averages.
     r_hat, bulk_size, tail_size : (n_params,) float arrays
@@ -55,8 +51,6 @@ class Samples:
     names: tuple[str, ...]
     units: tuple[str, ...]
     samples: FloatArray
-    sampler: str
-    flat_in: str
     stretched: bool
     r_hat: FloatArray
     bulk_size: FloatArray
@@ -108,8 +102,7 @@ class Samples:
 
     def interval(self, level: float = 0.95) -> FloatArray:
         """Central posterior interval, (n_params, 2); NaN where the draws are not reliable, see `words`."""
-        if not 0 < level < 1:
-            raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+        require_level(level)
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, 2), np.nan)
@@ -188,10 +181,8 @@ def sample(
         physical = np.array([[problem.physical(t) for t in chain] for chain in theta])
     columns = [theta[:, :, j] for j in range(theta.shape[2])]
     r_hat, bulk, tail = (locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size))
-    return Samples(
-        problem.names, problem.units, locked(physical), sampler, flat_in, stretched, r_hat, bulk, tail,
-        drawn.n_divergent, drawn.n_evaluations,
-    )  # fmt: skip
+    counted = drawn.n_divergent, drawn.n_evaluations
+    return Samples(problem.names, problem.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
 
 
 _Density = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -245,8 +236,9 @@ def _log_posterior(problem: Problem, centre: FloatArray, factor: FloatArray, fla
     return density
 
 
-def _log_slope_derivative(problem: Problem, theta: FloatArray, step: float = 1e-5) -> FloatArray:
+def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
     """d log|dp/dtheta| / d theta by central differences; each parameter depends on its own variable alone."""
+    step = 1e-5
     ratio = problem.slope(theta + step) / problem.slope(theta - step)
     return np.log(np.abs(ratio)) / (2 * step)
 
@@ -276,7 +268,7 @@ def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
 ) -> _Drawn:
     """Independent chains, each from a place drawn from Laplace, all of them by so many draws at a time."""
-    states: list[Stored] = [{"random": child.bit_generator.state} for child in rng.spawn(n_chains)]
+    states: list[Stored] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
     total = n_warmup + n_draws
     for first in range(0, max(total, 1), _AT_ONCE):
@@ -284,27 +276,28 @@ def _by_nuts(
         found = work.map(name, _chain_piece, (target, n_warmup, n_draws), states)
         for own, piece in zip(kept, found, strict=True):
             own.append(np.asarray(piece["draws"]))
-        states = [{key: value for key, value in piece.items() if key != "draws"} for piece in found]
-    draws = np.array([np.concatenate(own) @ s["factor"].T for own, s in zip(kept, states, strict=True)])
-    return _Drawn(draws, *(sum(int(state[count]) for state in states) for count in ("n_divergent", "n_gradients")))
+        states = [{key: piece[key] for key in ("chain", "random")} for piece in found]
+    chains = [restored(state["chain"]) for state in states]
+    draws = np.array([np.concatenate(own) @ chain.factor.T for own, chain in zip(kept, chains, strict=True)])
+    return _Drawn(
+        draws, sum(int(chain.n_divergent) for chain in chains), sum(int(chain.n_gradients) for chain in chains)
+    )
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
     """The next draws of a chain, as a task: its state with the random numbers is the item."""
     target, n_warmup, n_draws = shared
     density = target.density()
-    known = dict(item)
-    rng = _generator(known.pop("random"))
-    if known:
-        state = ChainState(**known)
+    rng = _generator(item["random"])
+    if item["chain"] is not None:
+        state = restored(item["chain"])
     else:
         start = rng.standard_normal(len(target.factor))
         while not np.isfinite(density(start)[0]):
             start = 0.5 * start
         state = begun(density, start)
     state, draws = continued(density, state, n_warmup, n_draws, _AT_ONCE, rng)
-    values = {entry.name: getattr(state, entry.name) for entry in fields(state)}
-    return {**values, "random": rng.bit_generator.state, "draws": draws}
+    return {"chain": asdict(state), "random": rng.bit_generator.state, "draws": draws}
 
 
 def _generator(state: Stored) -> np.random.Generator:

@@ -183,7 +183,7 @@ def discrepancy_strength(model: LocalModel, n_data: int) -> float:
     return float(np.exp(0.5 * (low + high)))
 
 
-def l_curve_strength(model: LocalModel, count: int = 241) -> float:
+def l_curve_strength(model: LocalModel) -> float:
     """Strength of the only penalty at the corner of the L-curve: largest curvature of log |x|^2 against log |r|^2.
 
     References
@@ -191,7 +191,7 @@ def l_curve_strength(model: LocalModel, count: int = 241) -> float:
     Hansen and O'Leary (1993), SIAM J. Sci. Comput. 14, 1487, Eq. (4.7).
     """
     low, high = np.log(_ends(model))
-    grid = np.linspace(low, high, count)
+    grid = np.linspace(low, high, 241)
     fits = [model.solved((float(s),)) for s in np.exp(grid)]
     tiny = np.finfo(float).tiny
     rho = np.log([max(f.data_cost, tiny) for f in fits])

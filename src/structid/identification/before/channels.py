@@ -156,7 +156,7 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
     """Sensors whose level or sense differs from the others'."""
     record = found.record
     apart: list[int] = []
-    for o, fault, size in _faults(found, level, agreement):
+    for o, fault, size in _faults(level, agreement):
         sensor = record.outputs[o]
         if fault == "turned":
             yield (
@@ -184,7 +184,7 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
 
 
 def _faults(
-    found: Aligned, level: FloatArray, agreement: FloatArray
+    level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
     """Sensors that do not go with the model as the others do, how, and the logarithm of their level beside theirs."""
     own, goes = median(level - median(level, 0), 1), median(agreement, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,43 +39,53 @@ class MeshErrors:
 
     Attributes
     ----------
+    structure : Structure
     number : (n_judged,) int array
         Of each mode in the band, from 0.
     frequency, damping_ratio : (n_judged,) float arrays
         With the elements as they are, Hz and 1; ratios are at least 0.001, and 0.01 where there is no damping.
-    error : (n_judged,) float array
-        Relative: positive where the frequency is too high.
+    error, order : (n_judged,) float arrays
+        Relative, positive where the frequency is too high; and the power of the element length that it goes with.
     passed_over : (n_lost,) float array
         Hz: modes of the refined model in the band that these elements do not have.
-    unit : str
-        What is made smaller: ``subdivide`` of lines, or ``cells``.
-    needed : int
-        Pieces that each element is to be cut into (along each of its edges) so that no mode in the band is off by more
-        than `tolerance`; 0 where these are enough.
-    n_elements : int
-        So many elements that then are.
-    subdivide : int
-        Pieces of each line that the structure then has.
-    tolerance : float
-        Relative, the least of `allowed`.
-    allowed : (n_judged,) float array
-        Relative: a tenth of each half-bandwidth, or the least deviation of measured modes where that is less.
-    is_by_deviation : bool
-        Whether it is that.
+    deviation : float
+        Relative, the least of measured frequencies; infinite where none are measured.
     """
 
+    structure: Structure
     number: IntArray
     frequency: FloatArray
     damping_ratio: FloatArray
     error: FloatArray
+    order: FloatArray
     passed_over: FloatArray
-    unit: str
-    needed: int
-    n_elements: int
-    subdivide: int
-    tolerance: float
-    allowed: FloatArray
-    is_by_deviation: bool
+    deviation: float
+
+    @cached_property
+    def allowed(self) -> FloatArray:
+        """Relative, (n_judged,): a tenth of each half-bandwidth, or `deviation` where that is less."""
+        return np.minimum(_PART * self.damping_ratio, self.deviation)
+
+    @property
+    def tolerance(self) -> float:
+        """The least of `allowed`."""
+        return float(self.allowed.min(initial=min(_PART * _USUAL_DAMPING, self.deviation)))
+
+    @cached_property
+    def needed(self) -> int:
+        """Pieces that each element is to be cut into (along each of its edges) so that no mode in the band is off by more.
+
+        0 where these are enough.
+        """
+        size = np.abs(self.error)
+        if not (size > self.allowed).any():
+            return 0
+        return int(np.ceil(np.max((size / self.tolerance) ** (1 / self.order)) - 1e-9))
+
+    @property
+    def n_elements(self) -> int:
+        """So many elements that then are."""
+        return n_split(self.structure) * max(self.needed, 1) ** split_power(self.structure)
 
     @property
     def worst(self) -> int:
@@ -99,7 +110,7 @@ class MeshErrors:
             sense = "high" if self.error[worst] > 0 else "low"
             off = (
                 f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
-                if self.is_by_deviation
+                if self.tolerance == self.deviation
                 else f"{self.half_bandwidths[worst]:.2g} half-bandwidths"
             )
             found = (
@@ -109,9 +120,9 @@ class MeshErrors:
         if not self.needed or self.needed > _MOST_PIECES:
             return f"{found}; refine the mesh, or take elements of higher order"
         remedy = (
-            f"`subdivide = {self.subdivide}` in [structure] brings"
-            if self.unit == "subdivide"
-            else f"cells 1/{self.needed} as long bring"
+            f"cells 1/{self.needed} as long bring"
+            if any(made.cells for made in self.structure.elements)
+            else f"`subdivide = {self.structure.subdivide * self.needed}` in [structure] brings"
         )
         whom = (
             "it"
@@ -172,26 +183,8 @@ def mesh_errors(
     error = frequency[kept] / limit[kept] - 1
     ratio = own.damping_ratio[looked[kept]]
     damping = np.where(ratio > 0, np.maximum(ratio, LEAST_DAMPING), _USUAL_DAMPING)
-    allowed = np.minimum(_PART * damping, deviation)
-    tolerance = float(allowed.min(initial=min(_PART * _USUAL_DAMPING, deviation)))
     lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
-    is_off = bool((np.abs(error) > allowed).any())
-    needed = _pieces(np.abs(error), order[kept], tolerance) if is_off else 0
-    has_cells = any(made.cells for made in structure.elements)
-    return MeshErrors(
-        number=looked[kept],
-        frequency=frequency[kept],
-        damping_ratio=damping,
-        error=error,
-        passed_over=lost,
-        unit="cells" if has_cells else "subdivide",
-        needed=needed,
-        n_elements=n_split(structure) * max(needed, 1) ** split_power(structure),
-        subdivide=structure.subdivide * max(needed, 1),
-        tolerance=tolerance,
-        allowed=allowed,
-        is_by_deviation=tolerance == deviation,
-    )
+    return MeshErrors(structure, looked[kept], frequency[kept], damping, error, order[kept], lost, deviation)
 
 
 def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -208,11 +201,6 @@ def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, 
         order = np.clip(np.log2(np.maximum(ratio, 1.0)), *_ORDERS)
         last, change = finer[1], second
     return last - change / (2**order - 1), order
-
-
-def _pieces(error: FloatArray, order: FloatArray, tolerance: float) -> int:
-    """Pieces that bring every error below `tolerance`."""
-    return int(np.ceil(np.max((error / tolerance) ** (1 / order)) - 1e-9))
 
 
 def _paired(

@@ -13,6 +13,7 @@ from structid.estimation import Estimate
 from structid.estimation.averaging import expected_square
 from structid.identification.together import places
 from structid.observation import ModalProblem, RecordProblem
+from structid.observation.modal.problem import row_kinds
 from structid.shown import counted
 
 #: Probability, of all parts together, below which noise is not why a part is missed.
@@ -91,7 +92,7 @@ def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found:
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """What is tested apart: its name, its rows of the residual, and chi-square per value from where on it is missed."""
     if isinstance(problem, ModalProblem):
-        kinds = problem.row_kinds
+        kinds = row_kinds(problem)
         for kind in dict.fromkeys(kinds.tolist()):
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES

@@ -13,6 +13,8 @@ from structid.identification.fits.record_fit import Own
 from structid.modal import ModalRecord
 from structid.observation import ModalProblem
 from structid.observation.modal.output import ModelState
+from structid.observation.modal.paired import pairing
+from structid.observation.modal.problem import shape_residual
 from structid.similarity import subspace_angles
 from structid.similarity.pairing import likenesses
 
@@ -48,8 +50,8 @@ class PairedModes:
 
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     """The pairs of `problem` at the free variables `theta`."""
-    state = problem.model_state(problem.physical(theta))
-    number = problem.pairing(state)
+    state = problem.model.state(problem.physical(theta))
+    number = pairing(problem.data, state, problem.in_order)
     shapes = problem.data.shapes[:, problem.data.measured]
     seen = state.sensors.T @ state.modes.mode_shapes
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
@@ -133,7 +135,7 @@ class ModalFit:
         data = self.problem.data
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
-        shape = self.problem.shape_residual(self.theta)
+        shape = shape_residual(self.problem, self.theta)
         if not abs(off[worst]) > FAR_OFF or len(shape) < _OUTVOTED * len(off):
             return ""
         size, of = float(np.sqrt(np.mean(shape**2))), data.frequency[worst]

@@ -98,7 +98,7 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
             return False
         theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
         members = _scaled(problem)
-        if np.isfinite(problem.unknowns.prior_std[members]).any():
+        if problem.unknowns.priors.stated[members].any():
             return False
         frf = problem.predicted(theta)
         gained = (problem.data_rows((1 + _STEP) * frf) - problem.data_rows(frf)) / _STEP

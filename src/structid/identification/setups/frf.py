@@ -70,7 +70,7 @@ class Setup(RecordSetup[FrfProblem]):
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
         used = used_lines(self.record, options)
         lines = np.union1d(*self.axes(options))
-        warnings = [*record_warnings(self.structure, used)]
+        warnings = [*record_warnings(used)]
         warnings += [words for one in self.structure.measured for words in one.line_warnings(lines)]
         model_error = options.model_error
         if used.variance is None and model_error == 0:

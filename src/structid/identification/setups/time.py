@@ -157,7 +157,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         averaged = replace(
             self.shown_problem(options, None).record, coherence=None
         )  # leakage, which the fit has none of
-        return Prepared(problem, record_warnings(self.structure, averaged))
+        return Prepared(problem, record_warnings(averaged))
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         if not unknowns:

@@ -92,10 +92,10 @@ def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
             yield y[start : start + segment]
 
 
-def default_segment(data: Outputs, averages: int = _AVERAGES) -> int:
-    """The power of two that leaves about `averages` half-overlapping segments in all records, 8 at the least."""
+def default_segment(data: Outputs) -> int:
+    """The power of two that leaves about 40 half-overlapping segments in all records, 8 at the least."""
     total, shortest = sum(len(y) for y in data.series), min(len(y) for y in data.series)
-    return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (averages + 1), shortest), 8)))))
+    return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (_AVERAGES + 1), shortest), 8)))))
 
 
 def singular_spectrum(data: Outputs, segment: int) -> Spectrum:

@@ -28,10 +28,16 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
     slope = unknowns.transforms.slope(unknowns.theta_start)
     size = unknowns.sizes(unknowns.start) / np.abs(slope)
     width = expected * np.where(size > 0, size, 1.0)
-    return np.where(np.isfinite(unknowns.prior_std), np.inf, width)
+    return np.where(unknowns.priors.stated, np.inf, width)
 
 
-def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
+def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
+    """Angular frequencies over the band of `omega`, a level apart in the logarithm, at least 60 and at most 250."""
+    count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
+    return np.geomspace(omega[0], omega[-1], count)
+
+
+def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
     """The record at s = omega (a + i) for each level a that its lines allow.
 
     Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
@@ -42,9 +48,8 @@ def smoothed_records(record: FrfRecord, levels: tuple[float, ...] = LEVELS) -> t
         return ()
     own = 0.0 if record.decay is None else float(record.decay[0])
     found = []
-    for level in levels:
-        count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
-        at = np.geomspace(omega[0], omega[-1], count)
+    for level in LEVELS:
+        at = level_frequencies(omega, level)
         try:
             smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)
         except InputError:

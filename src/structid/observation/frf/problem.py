@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 
@@ -79,14 +80,11 @@ class FrfProblem(ResponseProblem):
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
         first, which carries far. None begins with ways for a start that is near.
-    factorizer : {"pardiso", "mumps", "superlu"}, optional
-        Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
-        names, or the fastest that is installed.
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
         factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
     models : Models
-        What it has in common with the problems that are made from it.
+        What it has in common with the problems that are made from it, and the factorizer of large models.
     """
 
     structure: Structure
@@ -97,9 +95,13 @@ class FrfProblem(ResponseProblem):
     measured_sliding: bool = False
     channels: ChannelErrors | None = None
     start_error: float | None = None
-    factorizer: str | None = None
     reduced: float | None = None
     models: Models = field(default_factory=Models, repr=False)
+
+    def __new__(cls, *given: object, **named: object) -> Self:
+        if "factorizer" in named:
+            raise InputError(f"`factorizer` is said in `models`: write models=Models({named['factorizer']!r})")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
@@ -112,9 +114,6 @@ class FrfProblem(ResponseProblem):
             _require_sound_channels(self, self.channels)
         if self.record.segment is not None:
             _require_leakage(self, self.record.segment)
-
-    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> FrfProblem:
-        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
 
     def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         return self.record.values, self.predicted(theta)
@@ -185,9 +184,7 @@ class FrfProblem(ResponseProblem):
         return self._response(self.record, self.measured_sliding)
 
     def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
-        return response(
-            self.structure, self.parameters, record, measured_sliding, self.factorizer, self.reduced, self.models
-        )
+        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.models)
 
     @cached_property
     def _observed(self) -> ObservedFrf | LeakedFrf:

@@ -122,16 +122,23 @@ class Response:
 class Models:
     """What responses in use have in common: patterns with their analyses, lines of large models with their last fields.
 
-    Problems that are made from one another hold the same one; nothing of it goes to another process.
+    Problems that are made from one another hold the same one; nothing found goes to another process.
+
+    Parameters
+    ----------
+    factorizer : {"pardiso", "mumps", "superlu"}, optional
+        Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
+        names, or the fastest that is installed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, factorizer: str | None = None) -> None:
+        self.factorizer = factorizer
         self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
         self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
         self._lines: WeakValueDictionary[tuple[object, ...], LargeLines] = WeakValueDictionary()
 
-    def __reduce__(self) -> tuple[type[Models], tuple[()]]:
-        return Models, ()
+    def __reduce__(self) -> tuple[type[Models], tuple[str | None]]:
+        return Models, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
         """Of a parametrized structure."""
@@ -142,17 +149,18 @@ class Models:
         return found
 
     def large_lines(
-        self,
-        slopes: StiffnessSlopes,
-        sides: Channels,
-        record: FrfRecord,
-        factorizer: str | None = None,
-        reduced: float | None = None,
+        self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> LargeLines:
         """Of the channels of `record`; contacts, which may slide as that record measured, make them its own."""
         own = record if sides.n_contacts else None
-        key: tuple[object, ...] = (slopes, record.outputs, record.inputs, own, factorizer or os.environ.get(VARIABLE))
-        pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, factorizer))
+        key: tuple[object, ...] = (
+            slopes,
+            record.outputs,
+            record.inputs,
+            own,
+            self.factorizer or os.environ.get(VARIABLE),
+        )
+        pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, self.factorizer))
         key = (pattern, record.frequency.tobytes(), reduced)
         return self._lines.get(key) or self._lines.setdefault(key, LargeLines(pattern, record.frequency, reduced))
 
@@ -162,7 +170,6 @@ def response(
     unknown: Parameters,
     record: FrfRecord,
     measured_sliding: bool = False,
-    factorizer: str | None = None,
     reduced: float | None = None,
     models: Models | None = None,
 ) -> Response:
@@ -177,12 +184,10 @@ def response(
         Its values serve only for measured sliding amplitudes.
     measured_sliding : bool
         Whether friction elements that name sensors slide with the amplitude that those measured.
-    factorizer : {"pardiso", "superlu", "mumps"}, optional
-        Of large models; see `structid.dynamics.factorization.factorizer`.
     reduced : float, optional
         Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
     models : Models, optional
-        Where what others have in common with it is found.
+        Where what others have in common with it is found; says the factorizer of large models.
 
     Raises
     ------
@@ -205,7 +210,7 @@ def response(
     if alone is not None:
         lines = SolvedLines(alone, structure, unknown, record)
     elif structure.n_dofs > DENSE_UP_TO:
-        lines = large = models.large_lines(slopes, sides, record, factorizer, reduced)
+        lines = large = models.large_lines(slopes, sides, record, reduced)
         medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
         if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
             lines = MediumLines(small, large)

@@ -6,7 +6,29 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.observation.modal.matrix_slopes import MatrixSlopes
+from structid.observation.modal.measured import MeasuredModes
+from structid.observation.modal.model import ModalModel
 from structid.structure import Structure
+
+
+def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Force residual of each mode with a shape in parts of its inertia force, over the error of the shapes."""
+    shown = data.record.known[:, data.measured].any(axis=0)
+    found = [
+        dynamic_residual(
+            model.structure,
+            model.slopes,
+            physical,
+            model.parameters.start,
+            model.sensors[:, data.record.known[:, mode]],
+            2 * np.pi * data.record.frequency[mode],
+            data.shapes[data.record.known[:, mode], mode],
+        )
+        for mode in data.measured[shown]
+    ]
+    size = np.maximum(2 * data.frequency_std / data.frequency, 1e-3)[shown]
+    error = np.concatenate([e / s for (e, _), s in zip(found, size, strict=True)])
+    return error, np.concatenate([d / s for (_, d), s in zip(found, size, strict=True)])
 
 
 def dynamic_residual(

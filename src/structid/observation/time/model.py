@@ -69,11 +69,6 @@ class TimeModel:
             )
 
     @cached_property
-    def load_columns(self) -> FloatArray:
-        """Where each load acts, (n_dofs, n_loads)."""
-        return np.asarray(self.structure.selection(self.loads).toarray(), dtype=np.float64)
-
-    @cached_property
     def sensor_columns(self) -> FloatArray:
         """What each sensor reads, (n_dofs, n_sensors)."""
         return np.asarray(self.structure.selection(self.sensors).toarray(), dtype=np.float64)
@@ -184,8 +179,13 @@ class TimeModel:
         scale = np.sqrt(np.maximum(squares, 0.0))
         scale = np.where(scale * self.step > 1e-3, scale, 1e-3 / self.step)
         n_params = self.unknown.n_params if derivatives else 0
-        change = {law: self._modal_change(law, shapes, properties) for law in _LAWS} if derivatives else {}
-        n, modal_damping, load = len(squares), shapes.T @ damping @ shapes, shapes.T @ self.load_columns
+        known = self.structure, self.unknown
+        change = {law: _modal_change(*known, law, shapes, properties) for law in _LAWS} if derivatives else {}
+        n, modal_damping, load = (
+            len(squares),
+            shapes.T @ damping @ shapes,
+            shapes.T @ self.structure.selection(self.loads).toarray(),
+        )
         rate = np.zeros((2 * n, 2 * n))
         rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
         coupling = np.zeros((2 * n, len(self.generator)))
@@ -201,22 +201,25 @@ class TimeModel:
             coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
         return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
 
-    def _modal_change(self, law: str, shapes: FloatArray, properties: FloatArray) -> FloatArray:
-        """Derivative of a matrix with respect to each parameter between modes, (n_modes, n_params, n_modes)."""
-        n, n_params = len(shapes), self.unknown.n_params
-        total = np.zeros((n_params, n * n))
-        for part in self.structure.contributions:
-            if part.law != law:
-                continue
-            rows = weight_slope(part, self.unknown, properties)
-            used = np.flatnonzero(np.diff(rows.indptr))
-            if len(used) > n_params:  # as modal damping has, an element an entry
-                changes = (part.blocks.assemble(column) for column in rows.toarray().T)
-                total += np.stack([(shapes.T @ (matrix @ shapes)).ravel() for matrix in changes])
-            elif len(used):
-                forms = part.blocks.take(used).bilinear(shapes, shapes).reshape(len(used), -1)
-                total += rows[used].T @ forms
-        return np.swapaxes(total.reshape(n_params, n, n), 0, 1)
+
+def _modal_change(
+    structure: Structure, unknown: Parameters, law: str, shapes: FloatArray, properties: FloatArray
+) -> FloatArray:
+    """Derivative of a matrix with respect to each parameter between modes, (n_modes, n_params, n_modes)."""
+    n, n_params = len(shapes), unknown.n_params
+    total = np.zeros((n_params, n * n))
+    for part in structure.contributions:
+        if part.law != law:
+            continue
+        rows = weight_slope(part, unknown, properties)
+        used = np.flatnonzero(np.diff(rows.indptr))
+        if len(used) > n_params:  # as modal damping has, an element an entry
+            changes = (part.blocks.assemble(column) for column in rows.toarray().T)
+            total += np.stack([(shapes.T @ (matrix @ shapes)).ravel() for matrix in changes])
+        elif len(used):
+            forms = part.blocks.take(used).bilinear(shapes, shapes).reshape(len(used), -1)
+            total += rows[used].T @ forms
+    return np.swapaxes(total.reshape(n_params, n, n), 0, 1)
 
 
 @dataclass(frozen=True, eq=False)

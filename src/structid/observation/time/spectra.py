@@ -122,9 +122,6 @@ class SpectraProblem(ResponseProblem):
         if self.channels is not None and self.channels.decay(self.channels.start) is not None:
             raise InputError(NO_WINDOW)
 
-    def with_errors(self, channels: ChannelErrors | None, parameters: Parameters | None = None) -> SpectraProblem:
-        return replace(self, channels=channels, parameters=self.parameters if parameters is None else parameters)
-
     def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Cross spectra of every line, and the model's FRFs: over all lines other forces leave no sign."""
         return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)

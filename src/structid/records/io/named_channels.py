@@ -48,8 +48,8 @@ class NamedChannels:
         Hz, and time of the first sample in s.
     numbers : tuple of int
         By which `columns` may ask for each channel, from 1; columns of a table.
-    header_line, first_line : int, optional
-        Lines of a table that hold the names and the first samples.
+    lines : (int, int), optional
+        Of a table, that hold the names and the first samples.
     words : str
         How the file was understood.
     tells_all : bool
@@ -63,16 +63,15 @@ class NamedChannels:
     rate: float
     start: float = 0.0
     numbers: tuple[int, ...] = ()
-    header_line: int | None = None
-    first_line: int | None = None
+    lines: tuple[int, int] | None = None
     words: str = ""
     tells_all: bool = False
 
     def place(self, j: int) -> str:
         """Where channel `j` is in the file."""
-        if self.header_line is None:
+        if self.lines is None:
             return f"channel {self.number(j)} ({self.names[j]!r})"
-        return f"line {self.header_line}, column {self.number(j)} ({self.names[j]!r})"
+        return f"line {self.lines[0]}, column {self.number(j)} ({self.names[j]!r})"
 
     @property
     def told_units(self) -> list[str]:
@@ -143,7 +142,7 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
     quantities, factors = _units(part, channels, options)
     chosen_here = replace(options, channels=()) if by_user else options
-    lines = None if found.first_line is None else Lines(found.first_line, part.numbers)
+    lines = None if found.lines is None else Lines(found.lines[1], part.numbers)
     kept = whole(found.path, part.values, channels, found.rate, found.start, chosen_here, lines=lines)
     words = "" if part.tells_all and not by_user else _understood(part, channels, options)
     record = TimeRecord(
@@ -234,7 +233,7 @@ def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptio
     names = [name_and_unit(name)[0] for name in part.names]
     pairs = [f"{name} is {dof}" for name, dof in zip(names, channels, strict=True) if as_dof(name) != dof]
     shown = ", ".join(pairs[:_SHOWN]) + (f", and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
-    what = "column" if part.header_line is not None else "channel"
+    what = "channel" if part.lines is None else "column"
     words = (
         f"{len(channels)} {what}s, {len(part.values)} samples at {part.rate:.9g} Hz,"
         f" unit{'s' if len(kinds) > 1 else ''} {', '.join(kinds)}"

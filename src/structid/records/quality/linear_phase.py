@@ -44,13 +44,13 @@ class Fir:
         """Variance of white noise after the filter over that before."""
         return float(np.sum(self.taps**2))
 
-    def crossing(self, near: float, decibel: float = -3.0) -> float:
-        """Frequency (Hz) next to `near` at which the response is `decibel`."""
+    def crossing(self, near: float) -> float:
+        """Frequency (Hz) next to `near` at which the response is -3 dB."""
         from scipy.signal import freqz
 
         n_lines = 1 << int(np.ceil(np.log2(64 * len(self.taps))))
         lines, response = freqz(self.taps, worN=n_lines, fs=self.rate)
-        level = 20 * np.log10(np.maximum(np.abs(response), 1e-12)) - decibel
+        level = 20 * np.log10(np.maximum(np.abs(response), 1e-12)) + 3.0
         crossings = np.flatnonzero(level[1:] * level[:-1] <= 0)
         if not len(crossings):
             return float(near)

@@ -274,7 +274,7 @@ def _decimated(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Tim
         return record
     new_rate = record.sampling_rate * ratio.numerator / ratio.denominator
     fir = decimation_filter(record.sampling_rate, ratio)
-    _require_longer(record, fir, wanted)
+    _require_longer(record, fir)
     values, dropped = decimated(record.values, ratio, fir, wanted.edges == "keep")
     factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
     steps.append(
@@ -292,7 +292,7 @@ def _filtered(record: TimeRecord, wanted: Preparation, steps: list[str], found: 
         return record
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
     fir = band_filter(low, high, record.sampling_rate)
-    _require_longer(record, fir, wanted)
+    _require_longer(record, fir)
     values, dropped = filtered(record.values, fir, wanted.edges == "keep")
     ends = [f"{f:g}" for f in wanted.band if f is not None]
     what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
@@ -320,7 +320,7 @@ def _filtered(record: TimeRecord, wanted: Preparation, steps: list[str], found: 
     return replace(record, values=values, start=record.start + dropped / record.sampling_rate, variance=variance)
 
 
-def _require_longer(record: TimeRecord, fir: Fir, wanted: Preparation) -> None:
+def _require_longer(record: TimeRecord, fir: Fir) -> None:
     """Refuse a filter that leaves nothing, or that is never wholly on the record."""
     duration, span = (len(record.values) - 1) / record.sampling_rate, 2 * fir.half / fir.rate
     if duration - span < _LEAST / record.sampling_rate:

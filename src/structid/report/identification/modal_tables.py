@@ -6,6 +6,7 @@ import numpy as np
 
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
+from structid.observation.modal.problem import pull
 from structid.report.tables import Table
 from structid.report.text import NOTHING, likeness, number, percent, with_std
 from structid.shown import counted
@@ -84,7 +85,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 def _pull(fit: ModalFit) -> str:
     """What each kind of value determines, and its part of the misfit."""
-    found = fit.problem.pull(fit.theta)
+    found = pull(fit.problem, fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"
     n_params = fit.problem.unknowns.n_params

@@ -174,7 +174,7 @@ def relative_jacobian(case: Case, reading: Reading) -> FloatArray:
     return (derivative / values[..., None] * case.actual).real.reshape(-1, len(case.actual))
 
 
-def iterations_to(errors: FloatArray, level: float = CONVERGED) -> float:
-    """The first iteration with an RMS error below `level`; NaN where there is none."""
-    below = np.flatnonzero(errors < level)
+def iterations_to(errors: FloatArray) -> float:
+    """The first iteration with an RMS error below `CONVERGED`; NaN where there is none."""
+    below = np.flatnonzero(errors < CONVERGED)
     return float(below[0]) if below.size else float("nan")

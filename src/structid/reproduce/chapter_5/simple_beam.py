@@ -53,12 +53,12 @@ def free_record(motion: FreeDecay, step: float, dofs: Sequence[Dof], source: str
     return TimeRecord(1 / step, np.concatenate(motion, axis=1), tuple(dofs) * 3, quantities, source=source)
 
 
-def beam_record(step: float = STEP, n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeRecord:
+def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeRecord:
     """Displacement, velocity and acceleration at ten sensors after a unit impulse at the first, in closed form."""
-    time = np.arange(round(duration / step) + 1) * step
+    time = np.arange(round(duration / STEP) + 1) * STEP
     impulse = beam_shapes(SENSORS[:1], n_modes)[0]
     motion = free_decay(beam_omega(n_modes), beam_shapes(SENSORS, n_modes), time, velocity=impulse)
-    return free_record(motion, step, [Dof(r, "Y") for r in range(1, N_SENSORS + 1)], "simulated beam")
+    return free_record(motion, STEP, [Dof(r, "Y") for r in range(1, N_SENSORS + 1)], "simulated beam")
 
 
 def folded_omega() -> FloatArray:

@@ -17,7 +17,8 @@ from structid.records.io import read_record
 from structid.shown import listed
 from structid.solver.deck import FREQUENCIES
 from structid.solver.frfs.punched import punched_frfs
-from structid.solver.outputs import there
+from structid.solver.outputs import OneFile, there
+from structid.solver.shapes import require_last_line
 from structid.solver.solved import Units
 
 #: Relative difference of frequencies that is rounding of a printed number.
@@ -26,7 +27,7 @@ _MOST_TOLD = 6
 
 
 @dataclass(frozen=True, eq=False)
-class FrfsOut:
+class FrfsOut(OneFile):
     """FRFs as a run gives them.
 
     Attributes
@@ -43,27 +44,16 @@ class FrfsOut:
         Of a punch file.
     """
 
-    path: str
     frequency: FloatArray
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]
     loads: tuple[Dof, ...] = ()
     units: Units = field(default_factory=Units)
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Files of a run that are kept."""
-        return (self.path,)
-
-    def require_whole(self, folder: Path) -> None:
-        """Raise an `InputError` where the file is missing, cut short, or lacks a line or channel that is needed."""
-        self.read(folder)
-
     def read(self, folder: Path) -> ComplexArray:
         """Receptances of a run at the lines and channels that are needed, SI, (n_lines, n_outputs, n_inputs)."""
         path = there(folder, self.path)
-        if path.suffix.lower() == ".csv" and not path.read_bytes().endswith((b"\n", b"\r")):
-            raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
+        require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
             record: FrfRecord | TimeRecord = punched_frfs(path, self.loads, self.units.length, self.units.force)
         else:

@@ -12,9 +12,11 @@ from structid.dof import Dof
 from structid.errors import InputError
 
 _FACTORED_UP_TO = 20_000
+#: Eigenvalues of the scaled matrix down to minus this count as zero: five digits, as short text fields have.
+_ZERO = 1e-5
 
 
-def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof], tolerance: float = 1e-5) -> None:
+def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof]) -> None:
     """Raise an `InputError` where a symmetric matrix has negative eigenvalues; it says where, as far as can be seen.
 
     The matrix is scaled to a unit diagonal, so that translations and rotations count alike. Every pair of rows is
@@ -27,19 +29,17 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
         For the message.
     matrix : (n, n) sparse array
     dofs : n degrees of freedom
-    tolerance : float
-        Eigenvalues of the scaled matrix down to minus this count as zero: five digits, as short text fields have.
     """
     diagonal = matrix.diagonal()
     low = int(np.argmin(diagonal)) if len(diagonal) else 0
-    if len(diagonal) and diagonal[low] < -tolerance * abs(diagonal).max():
+    if len(diagonal) and diagonal[low] < -_ZERO * abs(diagonal).max():
         raise InputError(
             f"`{name}` must be positive semidefinite, but its diagonal is {diagonal[low]:.6g} at {dofs[low].unsigned}; check "
             "signs and numbering, or set `indefinite = true` for what is meant so (preload)"
         )
     root = np.sqrt(np.maximum(diagonal, 0.0))
     coordinates = matrix.tocoo()
-    limit = (1 + tolerance) * root[coordinates.row] * root[coordinates.col] + 1e-14 * abs(diagonal).max(initial=0.0)
+    limit = (1 + _ZERO) * root[coordinates.row] * root[coordinates.col] + 1e-14 * abs(diagonal).max(initial=0.0)
     over = (coordinates.row != coordinates.col) & (abs(coordinates.data) > limit)
     if over.any():
         at = int(np.argmax(np.where(over, abs(coordinates.data), 0.0)))
@@ -52,7 +52,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     used = np.flatnonzero(root > 0)
     if 0 < len(used) <= _FACTORED_UP_TO:
         scaled = sparse.diags_array(1 / root[used]) @ matrix[used][:, used] @ sparse.diags_array(1 / root[used])
-        count = _negative_pivots(sparse.csc_array(scaled + tolerance * sparse.eye_array(len(used))))
+        count = _negative_pivots(sparse.csc_array(scaled + _ZERO * sparse.eye_array(len(used))))
         if count:
             raise InputError(
                 f"`{name}` must be positive semidefinite, but has {count} negative eigenvalues; entries are missing or wrong, "

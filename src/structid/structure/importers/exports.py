@@ -14,6 +14,8 @@ from structid.arrays import FloatArray
 from structid.dof import DIRECTIONS, Dof, parse_dofs
 from structid.errors import InputError
 
+#: Largest relative difference of masses that passes.
+_MASS_ERROR = 0.1
 #: Ratio of what a matrix gives to the declared mass, and what it then most likely is.
 _RATIOS = (
     (1e-3, "the matrices are in tonnes (mm, N, t): set `length_unit` to mm and `force_unit` to N"),
@@ -63,15 +65,13 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     return float(rigid @ (mass @ rigid))
 
 
-def require_total_mass(found: float, declared: float, tolerance: float = 0.1) -> None:
+def require_total_mass(found: float, declared: float) -> None:
     """Raise an `InputError` where the mass `found` in the matrices is not the `declared` one; it names the factor.
 
     Parameters
     ----------
     found, declared : float
-        kg.
-    tolerance : float
-        Largest relative difference that passes: a model is rarely right to the percent, units are wrong by a factor.
+        kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
@@ -81,9 +81,9 @@ def require_total_mass(found: float, declared: float, tolerance: float = 0.1) ->
             "missing, or its rows are not the degrees of freedom named"
         )
     ratio = found / declared
-    if abs(ratio - 1) <= tolerance:
+    if abs(ratio - 1) <= _MASS_ERROR:
         return
-    likely = [words for factor, words in _RATIOS if abs(ratio / factor - 1) <= min(tolerance, 0.1)]
+    likely = [words for factor, words in _RATIOS if abs(ratio / factor - 1) <= _MASS_ERROR]
     cause = likely[0] if likely else (
         "mass at degrees of freedom held in the export is not in the matrix; else check units, densities and numbering"
     )  # fmt: skip

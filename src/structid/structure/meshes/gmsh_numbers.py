@@ -125,8 +125,7 @@ class Binary:
         self._data = data
         self._order = ">" if swapped == (sys.byteorder == "little") else "<"
 
-    def _next(self, kind: str, count: int) -> np.ndarray:
-        form = np.dtype(self._order + kind)
+    def _next(self, form: np.dtype, count: int) -> np.ndarray:
         if count < 0 or self.place + count * form.itemsize > len(self._data):
             raise ValueError("a section ends too soon")
         part = np.frombuffer(self._data, form, count, self.place)
@@ -134,10 +133,10 @@ class Binary:
         return part
 
     def integers(self, count: int) -> IntArray:
-        return self._next("i4", count).astype(np.int64)
+        return self._next(np.dtype(self._order + "i4"), count).astype(np.int64)
 
     def sizes(self, count: int) -> IntArray:
-        return self._next("u8", count).astype(np.int64)
+        return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
 
     def counts(self, count: int) -> IntArray:
         stop = self._data.index(b"\n", self.place)
@@ -146,7 +145,7 @@ class Binary:
         return words
 
     def reals(self, count: int) -> FloatArray:
-        return self._next("f8", count).astype(np.float64)
+        return self._next(np.dtype(self._order + "f8"), count).astype(np.float64)
 
     def integer(self) -> int:
         return int(self.integers(1)[0])
@@ -155,11 +154,7 @@ class Binary:
         raise ValueError("names of physical groups stand in text")
 
     def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
-        form = np.dtype([("label", self._order + "i4"), ("at", self._order + "f8", (3,))])
-        if count < 0 or self.place + count * form.itemsize > len(self._data):
-            raise ValueError("a section ends too soon")
-        table = np.frombuffer(self._data, form, count, self.place)
-        self.place += count * form.itemsize
+        table = self._next(np.dtype([("label", self._order + "i4"), ("at", self._order + "f8", (3,))]), count)
         return table["label"].astype(np.int64), table["at"].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:

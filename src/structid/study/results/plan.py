@@ -64,7 +64,7 @@ def plan_summary(
                 "unit": found.parameters.units[i],
                 "initial": found.parameters.start[i],
                 "of_interest": bool(found.chosen.of_interest[i]),
-                "prior_std": found.parameters.prior_std[i],
+                "prior_std": found.parameters.priors.std[i],
             }
             for i, name in enumerate(found.parameters.names)
         ],

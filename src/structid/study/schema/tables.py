@@ -104,12 +104,7 @@ class Table:
         return own if self.short is None else {"anyOf": [self.short.schema, own]}
 
 
-def table_of(
-    made: Callable[..., object],
-    leave_out: Collection[str] = (),
-    words_of: Callable[..., object] | None = None,
-    **others: Kind | Table,
-) -> Table:
+def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **others: Kind | Table) -> Table:
     """The table whose keys are the arguments of a class or function, by their annotations and its docstring.
 
     Parameters
@@ -118,12 +113,10 @@ def table_of(
         What each key is stands in its docstring, or as a text in the annotation.
     leave_out : collection of str
         Arguments that no key gives.
-    words_of : class or function, optional
-        Whose docstring it is; of `made` by default.
     **others : Kind or Table
         What keys hold where the annotation does not say it, and keys besides the arguments.
     """
-    types, words = declared_types(made), declared_words(words_of or made)
+    types, words = declared_types(made), declared_words(made)
     keys = {}
     for name, item in inspect.signature(made).parameters.items():
         if name not in leave_out:

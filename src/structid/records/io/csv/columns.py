@@ -81,8 +81,7 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
         rate=clock.rate,
         start=clock.start,
         numbers=tuple(numbers[j] for j in keep),
-        header_line=table.header_line,
-        first_line=table.first_line,
+        lines=(table.header_line, table.first_line),
         words=", ".join(filter(None, (table.words, clock.words))),
         tells_all=plain and not clock.words,
     )

@@ -84,7 +84,7 @@ def datasets(path: Path) -> list[Dataset]:
     found = []
     for number, (block, values) in enumerate(zip(blocks, _through_pyuff(path, blocks), strict=True)):
         if block.number == 58:
-            _require_all_points(path, data, block, number, values)
+            _require_all_points(path, number, values)
         if block.number in READ_TYPES:
             found.append(values)
     return found
@@ -121,7 +121,7 @@ def _blocks(path: Path, data: bytes) -> list[Block]:
     found: list[Block] = []
     at = _skip_blank(data, 0)
     while at < len(data):
-        tag = _TAG.match(data, _line_start(data, at))
+        tag = _TAG.match(data, _line_start(at))
         if tag is None:
             what = "is not a universal file" if not found else f"goes on with junk after dataset {len(found)}"
             raise FileError(f"{path}: {what} (byte {at}); copy or export it again")
@@ -144,7 +144,7 @@ def _skip_blank(data: bytes, at: int) -> int:
     return at
 
 
-def _line_start(data: bytes, at: int) -> int:
+def _line_start(at: int) -> int:
     """Where the four blanks of a tag that ends in `-1` at `at` begin."""
     return max(at - 4, 0)
 
@@ -220,7 +220,7 @@ def _through_pyuff(path: Path, blocks: list[Block]) -> list[Dataset]:
     return return_sets
 
 
-def _require_all_points(path: Path, data: bytes, block: Block, number: int, values: Dataset) -> None:
+def _require_all_points(path: Path, number: int, values: Dataset) -> None:
     """Raise unless pyuff found as many points as the header says, with an abscissa for each."""
     got = len(values["data"])
     if got != values["num_pts"] or len(values["x"]) < got:

@@ -17,6 +17,7 @@ from structid.observation import RecordProblem
 from structid.solver.solved import Solved
 from structid.study.schema.section import Tables
 from structid.study.schema.study import Study, edited_study
+from structid.unknowns.named_unknowns import begun_at
 
 #: Most that a parameter moves in a round, as a part of its value.
 _FARTHEST = 0.5
@@ -83,11 +84,6 @@ def about(
 ) -> Study:
     """The study with differences about `at`, searches beginning at the `known` values of parameters; see `tables` for `step`."""
     moved = edited_study(study, tables(study, at, step), work)
-    sources = []
-    for before, after in zip(study.setups, moved.setups, strict=True):
-        own = before.parameters
-        values = np.array([known.get(name, start) for name, start in zip(own.names, own.start, strict=True)])
-        inside = (values > own.transforms.lower) & (values < own.transforms.upper)
-        begun = own.started_at(np.where(inside, values, own.start))
-        sources.append(replace(after, parameters=begun))
-    return replace(moved, setups=tuple(sources))
+    pairs = zip(study.setups, moved.setups, strict=True)
+    setups = (replace(after, parameters=begun_at(before.parameters, known)) for before, after in pairs)
+    return replace(moved, setups=tuple(setups))

@@ -23,7 +23,7 @@ from structid.estimation.search.minimum import residual_at, squared
 from structid.estimation.search.work import Work
 from structid.identification.together import together
 from structid.observation import FrfProblem, RecordProblem
-from structid.observation.frf.continuation import start_deviation
+from structid.observation.frf.continuation import level_frequencies, start_deviation
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
@@ -44,7 +44,7 @@ _STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.5
 _NEAR, _OF_LINES, _CLEAR = 0.7, 0.98, 0.3
 _START_ERROR, _LINE_ERROR = 0.5, 0.1
 #: Lines of an average, and its width in spacings of the measured ones.
-_FEWEST_LINES, _MOST_LINES, _USABLE_LINES, _WIDE = 60, 250, 8, 3.0
+_USABLE_LINES, _WIDE = 8, 3.0
 _HALVINGS, _TINY = 4, 1e-12
 
 
@@ -173,8 +173,7 @@ def _staged(problems: Sequence[RecordProblem], level: float) -> list[RecordProbl
 
 def _averages(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Angular frequencies of a level that is wide against the lines there, and its weights of these, (n, n_lines)."""
-    count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
-    at = np.geomspace(omega[0], omega[-1], count)
+    at = level_frequencies(omega, level)
     at = at[level * at > _WIDE * np.interp(at, omega, np.gradient(omega))]
     forward, backward = poisson_weights(omega, at * (level + 1j))
     weights = forward + backward
