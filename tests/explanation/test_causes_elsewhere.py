@@ -212,3 +212,38 @@ def test_an_added_mass_that_is_not_what_the_study_says_is_named_with_its_record(
     assert (name, value) == ("mass[mass 3 loaded]", pytest.approx(0.6, rel=0.05))
     assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
     assert "+ [[record.structure.point_mass]]" in first.lines
+
+
+MOUNTS = (
+    FLOORS[: FLOORS.index("[[structure.spring]]")]
+    + "".join(
+        f'[[structure.spring]]\nname = "storey {k}"\n{ends}\nstiffness = {stiffness}\nloss_factor = 0.02\n\n'
+        for k, ends, stiffness in (
+            (1, 'first = "1X"', 8300.0),
+            (2, 'first = "1X"\nsecond = "2X"', 7400.0),
+            (3, 'first = "2X"\nsecond = "3X"', 6500.0),
+            (4, 'first = "3X"\nsecond = "4X"', 5600.0),
+        )
+    )
+    + '[[unknown]]\nproperty = "mass"\nelements = "floors"\n\n'
+    + '[[unknown]]\nproperty = "stiffness"\nelements = ["storey 1", "storey 2", "storey 3", "storey 4"]\nfactor = true\n'
+)
+
+
+def test_a_set_that_is_tied_to_others_and_differs_from_them_is_named_first(tmp_path):
+    """Four storeys of one factor, each a set of its own; the third is a third softer than the drawings say."""
+    stiffness, k = [9130.0, 8140.0, 7150.0 * 0.65, 6160.0], np.zeros((4, 4))
+    k[0, 0] = stiffness[0]
+    for i, c in enumerate(stiffness[1:]):
+        k[i : i + 2, i : i + 2] += c * np.array([[1, -1], [-1, 1]])
+    frequency = np.linspace(1.0, 16.0, 120)
+    omega = 2 * np.pi * frequency[:, None, None]
+    receptance = np.linalg.inv(k * (1 + 0.02j) - omega**2 * 5.0 * np.eye(4))[:, :, 1:2]
+    found = answered(tmp_path, MOUNTS, frequency, receptance, ["1X", "2X", "3X", "4X"], ["2X"])
+    first, *_ = found.causes
+    assert (first.kind, first.where) == ("untied", ("storey 3",))
+    assert first.words == "the stiffness of all of storey 3 is not that of its group"
+    [(name, value, unit)] = first.found
+    assert (name, value, unit) == ("stiffness[storey 3]", pytest.approx(0.65 * 1.1, rel=0.02), "1")
+    assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
+    assert '+ elements = ["storey 1", "storey 2", "storey 4"]' in first.lines

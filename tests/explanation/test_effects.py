@@ -100,7 +100,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
     structural = {"support", "spring", "dashpot", "friction", "mass", "sensor_mass", "inertia", "appendage", "joint"}
-    every = structural | {"untied stiffness", "untied mass", "load_direction"} | OF_CHANNELS
+    every = structural | {"untied stiffness", "untied mass", "untied set", "load_direction"} | OF_CHANNELS
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
 

@@ -509,3 +509,16 @@ def test_a_channel_that_its_history_shows_to_be_clipped_is_said_and_named(tmp_pa
     first = result.criticism.causes[0]
     assert (first.kind, first.where) == ("channel", ("4Y",))
     assert first.share > 0.9
+
+
+def test_a_channel_that_drifts_is_named_though_averaged_responses_hide_it(tmp_path):
+    path = written_histories(tmp_path, of_histories(off()))
+    record = read_record(tmp_path / "time.npz")
+    values, n = np.array(record.values), len(record.values)
+    walk = np.cumsum(np.random.default_rng(7).standard_normal(n)) / np.sqrt(n)
+    values[:, 2] += 0.3 * values[:, 2].std() * (4 * np.linspace(0.0, 1.0, n) + 2 * walk)
+    write_record(tmp_path / "time.npz", replace(record, values=values))
+    result, _ = answered(path)
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == ("channel", ("3X",))

@@ -44,6 +44,8 @@ _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
 _MOST_NODES, _MOST_ELEMENTS = 60, 150
+#: Degrees of freedom of the largest set that is tried as a whole.
+_MOST_CODES = 150
 #: Of larger ones changes of the records alone, which need no Z^-1: it is formed at some forty lines.
 MOST_DOFS = 1200
 #: Strengths of what cannot be negative.
@@ -65,7 +67,14 @@ def pool(records: Sequence[Fields], names: Sequence[str] = ("",)) -> list[Candid
     """
     first, found = records[0], list[Candidate]()
     if first.structure.n_dofs <= MOST_DOFS:
-        found += [*_supports(records), *_joints(first), *_additions(first), *_of_sensors(records), *_untied(first)]
+        found += [
+            *_supports(records),
+            *_joints(first),
+            *_additions(first),
+            *_of_sensors(records),
+            *_untied(first),
+            *_apart(first),
+        ]
     for number, fields in enumerate(records):
         found += _channels(fields, number)
         if len(names) > 1 and fields.structure.n_dofs <= MOST_DOFS:
@@ -326,34 +335,60 @@ def _untied(fields: Fields) -> Iterator[Candidate]:
     items = list(_held_together(fields))
     counts = Counter((one.element, one.property) for one in items)
     for one in _spread([one for one in items if counts[one.element, one.property] > 1], 2 * _MOST_ELEMENTS):
-        size, vectors = np.linalg.eigh(one.matrix)
-        keep = size > 1e-9 * max(size[-1], 0.0)
-        places = Places(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
-        if not keep.any() or not len(places.rows(fields)[0]):
-            continue
-        law = _inertia if one.kind == "mass" else partial(_lossy, one.loss)
-        where = (f"{one.element}:{one.number + 1}",)
-        yield Candidate(f"untied {one.kind}", where, added(places, law), _PARTS, (-1.0, np.inf), others=(one.property,))
+        yield from _differing(fields, one, f"untied {one.kind}", f"{one.element}:{one.number + 1}")
 
 
 def _held_together(fields: Fields) -> Iterator[ElementMatrix]:
     """Stiffness and mass of elements; properties of an element that one parameter moves are one, called as their kind."""
-    design = fields.problem.parameters.design.tocsr()
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
-    for one in fields.elements(("stiffness", "mass")):
-        moved_by = tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
+    for one, moved_by in _moved(fields):
         parts.setdefault((one.element, one.number, one.kind, moved_by or one.property), []).append(one)
-    for first, *more in parts.values():
-        if not more:
-            yield first
-            continue
-        codes = np.unique(np.concatenate([one.codes[one.codes >= 0] for one in (first, *more)]))
-        matrix = np.zeros((len(codes), len(codes)))
-        for one in (first, *more):
-            there = one.codes >= 0
-            place = np.searchsorted(codes, one.codes[there])
-            matrix[np.ix_(place, place)] += one.matrix[np.ix_(there, there)]
-        yield first._replace(property=first.kind, codes=codes, matrix=matrix)
+    for items in parts.values():
+        yield _sum(items)
+
+
+def _moved(fields: Fields) -> Iterator[tuple[ElementMatrix, tuple[int, ...]]]:
+    """Stiffness and mass of elements, each with the parameters that move it."""
+    design = fields.problem.parameters.design.tocsr()
+    for one in fields.elements(("stiffness", "mass")):
+        yield one, tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
+
+
+def _sum(items: Sequence[ElementMatrix]) -> ElementMatrix:
+    """Several as one, called as their kind where they are of several properties."""
+    first, *more = items
+    if not more:
+        return first
+    codes = np.unique(np.concatenate([one.codes[one.codes >= 0] for one in items]))
+    matrix = np.zeros((len(codes), len(codes)))
+    for one in items:
+        there = one.codes >= 0
+        place = np.searchsorted(codes, one.codes[there])
+        matrix[np.ix_(place, place)] += one.matrix[np.ix_(there, there)]
+    prop = first.property if len({one.property for one in items}) == 1 else first.kind
+    return first._replace(property=prop, codes=codes, matrix=matrix)
+
+
+def _apart(fields: Fields) -> Iterator[Candidate]:
+    """Whole sets that one parameter ties to others, and that differ from them, such as one of several mounts."""
+    groups: dict[tuple[str, tuple[int, ...]], dict[str, list[ElementMatrix]]] = {}
+    for one, moved_by in _moved(fields):
+        if len(moved_by) == 1:
+            groups.setdefault((one.kind, moved_by), {}).setdefault(one.element, []).append(one)
+    tied = [_sum(items) for sets in groups.values() if len(sets) > 1 for items in sets.values()]
+    for one in _spread(tied, _MOST_ELEMENTS):
+        if len(one.codes) <= _MOST_CODES:
+            yield from _differing(fields, one, "untied set", one.element)
+
+
+def _differing(fields: Fields, one: ElementMatrix, kind: str, where: str) -> Iterator[Candidate]:
+    """A stiffness or mass that is not what it is taken for; none where nothing moves that has it."""
+    size, vectors = np.linalg.eigh(one.matrix)
+    keep = size > 1e-9 * max(size[-1], 0.0)
+    places = Places(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
+    if keep.any() and len(places.rows(fields)[0]):
+        law = _inertia if one.kind == "mass" else partial(_lossy, one.loss)
+        yield Candidate(kind, (where,), added(places, law), _PARTS, (-1.0, np.inf), others=(one.property,))
 
 
 def _lossy(loss: float, fields: Fields) -> ComplexArray:

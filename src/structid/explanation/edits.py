@@ -242,6 +242,20 @@ def _untied(study: Tables, candidate: Candidate, strength: float) -> None:
     _unknown(study, prop, where, factor=True, start=_round(1 + strength))
 
 
+def _untied_set(study: Tables, candidate: Candidate, strength: float) -> None:
+    """A whole set with a parameter of its own, a factor on what it has."""
+    (prop,), (name,) = candidate.others, candidate.where
+    entries = [entry for entry in study["unknown"] if _is_of(entry, name, prop)]
+    for entry in entries:
+        texts = [str(text) for text in as_list(entry["elements"])]
+        kept = [text for text in texts if text != name]
+        if entry.get("each") or entry.get("field") or len(kept) in (0, len(texts)):
+            raise NoEditError(f"{name} is no whole set of a group with one value")
+        entry["elements"] = kept
+        entry.setdefault("name", ", ".join(texts))
+    _unknown(study, prop, name, factor=True, start=_round(1 + strength))
+
+
 def _is_of(entry: Tables, name: str, prop: str) -> bool:
     """Whether an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
     is_property = entry["property"] in (prop, "stiffness") if "stiffness" in prop else entry["property"] == prop
@@ -507,6 +521,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "joint": _joint,
     "untied stiffness": _untied,
     "untied mass": _untied,
+    "untied set": _untied_set,
     "sensor_gain": _channel_error("outputs", "gain"),
     "load_gain": _channel_error("inputs", "gain"),
     "delay": _channel_error("outputs", "delay"),

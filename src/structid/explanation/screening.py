@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate, bare
-from structid.criticism.data import changed_rows, data_candidates
+from structid.criticism.data import changed_rows, data_candidates, scaled_misfit
 from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened
 from structid.dof import parse_dof
@@ -22,7 +22,7 @@ from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
 from structid.explanation.trial import QUICK
 from structid.identification.setups.setup import titles
-from structid.observation import FrfProblem
+from structid.observation import FrfProblem, ModalProblem
 
 _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 34
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
@@ -196,12 +196,30 @@ def _told(base: Fitted, points: Sequence[Point]) -> set[_Key]:
 
 
 def _faulty(base: Fitted) -> set[_Key]:
-    """Channels whose histories show by themselves that they did not measure their motion."""
-    return {
+    """Channels whose histories show, by themselves or by what the fit misses, that they did not measure their motion."""
+    shown = {
         ("channel", (parse_dof(fault.channel.split()[0]).place,), number)
         for number, setup in enumerate(base.trial.setups)
         for fault in setup.faults
     }
+    return shown | _outstanding(base)
+
+
+def _outstanding(base: Fitted) -> set[_Key]:
+    """Channels of histories that make a good part of the misfit: averaged FRFs hide drift and all else that no force makes."""
+    problems, first, found = base.trial.problems, 0, set[_Key]()
+    residual = base.trial.target.residual(base.theta)
+    for number, (problem, view) in enumerate(zip(problems, base.trial.views, strict=True)):
+        own = residual[first : first + problem.n_data]
+        first += problem.n_data
+        if isinstance(problem, FrfProblem | ModalProblem):
+            continue
+        for one in data_candidates([view.problem], [""]):
+            rows = changed_rows(one, [problem])
+            squares = float(own[rows] @ own[rows])
+            if squares - scaled_misfit(squares, int(rows.sum())) > _LOST * base.cost:
+                found.add(_key(replace(one, record=number)))
+    return found
 
 
 def _family(candidate: Candidate, held: Collection[int]) -> str:

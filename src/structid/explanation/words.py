@@ -17,6 +17,7 @@ _SHOWN = 3
 _KINDS = {
     "untied stiffness": "untied",
     "untied mass": "untied",
+    "untied set": "untied",
     "held": "untied",
     "load_delay": "delay",
     "load_polarity": "polarity",
@@ -60,6 +61,7 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "joint": f"the end of {first} at {where[-1]} turns against its node",
         "untied stiffness": f"the stiffness of {first} is not that of its group",
         "untied mass": f"the mass of {first} is not that of its group",
+        "untied set": f"the {' '.join(candidate.others).replace('_', ' ')} of all of {first} is not that of its group",
         "mesh": "elements are too long for the highest frequencies",
         "shear": f"{first} shears: it is no slender beam",
         "damping_law": f"damping of {listed(where[:-1])} is {where[-1]}",
