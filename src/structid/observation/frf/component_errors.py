@@ -53,7 +53,7 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
         n = len(one.interface)
         if one.variance is not None:
             weights = one.weights_at(model.frequency)
-            for i, j in zip(*np.triu_indices(n), strict=True):
+            for i, j in zip(*(index.tolist() for index in np.triu_indices(n)), strict=True):
                 change = g[:, first + i, :, None] * q[:, first + j, None]
                 if i != j:
                     change = change + g[:, first + j, :, None] * q[:, first + i, None]
