@@ -295,15 +295,21 @@ def test_what_is_odd_in_its_frfs_is_said():
     assert own.line_warnings(FREQUENCY) == ()
 
 
-def identified(seed: int, component_noise: float = 0.0):
+def identified(seed: int, component_noise: float = 0.0, is_stated: bool = False, own=FREQUENCY):
     """Errors in standard deviations of three stiffnesses, 30 % off at the start, and the estimate."""
     rng = np.random.default_rng(seed)
     record = asked(outputs=("1Y", "3Y", "4Y"), kind="accelerance")
     true = beam_on_machine()
     record = simulated_record(true, parameters(true, UNKNOWNS), record, 0.01, rng)
-    y = machine_receptance()
+    y = machine_receptance(own)
     noise = rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)
-    known = MeasuredComponent("machine", ["11Y", "12Y"], FREQUENCY, y * (1 + component_noise * noise / np.sqrt(2)))
+    known = MeasuredComponent(
+        "machine",
+        ["11Y", "12Y"],
+        own,
+        y * (1 + component_noise * noise / np.sqrt(2)),
+        variance=(component_noise * np.abs(y)) ** 2 if is_stated else None,
+    )
     structure = beam_on_machine([known], mount=MOUNT * [1.3, 0.7], bending=0.7 * BENDING)
     found = identify(structure, parameters(structure, UNKNOWNS), record).estimate
     return (found.values - [*MOUNT, BENDING]) / found.std, found
@@ -312,3 +318,59 @@ def identified(seed: int, component_noise: float = 0.0):
 def test_stiffnesses_come_back_with_honest_deviations():
     off = np.array([identified(seed)[0] for seed in range(20)])
     assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2
+
+
+@pytest.mark.parametrize("own", [FREQUENCY, np.linspace(1.0, 125.0, 400)])
+@pytest.mark.parametrize("form", ["output", "log"])
+def test_errors_of_a_component_change_the_data_rows_as_differences_do(form, own):
+    """At its own lines and between them, with a sense of the interface, a load that is a sensor, and an error of a channel."""
+    rng = np.random.default_rng(0)
+    y, size = machine_receptance(own), 0.02 * rng.random((len(own), 2, 2))
+    variance = (size * np.abs(y)) ** 2
+    record = asked(outputs=("1Y", "3Y-", "11Y"), inputs=("3Y", "1Y"), kind="mobility", frequency=FREQUENCY[::7])
+    record = replace(record, variance=np.full(record.values.shape, 1e-10))
+
+    def problem(receptance, variance=None):
+        one = MeasuredComponent("machine", ["11Y", "12Y-"], own, receptance, variance=variance)
+        structure = beam_on_machine([one])
+        return FrfProblem(structure, parameters(structure, UNKNOWNS), record, form)
+
+    at = problem(y, variance)
+    theta = at.theta_start
+    found = at.data_changes(theta)
+    assert np.array_equal(found[: at.n_data], np.eye(at.n_data))
+    jacobian = at.linearize(theta).jacobian[: at.n_data]
+    expected = (found @ jacobian).T @ (found @ jacobian)
+    near(at.score_covariance(theta, jacobian), expected)
+    found = found[at.n_data :].reshape(3, 2, len(own), -1)  # entries 00, 01, 11; real and imaginary parts; own lines
+    pairs, line = [(0, 0), (0, 1), (1, 1)], int(np.abs(own - FREQUENCY[42]).argmin())
+    for k, (i, j) in enumerate(pairs):
+        for part, turn in enumerate((1.0, 1j)):
+            step = np.zeros_like(y)
+            mean = variance[line, i, j] if i == j else (variance[line, 0, 1] + variance[line, 1, 0]) / 4
+            step[line, i, j] = step[line, j, i] = 1e-3 * turn * np.sqrt(mean / 2)
+            ends = [problem(y + sign * step).residual(theta)[: at.n_data] for sign in (1, -1)]
+            near(found[k, part, line], (ends[0] - ends[1]) / 2e-3, 1e-5)
+    assert at.has_component_errors
+    assert not problem(y).has_component_errors
+    assert problem(y).data_changes(theta) is None
+
+
+@pytest.mark.parametrize("own", [FREQUENCY, np.linspace(1.0, 125.0, 400)])
+def test_stated_errors_of_a_component_are_in_the_intervals(own):
+    """1 % in the record, 2 % in the machine's FRFs; left out, deviations are far too small."""
+    off = []
+    for seed in range(16):
+        errors, found = identified(seed, 0.02, True, own)
+        off.append(errors)
+        assert found.covariance_basis == "noise"
+    assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.25
+
+
+def test_variances_of_a_component_that_are_none_are_refused():
+    y = machine_receptance()
+    for variance, words in ((-np.ones(y.shape), "must not be negative"), (np.ones((3, 2, 2)), "variance")):
+        with pytest.raises(InputError, match=words):
+            MeasuredComponent("machine", ["11Y", "12Y"], FREQUENCY, y, variance=variance)
+    stated = MeasuredComponent("machine", ["11Y", "12Y"], FREQUENCY, y, variance=np.abs(y) ** 2)
+    assert stated.warnings == ("measured component 'machine': masses told are without it",)

@@ -100,6 +100,18 @@ def refused(folder, *pairs: tuple[str, str]) -> str:
     return " ".join((done.output + done.stderr).split())
 
 
+def test_stated_noise_of_a_component_is_in_the_intervals(folder):
+    write_record(folder / "machine.npz", machine_record())
+    plain = run_study(load_study(folder / "study.toml")).identification
+    noisy = changed(folder, (INTERFACE, INTERFACE + "noise = { relative = 0.05 }\n"))
+    study = load_study(noisy)
+    [component] = study.structure.measured
+    assert component.variance == pytest.approx((0.05 * np.abs(component.receptance)) ** 2)
+    found = run_study(study).identification
+    assert (found.estimate.std > 1.5 * plain.estimate.std).all()
+    assert not any("not in the intervals" in words for words in found.warnings)
+
+
 def test_a_whole_study(folder, monkeypatch):
     monkeypatch.chdir(folder)
     checked = run("check", "study.toml")
@@ -236,7 +248,7 @@ def test_what_is_no_component_is_refused_with_its_place(folder):
     words = refused(folder, (PATH, 'path = "history.npz"'), (RELABEL, ""))
     assert "the record holds time histories; add [structure.measured_component.frf], as in" in words
     assert "nowhere.npz: there is no such file" in refused(folder, (PATH, 'path = "nowhere.npz"'))
-    assert "unknown key" in refused(folder, (PATH, PATH + "\nnoise = 3"))
+    assert "unknown key" in refused(folder, (PATH, PATH + "\nwindow_decay = 3"))
 
 
 def test_what_needs_lines_beside_those_of_the_record_is_refused_with_it(folder):

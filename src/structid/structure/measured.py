@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
 from structid.dof import Dof, parse_dofs
@@ -51,6 +52,9 @@ class MeasuredComponent:
         is not reciprocal in it is averaged out where it serves.
     source : str
         File that it comes from.
+    variance : (n_lines, n, n) float array, optional
+        Of each value of `receptance`, half of it of the real part and half of the imaginary part, independent from entry to entry
+        and line to line. It enters the intervals of what is identified with the component.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class MeasuredComponent:
     frequency: FloatArray
     receptance: ComplexArray
     source: str
+    variance: FloatArray | None
 
     def __init__(
         self,
@@ -76,6 +81,7 @@ class MeasuredComponent:
         frequency: ArrayLike,
         receptance: ArrayLike,
         source: str = "",
+        variance: ArrayLike | None = None,
     ) -> None:
         given = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
@@ -90,6 +96,12 @@ class MeasuredComponent:
         object.__setattr__(self, "frequency", axis)
         object.__setattr__(self, "receptance", locked(values))
         object.__setattr__(self, "source", source)
+        object.__setattr__(self, "variance", None if variance is None else locked(variance, np.float64))
+        if self.variance is not None:
+            require_shape("variance", self.variance, values.shape, "one value for each of `receptance`")
+            require_finite("variance", self.variance, "state the errors of every value")
+            if (self.variance < 0).any():
+                raise InputError(f"`variance` of {name!r} must not be negative, got {self.variance.min():g}")
 
     @property
     def words(self) -> str:
@@ -120,6 +132,16 @@ class MeasuredComponent:
             self._known[key] = found
         return found
 
+    def weights_at(self, frequency: FloatArray) -> sparse.csr_array:
+        """How its own lines make Y at lines inside its band, (n_own, n_lines); see `receptance_at`."""
+        place, between = self._places(frequency)
+        columns, rows, values = np.flatnonzero(~between), place[~between], np.ones((~between).sum())
+        if between.any():
+            near, weights = _cubic(self.frequency, frequency[between])
+            columns = np.concatenate([columns, np.repeat(np.flatnonzero(between), near.shape[1])])
+            rows, values = np.concatenate([rows, near.ravel()]), np.concatenate([values, weights.ravel()])
+        return sparse.csr_array((values, (rows, columns)), (len(self.frequency), len(frequency)))
+
     @cached_property
     def _reciprocal(self) -> ComplexArray:
         """The mean of Y and its transpose."""
@@ -133,10 +155,8 @@ class MeasuredComponent:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is worth knowing of it, wherever it serves."""
-        words = [
-            f"{self.words}: masses told are without it, and errors of its FRFs are not in the intervals; state what these may come"
-            " to as `model_error`"
-        ]
+        unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
+        words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]
         power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
         for dof, gives in zip(self.interface, (power < 0).mean(axis=0), strict=True):
             if gives > _GIVES_POWER:
@@ -236,10 +256,16 @@ def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatA
 
 
 def _read_between(axis: FloatArray, values: ComplexArray, at: FloatArray) -> ComplexArray:
-    """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each (Lagrange)."""
+    """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each."""
+    near, weights = _cubic(axis, at)
+    found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
+    return found
+
+
+def _cubic(axis: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The four lines next to each of `at` and the weights of the cubic through them, (n_at, 4) each (Lagrange)."""
     near = np.clip(np.searchsorted(axis, at) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)
     for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):
         weights[:, k] *= (at - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
-    found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
-    return found
+    return near, weights

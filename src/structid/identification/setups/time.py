@@ -145,8 +145,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
         """
         problem: RecordProblem
-        if self.own_estimator and _SUPPORT in self.record.quantities:
-            raise InputError(f"{self.own_estimator} takes no motion of supports; take fit = 'spectra' for this record")
+        if self.settings.fit in ("instrumental", "weak") and _SUPPORT in self.record.quantities:
+            raise InputError(
+                f"{self.own_estimator} takes no motion of supports; take fit = 'spectra' or 'output_error' for this record"
+            )
         if self.settings.fit == "output_error":
             self.channel_errors(self.channel_unknowns)
             problem = output_error_problem(

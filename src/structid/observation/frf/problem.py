@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Self
@@ -11,9 +11,11 @@ import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.errors import InputError
+from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.linearization import Linearization, OperatorLinearization
 from structid.estimation.problem import Way
 from structid.observation.channel_errors import ChannelErrors
+from structid.observation.frf.component_errors import ErrorsOfEntry, changes, errors_of_entries, scores
 from structid.observation.frf.continuation import (
     START_ERROR,
     is_noisy,
@@ -169,6 +171,36 @@ class FrfProblem(ResponseProblem):
         share = 0.5 * record.variance / self._whitened.deviation**2
         more = np.divide(record.averages - 1, share**2, out=np.full(share.shape, np.inf), where=share > 0)
         return np.tile(1 + more.ravel(), 2)
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        if not self.has_component_errors:
+            return None
+        physical = self.physical(theta)
+        found = changes(self._component_errors(physical), self._whitened.whitening(self._observed.values(physical)))
+        return None if found is None else np.concatenate([np.eye(self.n_data), found])
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        few = few_averages(self.averages)
+        own = None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
+        if not self.has_component_errors:
+            return own
+        physical = self.physical(theta)
+        whitening = self._whitened.whitening(self._observed.values(physical))
+        return (jacobian.T @ jacobian if own is None else own) + scores(
+            self._component_errors(physical), whitening, jacobian
+        )
+
+    @property
+    def has_component_errors(self) -> bool:
+        """Whether errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
+        return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
+
+    def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
+        """As sensors read them."""
+        own, rest = np.split(physical, [self.parameters.n_params])
+        for entry in errors_of_entries(self.model, own):
+            factor = 1.0 if self.channels is None else self.channels.factor(rest, self.record.laplace)
+            yield replace(entry, change=entry.change * factor)
 
     @cached_property
     def rows(self) -> DataRows:

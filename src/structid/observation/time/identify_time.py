@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, StageProgress, Work
 from structid.observation.time.instrumental import identified_by_instruments
@@ -103,6 +104,8 @@ def identify_time(
     chosen = options or TimeOptions()
     if chosen.method == "output_error":
         return identified_by_output_error(structure, unknown, record, chosen, work, progress)
+    if "support_acceleration" in record.quantities:
+        raise InputError(f"method {chosen.method!r} takes no motion of supports; take 'output_error'")
     if chosen.method == "instrumental":
         return identified_by_instruments(structure, unknown, record, chosen, work)
     return identified_by_weak_form(structure, unknown, record, chosen)

@@ -15,7 +15,7 @@ from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.errors import InputError, SingularModelError
 from structid.observation.sensitive import require_laws_in_time, weight_slope
 from structid.observation.time.options import Hold, Oscillation
-from structid.structure import Structure
+from structid.structure import Base, Structure
 from structid.unknowns import Parameters
 
 _MOST_DOFS = 200
@@ -42,7 +42,11 @@ class TimeModel:
     orders : (n_sensors,) int array
         Derivative that each sensor reads: 0 displacement, 1 velocity, 2 acceleration.
     loads : tuple of Dof
+        Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
     force : {"first", "zero"} or Oscillation
+    bases : tuple of Base
+        What supports drive the structure, one a load. They are at rest at the start, and displacements and velocities count
+        from there.
     """
 
     structure: Structure
@@ -54,6 +58,7 @@ class TimeModel:
     orders: IntArray
     loads: tuple[Dof, ...]
     force: Hold | Oscillation
+    bases: tuple[Base, ...] = ()
 
     def __post_init__(self) -> None:
         require_viscous(self.structure, self.unknown)
@@ -62,6 +67,10 @@ class TimeModel:
                 f"the structure must have at most {_MOST_DOFS} free degrees of freedom for a time-domain fit, got"
                 f" {self.structure.n_dofs}; condense it (see `reduction`), or identify from FRFs with `identify`"
             )
+        if self.bases and isinstance(self.force, Oscillation):
+            raise InputError(
+                f"base {self.bases[0].name!r} drives the structure by samples of its acceleration; take force = 'first' or 'zero'"
+            )
         if self.gap > 0 and not isinstance(self.force, Oscillation):
             raise InputError(
                 f"the rest must last until the first sample where the force is known by samples, but they begin {self.gap:g}"
@@ -69,14 +78,50 @@ class TimeModel:
             )
 
     @cached_property
+    def moving(self) -> Structure:
+        """The structure with the supports that drive it let go."""
+        return self.structure.let_go(self.bases) if self.bases else self.structure
+
+    @cached_property
+    def load_columns(self) -> FloatArray:
+        """Where each load acts, or which support it moves, (n_dofs, n_loads) of `moving`."""
+        return np.asarray(self.moving.selection(self.loads).toarray(), dtype=np.float64)
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Degrees of freedom of `moving` that no support drives."""
+        return np.flatnonzero(~self.load_columns.any(axis=1)) if self.bases else np.arange(self.structure.n_dofs)
+
+    @cached_property
     def sensor_columns(self) -> FloatArray:
-        """What each sensor reads, (n_dofs, n_sensors)."""
-        return np.asarray(self.structure.selection(self.sensors).toarray(), dtype=np.float64)
+        """What each sensor reads, (n_free, n_sensors).
+
+        Raises
+        ------
+        InputError
+            If one reads a support that drives.
+        """
+        columns = np.asarray(self.moving.selection(self.sensors).toarray(), dtype=np.float64)
+        still = np.delete(columns, self.free, axis=0).any(axis=0)
+        if still.any():
+            raise InputError(
+                f"sensor {self.sensors[int(np.argmax(still))]} moves with the support that drives the structure; leave it out"
+                " of `channels_used`"
+            )
+        return columns[self.free]
 
     @cached_property
     def generator(self) -> FloatArray:
-        """Rate of the inputs, for `exact_step`; their state is all forces, and then slopes or quadratures."""
+        """Rate of the inputs, for `exact_step`.
+
+        Their state is all forces, and then slopes or quadratures; of supports accelerations and slopes, and then velocities
+        over a step and displacements over its square.
+        """
         n, eye = len(self.loads), np.eye(len(self.loads))
+        if self.bases:
+            rate = np.zeros((4, 4))
+            rate[0, 1] = rate[2, 0] = rate[3, 2] = 1.0
+            return np.kron(rate, eye) / self.step
         if isinstance(self.force, Oscillation):
             return self.force.omega * np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), eye)
         if self.force == "zero":
@@ -101,9 +146,11 @@ class TimeModel:
         time = self.times(n_times)
         if isinstance(self.force, Oscillation):
             return self.oscillation(time) @ force
-        if self.force == "zero":
-            return force
-        return np.concatenate([force, np.diff(force, axis=0, append=force[-1:])], axis=1)
+        slope = np.diff(force, axis=0, append=force[-1:]) * (self.force == "first")
+        if self.bases:
+            velocity = _summed(force + slope / 2)
+            return np.concatenate([force, slope, velocity, _summed(velocity + force / 2 + slope / 6)], axis=1)
+        return force if self.force == "zero" else np.concatenate([force, slope], axis=1)
 
     def times(self, n_times: int) -> FloatArray:
         """The start where it precedes the first sample, and the samples, s."""
@@ -119,7 +166,7 @@ class TimeModel:
             Physical parameters.
         force : (n_times, n_loads) float array
             N or N m; for an `Oscillation` (n_force_values,), all cosines and then all sines.
-        initial : (2 n_dofs,) float array, optional
+        initial : (2 n_free,) float array, optional
             Displacement and velocity at the start; rest if None.
         n_times : int
 
@@ -143,19 +190,19 @@ class TimeModel:
     def unit_forces(self, values: FloatArray, n_times: int) -> FloatArray:
         """Readings from rest for unit amplitudes of an oscillation, (n_times, n_sensors, n_force_values)."""
         system, inputs = self._linear(values, derivatives=False), self.oscillation(self.times(n_times))
-        return system.readings(np.zeros((2 * self.structure.n_dofs, inputs.shape[2])), inputs, n_times)
+        return system.readings(np.zeros((2 * len(self.free), inputs.shape[2])), inputs, n_times)
 
     def unit_starts(self, values: FloatArray, n_times: int) -> FloatArray:
-        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_dofs)."""
+        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_free)."""
         system = self._linear(values, derivatives=False)
-        nothing = np.zeros((len(self.times(n_times)), len(self.generator), 2 * self.structure.n_dofs))
-        return system.readings(system.start_of(np.eye(2 * self.structure.n_dofs)), nothing, n_times)
+        nothing = np.zeros((len(self.times(n_times)), len(self.generator), 2 * len(self.free)))
+        return system.readings(system.start_of(np.eye(2 * len(self.free))), nothing, n_times)
 
     def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
         """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads)."""
         system, n_loads = self._linear(values, derivatives=False), len(self.loads)
         found = np.zeros((n_times, len(self.sensors), n_times, n_loads))
-        rest = np.zeros((2 * self.structure.n_dofs, 2))
+        rest = np.zeros((2 * len(self.free), 2))
         for load in range(n_loads):
             signal = np.zeros((2, n_times + 1, n_loads))
             signal[0, 0, load] = signal[1, 1, load] = 1.0
@@ -169,7 +216,8 @@ class TimeModel:
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
         """State-space matrices at these parameters, and their derivatives."""
         properties = self.unknown.values(values)
-        mass, damping, stiffness = (self.structure.matrix(law, properties).toarray() for law in _LAWS)
+        whole = [self.moving.matrix(law, properties).toarray() for law in _LAWS]
+        mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
         try:
             squares, shapes = linalg.eigh(stiffness, mass)
         except (linalg.LinAlgError, ValueError) as error:
@@ -179,12 +227,13 @@ class TimeModel:
         scale = np.sqrt(np.maximum(squares, 0.0))
         scale = np.where(scale * self.step > 1e-3, scale, 1e-3 / self.step)
         n_params = self.unknown.n_params if derivatives else 0
-        known = self.structure, self.unknown
-        change = {law: _modal_change(*known, law, shapes, properties) for law in _LAWS} if derivatives else {}
-        n, modal_damping, load = (
-            len(squares),
-            shapes.T @ damping @ shapes,
-            shapes.T @ self.structure.selection(self.loads).toarray(),
+        n, modal_damping = len(squares), shapes.T @ damping @ shapes
+        wide = np.zeros((self.moving.n_dofs, n))
+        wide[self.free] = shapes
+        load = (
+            self._pushes([wide.T @ matrix @ self.load_columns for matrix in whole])
+            if self.bases
+            else wide.T @ self.load_columns
         )
         rate = np.zeros((2 * n, 2 * n))
         rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
@@ -195,19 +244,28 @@ class TimeModel:
             np.zeros((2 * n, n_params, len(self.generator))),
         )
         if derivatives:
-            inertia = change["inertia"]
-            rate_change[n:, :, :n] = (inertia * squares - change["elastic"]) / scale
-            rate_change[n:, :, n:] = inertia @ modal_damping - change["viscous"]
+            right = np.concatenate([wide, self.load_columns], axis=1) if self.bases else wide
+            changes = [_change_between(self.moving, self.unknown, law, wide, right, properties) for law in _LAWS]
+            inertia, viscous, elastic = (change[..., :n] for change in changes)
+            rate_change[n:, :, :n] = (inertia * squares - elastic) / scale
+            rate_change[n:, :, n:] = inertia @ modal_damping - viscous
             coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
+            if self.bases:
+                coupling_change[n:] += self._pushes([change[..., n:] for change in changes])
         return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
 
+    def _pushes(self, moved: list[FloatArray]) -> FloatArray:
+        """Forces (..., n_inputs) of the inputs where supports move, from mass, damping and stiffness times unit motions of them."""
+        mass, damping, stiffness = moved
+        return -np.concatenate([mass, 0 * mass, damping * self.step, stiffness * self.step**2], axis=-1)
 
-def _modal_change(
-    structure: Structure, unknown: Parameters, law: str, shapes: FloatArray, properties: FloatArray
+
+def _change_between(
+    structure: Structure, unknown: Parameters, law: str, left: FloatArray, right: FloatArray, properties: FloatArray
 ) -> FloatArray:
-    """Derivative of a matrix with respect to each parameter between modes, (n_modes, n_params, n_modes)."""
-    n, n_params = len(shapes), unknown.n_params
-    total = np.zeros((n_params, n * n))
+    """left' (dA/dp) right of a matrix A for each parameter, (n_left, n_params, n_right)."""
+    n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
+    total = np.zeros((n_params, n_left * n_right))
     for part in structure.contributions:
         if part.law != law:
             continue
@@ -215,11 +273,16 @@ def _modal_change(
         used = np.flatnonzero(np.diff(rows.indptr))
         if len(used) > n_params:  # as modal damping has, an element an entry
             changes = (part.blocks.assemble(column) for column in rows.toarray().T)
-            total += np.stack([(shapes.T @ (matrix @ shapes)).ravel() for matrix in changes])
+            total += np.stack([(left.T @ (matrix @ right)).ravel() for matrix in changes])
         elif len(used):
-            forms = part.blocks.take(used).bilinear(shapes, shapes).reshape(len(used), -1)
+            forms = part.blocks.take(used).bilinear(left, right).reshape(len(used), -1)
             total += rows[used].T @ forms
-    return np.swapaxes(total.reshape(n_params, n, n), 0, 1)
+    return np.swapaxes(total.reshape(n_params, n_left, n_right), 0, 1)
+
+
+def _summed(rates: FloatArray) -> FloatArray:
+    """What sums to before each sample, (n_times, n)."""
+    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(rates[:-1], axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +321,7 @@ class LinearSystem:
             yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
 
     def start_of(self, initial: FloatArray | None) -> FloatArray:
-        """Modal state of displacement and velocity (2 n_dofs, ...); rest for None."""
+        """Modal state of displacement and velocity (2 n_free, ...); rest for None."""
         n = len(self.scale)
         if initial is None:
             return np.zeros(2 * n)

@@ -31,7 +31,7 @@ class Incidental:
     ----------
     force : float array
         As `TimeModel.readings` takes it.
-    initial : (2 n_dofs,) float array or None
+    initial : (2 n_free,) float array or None
     basis : (n_data, rank) float array
         Orthonormal; what the incidental unknowns can explain of the whitened data.
     """
@@ -56,7 +56,7 @@ class OutputErrorProblem(RecordProblem):
     deviation : (n_sensors,) float array
         Standard deviation of each sensor's noise, from sample to sample independent; greater than 0.
     force : (n_times, n_loads) float array
-        Measured force samples.
+        Measured force samples, or accelerations of supports that drive.
     force_deviation : (n_loads,) float array
         0 for forces that are known.
     free_start : bool
@@ -104,7 +104,10 @@ class OutputErrorProblem(RecordProblem):
     @property
     def facts(self) -> RecordFacts:
         spacing = np.full(len(self.frequency), 1 / (self.n_times * self.model.step))
-        return replace(super().facts, line_spacing=spacing, n_channels=len(self.deviation))
+        measures_force = not self.model.bases
+        return replace(
+            super().facts, line_spacing=spacing, n_channels=len(self.deviation), measures_force=measures_force
+        )
 
     @property
     def n_times(self) -> int:
@@ -115,7 +118,8 @@ class OutputErrorProblem(RecordProblem):
         """Readings of each sensor at each sample, then samples of each noisy load."""
         n_times, n_sensors = self.measured.shape
         index, forces = np.arange(n_times), n_sensors + np.arange(len(self.noisy_loads))
-        loads = (f"force at {self.model.loads[i]}" for i in self.noisy_loads)
+        kind = "motion of" if self.model.bases else "force at"
+        loads = (f"{kind} {self.model.loads[i]}" for i in self.noisy_loads)
         return DataRows(
             np.concatenate([np.repeat(index, n_sensors), np.repeat(index, len(forces))]),
             2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)]),
@@ -168,7 +172,7 @@ class OutputErrorProblem(RecordProblem):
         basis, singular, rows = np.linalg.svd(columns / np.where(scale > 0, scale, 1.0), full_matrices=False)
         seen = singular > _SEEN * singular.max(initial=0.0)
         basis, rows = basis[:, seen], rows[seen] / singular[seen, None]
-        at_rest = np.zeros(2 * self.model.structure.n_dofs) if self.free_start else None
+        at_rest = np.zeros(2 * len(self.model.free)) if self.free_start else None
         data = self._data(self.model.readings(values, self.known_force, at_rest, self.n_times), self.known_force)
         found = -(rows.T @ (basis.T @ data)) / np.where(scale > 0, scale, 1.0)
         force, n_initial = np.array(self.known_force), 0 if at_rest is None else len(at_rest)

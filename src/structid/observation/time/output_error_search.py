@@ -138,7 +138,7 @@ def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
 def _samples(problem: OutputErrorProblem, rows: int) -> int:
     """Samples that give at least so many rows for each unknown, as far as there are."""
     n_times, n_sensors = problem.measured.shape
-    n_initial = 2 * problem.model.structure.n_dofs if problem.free_start else 0
+    n_initial = 2 * len(problem.model.free) if problem.free_start else 0
     return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
 
 
@@ -202,7 +202,7 @@ def _rounds(
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
     rng = np.random.default_rng(options.seed)
-    for makers in (_linear_starts, _given_start, _weak_start):
+    for makers in (_given_start,) if problem.model.bases else (_linear_starts, _given_start, _weak_start):
         made = list(makers(structure, unknown, record))
         sound += made
         yield [_Start(theta) for theta in made]

@@ -10,7 +10,8 @@ from structid.observation.time.model import ORDERS, TimeModel
 from structid.observation.time.options import TimeOptions
 from structid.observation.time.output_error import OutputErrorProblem
 from structid.records import TimeRecord
-from structid.structure import Structure
+from structid.records.record import LOADS
+from structid.structure import Base, Structure
 from structid.unknowns import Parameters
 
 _NO_NOISE = (
@@ -25,17 +26,17 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
     Raises
     ------
     InputError
-        If nothing is there to fit or to drive the structure, a channel is not part of it, or the rest does not last
-        until the first sample where only samples of the force are known.
+        If nothing is there to fit or to drive the structure, or both forces and supports do, a channel is not part of it, or the
+        rest does not last until the first sample where only samples of the force are known.
     """
-    fitted, loads = _chosen(record, options.quantities), _chosen(record, ("force",))
+    fitted, loads = _chosen(record, options.quantities), _chosen(record, LOADS)
     if not len(fitted):
         kinds = ", ".join(options.quantities)
         raise InputError(f"the record must hold channels of {kinds}, got {', '.join(record.quantities) or 'none'}")
     if not len(loads) and options.initial == "rest":
         raise InputError(
-            "the record must hold force channels where motion begins at rest; add them, or take initial 'unknown' for"
-            " free motion (which gives ratios of parameters unless one is known)"
+            "the record must hold force channels, or accelerations of supports that drive, where motion begins at rest; add them,"
+            " or take initial 'unknown' for free motion (which gives ratios of parameters unless one is known)"
         )
     begin = record.start if options.rest_time is None else options.rest_time
     if begin > record.start:
@@ -50,7 +51,20 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
         np.array([ORDERS[record.quantities[i]] for i in fitted]),
         tuple(record.channels[i] for i in loads),
         options.force,
+        _bases(structure, record, loads),
     )
+
+
+def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
+    """What drives the structure by motion of supports; () where forces do."""
+    moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
+    bases = structure.driven(record.channels[i] for i in loads) if moved else ()
+    if moved and not bases:
+        raise InputError(
+            f"{record.channels[moved[0]]} is no support that drives the structure; make it one of a [[structure.base]], or its"
+            " motion that of a sensor"
+        )
+    return bases
 
 
 def output_error_problem(
@@ -65,7 +79,7 @@ def output_error_problem(
     """
     chosen = options or TimeOptions()
     model = time_model(structure, unknown, record, chosen)
-    fitted, loads = _chosen(record, chosen.quantities), _chosen(record, ("force",))
+    fitted, loads = _chosen(record, chosen.quantities), _chosen(record, LOADS)
     variance = declared_variance(record)
     for i in fitted:
         if not variance[i] > 0:

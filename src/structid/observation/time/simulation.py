@@ -12,6 +12,7 @@ from structid.observation.time.options import Oscillation, TimeOptions
 from structid.observation.time.output_error import OutputErrorProblem
 from structid.observation.time.problem import declared_variance, time_model
 from structid.records import TimeRecord
+from structid.records.record import LOADS
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
@@ -47,8 +48,8 @@ def simulated_time_record(
     """
     chosen = replace(options or TimeOptions(), quantities=("displacement", "velocity", "acceleration"))
     model = time_model(structure, unknown, like, chosen)
-    moved = [i for i, q in enumerate(like.quantities) if q != "force"]
-    loads = [i for i, q in enumerate(like.quantities) if q == "force"]
+    moved = [i for i, q in enumerate(like.quantities) if q not in LOADS]
+    loads = [i for i, q in enumerate(like.quantities) if q in LOADS]
     force: FloatArray = like.values[:, loads]
     if isinstance(chosen.force, Oscillation):
         blank, ones = np.zeros((len(force), len(moved))), np.ones(len(moved))

@@ -63,12 +63,27 @@ class CoupledLines:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
         right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
+        for part, fields, push in self._pushed(physical, coefficients, right):
+            yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
+
+    def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
+        """Forces (n_lines, n_joined, n_columns) between the model and what is joined, under all columns."""
+        return np.concatenate([push for _, _, push in self._pushed(physical, coefficients, self.channels.columns)])
+
+    def _pushed(
+        self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
+    ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
+        """Stretches of lines, fields of the model alone under unit forces at what is joined and the columns, and the forces."""
+        n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))
         given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
         for part, fields in self.free.fields(physical, coefficients, self._beside(right)):
             seen = read(self._reader, fields)
-            push = np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - given)
-            yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
+            yield (
+                part,
+                fields,
+                np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - given),
+            )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns).

@@ -22,7 +22,7 @@ from structid.study.schema.tables import Key, Table
 
 _RECORD = record_table(Table())
 #: All keys of a measured component: those that say how a record is read, and its own.
-MEASURED = _RECORD.only("relabel", "frf", *(one.name for one in fields(ReadOptions))) | {
+MEASURED = _RECORD.only("relabel", "frf", "noise", *(one.name for one in fields(ReadOptions))) | {
     "name": replace(_RECORD.keys["name"], words="What messages call it", required=True),
     "path": replace(
         _RECORD.keys["path"],
@@ -64,7 +64,8 @@ def _read(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> Mea
         rows, columns = (_placed(record, role, interface) for role in ("outputs", "inputs"))
         moving = record.lines(record.frequency > 0).as_kind("receptance")
         values = moving.values[:, rows[0][:, None], columns[0]] * np.outer(rows[1], columns[1])
-        return MeasuredComponent(name, interface, moving.frequency, values, record.source)
+        variance = None if moving.variance is None else moving.variance[:, rows[0][:, None], columns[0]]
+        return MeasuredComponent(name, interface, moving.frequency, values, record.source, variance)
 
 
 def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
