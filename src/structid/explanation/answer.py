@@ -22,7 +22,9 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
+from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
+from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
 from structid.explanation.explain import ALIKE, Explanation, explained
 from structid.explanation.refits import Fitted
@@ -31,11 +33,14 @@ from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.observation.frf.lines.solved import NO_MATRICES
+from structid.shown import counted
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
 _MOST, _MOST_ALIKE = 4, 4
+#: Of models that are not small, so many identifications the search for causes may take; and iterations that one counts at least.
+_IDENTIFICATIONS, _FEWEST = 10, 20
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
@@ -88,7 +93,7 @@ def _criticized(
     theta = found.estimate.theta
     try:
         base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
-        explanation = explained(base, work)
+        explanation = explained(base, work, _room(base, found.estimate))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
@@ -111,10 +116,28 @@ def _criticized(
         (made, made[:0]) if are_causes(made, misfit, expected, bool(found.missed)) else (made[:0], made)
     )
     judgement = judged(found, accepted, explanation.tried, lowering, work=work)
-    if explanation.base.trial.is_large:
-        judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
+    judgement = replace(judgement, reasons=(*judgement.reasons, *unlooked(explanation)))
     criticism = Criticism(judgement, accepted, lowering, explanation.tried)
     return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
+
+
+def _room(base: Fitted, estimate: Estimate) -> float:
+    """Iterations that fits of causes may take: those of so many identifications, and all that they need of small models."""
+    is_small = all(setup.structure.n_dofs <= DENSE_UP_TO for setup in base.trial.setups)
+    return np.inf if is_small else _IDENTIFICATIONS * max(estimate.n_iterations, _FEWEST) * estimate.n_starts
+
+
+def unlooked(explanation: Explanation) -> tuple[str, ...]:
+    """What causes were not looked for."""
+    if explanation.base.trial.is_large:
+        return (_OF_RECORDS,)
+    further = explanation.further
+    left_out = explanation.left_out + (0 if further is None else further.left_out)
+    words = (f"{counted(left_out, 'change')} that a linear look promises something of were not fitted",) * (
+        left_out > 0
+    )
+    words += ("other pairs of causes were not tried",) * explanation.is_single
+    return (f"{' and '.join(words)}: the search for causes takes about ten identifications at most",) * bool(words)
 
 
 def _without_causes(result: StudyResult, why: str, work: Work) -> tuple[StudyResult, tuple[Fitted, ...]]:
