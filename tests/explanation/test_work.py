@@ -5,9 +5,10 @@ import pytest
 from frame_cases import STUDY, off, written
 
 from structid.criticism.candidate import Candidate
-from structid.estimation.search.work import PLAIN_TOOLS
+from structid.estimation.search.work import ALONE, PLAIN_TOOLS
 from structid.explanation import refits
-from structid.explanation.answer import criticized
+from structid.explanation.answer import criticized, unlooked
+from structid.explanation.explain import explained
 from structid.explanation.refits import Fitted, approached, likewise
 from structid.explanation.trial import base_trial
 from structid.study.run.checkpoint import Checkpoint, fingerprint
@@ -25,6 +26,14 @@ TRUTH = STUDY.replace(
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     return load_study(written(tmp_path_factory.mktemp("frame"), off(), TRUTH))
+
+
+@pytest.fixture(scope="module")
+def base(study):
+    ready = started(study)
+    estimate = run_started(ready).identification.estimate
+    problems = tuple(problem.decided(problem.theta_start) for problem in ready.problems)
+    return Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
 
 
 def causes(study, run):
@@ -58,11 +67,7 @@ def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(stud
     same(causes(study, LongRun(checkpoint=kept)), whole)
 
 
-def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(study):
-    ready = started(study)
-    estimate = run_started(ready).identification.estimate
-    problems = tuple(problem.decided(problem.theta_start) for problem in ready.problems)
-    base = Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
+def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(base):
     first = approached(base, (Candidate("mass", ("4",)), 0.3, np.inf), PLAIN_TOOLS)
 
     def own(*arguments):
@@ -72,3 +77,29 @@ def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(
     assert taken["theta"] is first["theta"]
     assert likewise(base, (own, (Candidate("mass", ("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
     assert likewise(base, (own, (Candidate("mass", ("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}
+
+
+def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base):
+    forgotten, other = (Candidate("mass", ("4",)), 0.3), (Candidate("mass", ("5",)), 0.1)
+    best = approached(base, (*forgotten, np.inf), PLAIN_TOOLS)
+    whole = approached(base, (*other, np.inf), PLAIN_TOOLS)
+    assert whole["cost"] > 2 * best["cost"]
+    short = approached(base, (*other, best["cost"]), PLAIN_TOOLS)
+    assert short["iterations"] < whole["iterations"]
+    assert short["cost"] > best["cost"]
+    same = approached(base, (*forgotten, whole["cost"]), PLAIN_TOOLS)
+    assert np.array_equal(same["theta"], best["theta"])
+    assert same["cost"] == best["cost"]
+
+
+def test_fits_of_causes_keep_to_their_room_and_say_what_they_left_out(base):
+    whole = explained(base)
+    assert (whole.left_out, whole.is_single, unlooked(whole)) == (0, False, ())
+    few = explained(base, ALONE, whole.spent)  # half of it for first causes
+    assert few.left_out > 10
+    assert few.spent < 0.7 * whole.spent
+    assert few.causes[0].trial.changes[-1][0].where == whole.causes[0].trial.changes[-1][0].where == ("4",)
+    assert unlooked(few) == (
+        f"{few.left_out} changes that a linear look promises something of were not fitted: the search for causes takes about ten"
+        " identifications at most",
+    )

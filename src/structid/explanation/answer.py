@@ -23,7 +23,9 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
+from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
+from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
 from structid.explanation.explain import ALIKE, Explanation, explained, with_freed
 from structid.explanation.held import held_values
@@ -34,6 +36,7 @@ from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.identification.identified import Identification
 from structid.observation.frf.lines.solved import NO_MATRICES
+from structid.shown import counted
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
@@ -41,6 +44,8 @@ from structid.study.run.workers import threads_for
 _MOST, _MOST_ALIKE = 4, 4
 #: Held values at most that a sound answer is fitted without.
 _MOST_HELD = 3
+#: Of models that are not small, so many identifications the search for causes may take; and iterations that one counts at least.
+_IDENTIFICATIONS, _FEWEST = 10, 20
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
@@ -93,7 +98,8 @@ def _criticized(
     if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
         return _without_causes(result, _NO_PLACES, work)
     try:
-        explanation = explained(_base(ready, found), work)
+        base = _base(ready, found)
+        explanation = explained(base, work, _room(base, found.estimate))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
@@ -148,8 +154,7 @@ def _told(
     judgement = judged(found, accepted, explanation.tried, lowering, held=held, work=work)
     if judgement.verdict == "approximate" and not held:
         held = held_values(ready, found)
-    if explanation.base.trial.is_large:
-        judgement = replace(judgement, reasons=(*judgement.reasons, _OF_RECORDS))
+    judgement = replace(judgement, reasons=(*judgement.reasons, *unlooked(explanation)))
     is_used = judgement.verdict in ("sound", "approximate")
     criticism = Criticism(judgement, accepted, lowering, explanation.tried, held if is_used else ())
     return replace(_wider(ready, result, likely), criticism=criticism), tuple(one for one, _ in ranked)
@@ -158,6 +163,25 @@ def _told(
 def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> StudyResult:
     wider = widened(result.identification, likely, ready.study.options.direction)
     return replace(result, identification=wider)
+
+
+def _room(base: Fitted, estimate: Estimate) -> float:
+    """Iterations that fits of causes may take: those of so many identifications, and all that they need of small models."""
+    is_small = all(setup.structure.n_dofs <= DENSE_UP_TO for setup in base.trial.setups)
+    return np.inf if is_small else _IDENTIFICATIONS * max(estimate.n_iterations, _FEWEST) * estimate.n_starts
+
+
+def unlooked(explanation: Explanation) -> tuple[str, ...]:
+    """What causes were not looked for."""
+    if explanation.base.trial.is_large:
+        return (_OF_RECORDS,)
+    further = explanation.further
+    left_out = explanation.left_out + (0 if further is None else further.left_out)
+    words = (f"{counted(left_out, 'change')} that a linear look promises something of were not fitted",) * (
+        left_out > 0
+    )
+    words += ("other pairs of causes were not tried",) * explanation.is_single
+    return (f"{' and '.join(words)}: the search for causes takes about ten identifications at most",) * bool(words)
 
 
 def _without_causes(

@@ -45,6 +45,8 @@ _ALWAYS, _OF_ALWAYS = ("friction", "tone", "leakage"), 3
 _OF_FEW, _AT_FIT = 2, 0.75
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
+#: Near fits that the refit of a finalist takes the time of.
+_REFIT = 3.0
 #: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
 _MORE_PAIRS = 4
 #: Of the sum of squares, what another start must reach.
@@ -82,6 +84,12 @@ class Explanation:
         Of what the first cause leaves.
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
+    spent : float
+        Iterations on all data that its near fits took.
+    left_out : int
+        How many changes a linear look promises something of, and were not fitted for want of room.
+    is_single : bool
+        Whether a second cause, or other pairs than the likeliest, were not looked for for want of room.
     """
 
     base: Fitted
@@ -91,6 +99,9 @@ class Explanation:
     near: tuple[Fitted, ...] = ()
     further: Explanation | None = None
     better: Fitted | None = None
+    spent: float = 0.0
+    left_out: int = 0
+    is_single: bool = False
 
     @property
     def likely(self) -> tuple[Fitted, ...]:
@@ -98,30 +109,39 @@ class Explanation:
         return self.near if self.further is None else (*self.near, *self.further.near)
 
 
-def explained(base: Fitted, work: Work = ALONE) -> Explanation:
-    """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it."""
+def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explanation:
+    """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it.
+
+    Parameters
+    ----------
+    base : Fitted
+    work : Work
+    room : float
+        Iterations on all data that fits may take, about: half of them for the first causes, what these leave for second ones.
+        Where it is finite, other pairs are not looked for.
+    """
     if base.trial.is_large:
         return _of_records(base, work)
     other = _from_elsewhere(base)
     if other is not None and not _is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
     base = other or base
-    found = _once(base, work, "")
+    found = _once(base, work, "", room / 2)
     if found.causes and found.causes[0].cost < _CLEAR * base.cost and _is_misfit(found.causes[0]):
-        return _paired(found, work)
+        return _paired(found, work, room - found.spent)
     return found
 
 
-def _paired(found: Explanation, work: Work) -> Explanation:
+def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    pair = replace(found, further=_beside(found.causes[0], work, "second "))
+    pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=np.isfinite(room))
     others, is_from_second = list(found.causes[1:]), True
-    for _ in range(_MORE_PAIRS):
+    for _ in range(0 if pair.is_single else _MORE_PAIRS):
         second = pair.further
         if second is None or not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
             break
@@ -198,7 +218,7 @@ def _alone(found: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
 def _from_elsewhere(base: Fitted) -> Fitted | None:
     """The study as it is from the way that candidates are refitted, where that is clearly better."""
     try:
-        found = base.trial.fitted([base.trial.approached()[0], base.theta])
+        found = base.trial.fitted([base.trial.approached().theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
         return None
     cost = float(found.costs[-1])
@@ -210,7 +230,7 @@ def _is_misfit(fitted: Fitted) -> bool:
     return dof > 0 and misfit_probability(fitted.trial.target, fitted.cost, dof) < MISFIT
 
 
-def _once(base: Fitted, work: Work, which: str) -> Explanation:
+def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
     shortlist = shortlisted(base, work, f"{which}causes on a linear look")
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
@@ -224,11 +244,13 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
     at_fit = [*shortlist.at_fit, *telling]
     kept = {k for k, one in enumerate(looked) if one.candidate.kind in _ALWAYS or one in at_fit}
-    promising = [
-        *sorted(range(len(few)), key=lambda k: few[k].left)[:_FINALISTS],
-        *range(first, len(looked))[:_FINALISTS],
+    rank = [
+        *np.argsort(np.argsort([one.left for one in few], kind="stable")).tolist(),
+        *range(_FINALISTS, _FINALISTS + first - len(few)),
+        *range(len(shortlist.rows)),
     ]
-    near = _approached(base, changes, alike, promising, kept, work, f"{which}causes")
+    approaches = _approached(base, changes, alike, rank, kept, work, f"{which}causes", room)
+    near = [one or Fit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
     finalists = [*always, *(k for k in order if changes[k][0].kind not in _ALWAYS)][:_FINALISTS]
@@ -242,13 +264,14 @@ def _once(base: Fitted, work: Work, which: str) -> Explanation:
     others += [item for one in fits for item in _lossy(base, one)]
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
-    return _weighed(base, fits, tried)
+    spent = sum(one.get("iterations", 0.0) for k, one in enumerate(near) if alike[k] == k)
+    return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None))
 
 
-def _beside(first: Fitted, work: Work, which: str) -> Explanation:
+def _beside(first: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
     """What else a changed study would need; nothing where its records cannot be looked at so: friction under two loads."""
     try:
-        return _once(first, work, which)
+        return _once(first, work, which, room)
     except (StructidError, np.linalg.LinAlgError):
         return Explanation(first, (), (), 0)
 
@@ -267,23 +290,35 @@ def _approached(
     base: Fitted,
     changes: Sequence[Change],
     alike: Sequence[int],
-    promising: Sequence[int],
+    rank: Sequence[int],
     kept: Collection[int],
     work: Work,
     name: str,
-) -> list[Fit]:
-    """`approached` of every change, of the `promising` ones first.
+    room: float,
+) -> list[Fit | None]:
+    """`approached` of every change, of those of low `rank` first; None of those that there is no room for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
     """
-    first = [k for k in promising if alike[k] == k]
+    own = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
+    first = [k for k in own if rank[k] < _FINALISTS]
     fits = work.map(f"most promising {name}", approached, base, [(*changes[k], np.inf) for k in first])
     known = dict(zip(first, fits, strict=True))
     costs = sorted(one["cost"] for k, one in known.items() if one and changes[k][0].kind not in _ALWAYS)
     above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
     items = [(*change, np.inf if k in kept else above) for k, change in enumerate(changes)]
-    return _mapped(approached, base, items, alike, work, name, known)
+    each = sum(one.get("iterations", 0.0) for one in fits) / max(len(fits), 1)
+    rest = sorted((k for k in own if k not in known), key=lambda k: k not in kept)
+    most = (room - len(fits) * each) / each - _FINALISTS * _REFIT if each else np.inf
+    out = set(rest[max(int(most), 0) :]) if most < len(rest) else set()
+    chosen = [k for k in range(len(changes)) if alike[k] not in out]
+    place = {k: i for i, k in enumerate(chosen)}
+    found = _mapped(
+        approached, base, [items[k] for k in chosen], [place[alike[k]] for k in chosen], work, name,
+        {place[k]: one for k, one in known.items()},
+    )  # fmt: skip
+    return [found[place[k]] if k in place else None for k in range(len(changes))]
 
 
 def _mapped(

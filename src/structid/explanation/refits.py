@@ -74,13 +74,15 @@ class Fitted:
 
 
 class Fit(TypedDict, total=False):
-    """What a fit of a change gave, in numbers and texts: of `approached` free variables and misfit, of `refitted` all of it.
+    """What a fit of a change gave, in numbers and texts: of `approached` free variables, misfit and iterations, of `refitted`
+    all but these.
 
     Empty where there is no model with the change.
     """
 
     theta: FloatArray
     cost: float
+    iterations: float
     aside: float
     where: list[str]
     strength: float
@@ -102,8 +104,9 @@ def approached(base: Fitted, change: Near, tools: Tools) -> Fit:
     candidate, strength, above = change
     try:
         trial = base.trial.changed(candidate, strength)
-        theta, cost = trial.approached(above - base.aside)
-        return {"theta": theta, "cost": cost + base.aside + _left_out(base, trial, theta, is_near=True)}
+        near = trial.approached(above - base.aside)
+        cost = near.cost + base.aside + _left_out(base, trial, near.theta, is_near=True)
+        return {"theta": near.theta, "cost": cost, "iterations": near.iterations}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 

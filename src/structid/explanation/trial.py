@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,6 +66,14 @@ class Raced(LevenbergMarquardt):
 
 
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3)
+
+
+class Approached(NamedTuple):
+    """Where an anchored fit ended: free variables, misfit, and its iterations, each counted by the part of the data it takes."""
+
+    theta: FloatArray
+    cost: float
+    iterations: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,16 +184,14 @@ class Trial:
         ]
         return point_at(problems, theta, silent)
 
-    def approached(self, above: float = np.inf) -> tuple[FloatArray, float]:
-        """Free variables and misfit of the anchored fit, come to by the nearest smoothed stages.
-
-        The fit ends early where its misfit would stay `above`.
-        """
-        theta = np.asarray(self.target.theta_start)
+    def approached(self, above: float = np.inf) -> Approached:
+        """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""
+        theta, iterations, anchored = np.asarray(self.target.theta_start), 0.0, self.anchored()
         for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = minimize(stage, QUICK, theta).theta
-        found = minimize(self.anchored(), replace(QUICK, above=above), theta)
-        return found.theta, float(found.costs[-1])
+            near = minimize(stage, QUICK, theta)
+            theta, iterations = near.theta, iterations + len(near.inner) * stage.n_data / anchored.n_data
+        found = minimize(anchored, replace(QUICK, above=above), theta)
+        return Approached(found.theta, float(found.costs[-1]), iterations + len(found.inner))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit as the study asks for from some starts.

@@ -290,7 +290,8 @@ def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparr
         if used:
             slots.append((member, tuple(used)))
         first = own.stop
-    pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
     row, column, weight, value = _weighed_entries(members, laws, n_dofs)
     for of_value, of_slope in zip(values, slopes, strict=True):
         known = of_value[weight] >= 0
@@ -315,8 +316,9 @@ def _weighed_entries(
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Of all entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
     known = {id(item.blocks): item.blocks.entries() for item in members}
-    none = np.zeros(0, dtype=np.int64)
-    found, first = [(none, none, none, np.zeros(0))], 0
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
+    first = 0
     for item in members:
         row, column, element, value = known[id(item.blocks)]
         found.append((row, laws.index(item.law) * n_dofs + column, first + element, value))

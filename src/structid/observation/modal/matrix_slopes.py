@@ -70,7 +70,8 @@ class MatrixSlopes:
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
         """dA/dp of the matrix A of each law, (n_params, n_dofs, n_dofs)."""
         at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
-        found = {law: np.zeros((self.parameters.n_params, n_dofs, n_dofs)) for law in self._laws}
+        shape = (self.parameters.n_params, n_dofs, n_dofs)
+        found: dict[str, FloatArray] = {law: np.zeros(shape) for law in self._laws}
         for law, chosen, matrix in at.maps:
             found[self._laws[law]][at.parameters[chosen], at.dofs[chosen]] = matrix
         return found
