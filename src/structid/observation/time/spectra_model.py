@@ -13,7 +13,6 @@ from structid.dynamics.modes import modes
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.latest import Latest
-from structid.observation.time.eliminated import Evaluation, orthonormal
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra
@@ -26,6 +25,49 @@ _REACH = 2.0
 _OFF_LINE = 1e-4
 #: Line at which a structure answers by its mass alone, in parts of the sampling rate.
 _FAR = 10.0
+#: Columns with singular values below this part of the largest count as dependent.
+_DEPENDENT = 1e-10
+#: An evaluation is kept for its derivative where it takes no more than this; rows of a block of the orthogonalization.
+_KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What is known of a `SpectraProblem` at one point, its linear unknowns solved for.
+
+    Attributes
+    ----------
+    y : (n_frequencies, n_dofs, n_outputs) complex array
+        Motions under unit forces at the sensors.
+    read : (n_frequencies, n_outputs) complex array
+        What sensors read over the displacement.
+    forced : (n_frequencies, n_outputs, n_inputs) complex array
+        The part of each likeliest force in each reading.
+    free : (n_frequencies, n_outputs) complex array
+        The part of the transient but its polynomials.
+    motion : (n_frequencies, n_dofs, 1) complex array
+    aliased : (n_frequencies, n_outputs, n_inputs) complex array
+        What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
+    whitening : (n_frequencies, n_outputs, n_outputs) complex array
+    basis : (n_data, rank) float array
+        What the linear unknowns can explain of the whitened data.
+    data : (n_data,) float array
+    """
+
+    y: ComplexArray
+    read: ComplexArray
+    forced: ComplexArray
+    free: ComplexArray
+    motion: ComplexArray
+    aliased: ComplexArray
+    whitening: ComplexArray
+    basis: FloatArray
+    data: FloatArray
+
+    @property
+    def is_small(self) -> bool:
+        """Whether it may be kept."""
+        return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +260,7 @@ class SpectraModel:
         error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
         reach = self.transient.reach(y, read)
         whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
-        basis, unknowns, scale = orthonormal(stack_real(self.transient.columns(whitening, whitened[:, :, 1:])))
+        basis, unknowns, scale = _orthonormal(stack_real(self.transient.columns(whitening, whitened[:, :, 1:])))
         misfit = stack_real(whitened[:, :, 0].reshape(-1))
         given = basis.T @ misfit
         data = misfit - basis @ given
@@ -281,3 +323,25 @@ def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexAr
     """What multiplies the response far above all modes in H, errors of channels included."""
     of_sensors = spectra.straight_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a.
+
+    By blocks of rows that stay in the processor's cache (Demmel et al. 2012, SIAM J. Sci. Comput. 34, A206-A239, TSQR).
+    """
+    if columns.shape[1] == 0:
+        return columns, np.zeros((0, 0)), np.zeros(0)
+    scale = np.linalg.norm(columns, axis=0)
+    safe = np.where(scale > 0, scale, 1.0)
+    n_rows, n = columns.shape
+    blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
+    size = -(-n_rows // blocks)
+    padded = np.zeros((blocks * size, n))
+    np.divide(columns, safe, out=padded[:n_rows])
+    within, triangles = np.linalg.qr(padded.reshape(blocks, size, n))
+    between, triangle = np.linalg.qr(triangles.reshape(-1, n))
+    left, singular, right = np.linalg.svd(triangle)
+    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
+    across = (between @ left[:, :rank]).reshape(blocks, -1, rank)
+    return (within @ across).reshape(-1, rank)[:n_rows], right[:rank].T / singular[:rank], 1 / safe
