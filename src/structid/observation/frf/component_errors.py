@@ -42,7 +42,7 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
     With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
     """
-    lines, structure = model.lines, model.slopes.assembled.structure
+    lines, structure = model.lines, model.slopes.structure
     if not isinstance(lines, CoupledLines) or all(one.variance is None for one in structure.measured):
         return
     forces = lines.forces(physical, model.fixed_coefficients)

@@ -7,37 +7,27 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, IntArray, stack_real
-from structid.dynamics.modes import modes
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
 from structid.observation.channel_errors import ChannelErrors
 from structid.observation.frf.continuation import thinned_lines
-from structid.observation.frf.response import Models, Response, response
-from structid.observation.latest import Latest
+from structid.observation.frf.response import Models
 from structid.observation.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
-from structid.observation.time.eliminated import Evaluation, orthonormal
-from structid.records import FrfRecord, TimeRecord
-from structid.records.record import FrfKind
+from structid.observation.time.spectra_model import SpectraModel
+from structid.records import TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
 #: Highest power of s in the polynomial of each output, and where a channel may be late: up to two samples are taken.
 _ORDER, _LATE_ORDER = 4, 8
-#: Modes up to this multiple of the highest line take part in the transient.
-_REACH = 2.0
-#: By which part of a line a tone is kept off it.
-_OFF_LINE = 1e-4
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
 #: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
 _WORTH_THINNING = 2.5
-#: Line at which a structure answers by its mass alone, in parts of the sampling rate.
-_FAR = 10.0
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 NO_WINDOW = (
@@ -160,209 +150,25 @@ class SpectraProblem(ResponseProblem):
         return () if self.record is None else damped_stages(self, self.record)
 
     @cached_property
-    def model(self) -> Response:
-        """The structure at the record's lines; of its sensors one stands for each place and direction."""
-        return self._response(self.spectra.frequency)
-
-    @cached_property
-    def _far_model(self) -> Response:
-        """The same at one line far above all modes."""
-        return self._response(np.array([_FAR / self.spectra.straight]))
-
-    def _response(self, frequency: FloatArray) -> Response:
-        distinct = tuple(dict.fromkeys(self.spectra.outputs))
-        shape = (len(frequency), len(distinct), len(self.spectra.inputs))
-        decay = np.full(shape[0], self.spectra.decay)
-        kind: FrfKind = "transmissibility" if self.spectra.driven.any() else "receptance"
-        place = FrfRecord(frequency, np.zeros(shape, complex), distinct, self.spectra.inputs, kind, decay=decay)
-        return response(self.structure, self.parameters, place, models=self.models)
-
-    @cached_property
-    def _columns(self) -> sparse.csc_array:
-        """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
-        structure = self.model.slopes.structure
-        loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
-        return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self._transient_forces)]))
-
-    @cached_property
-    def _transient_forces(self) -> FloatArray:
-        """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n).
-
-        Supports that drive the structure are held in these, and carry no force.
-        """
-        known = self.model.slopes.structure
-        n_dofs = known.n_dofs
-        if not self.transient:
-            return np.zeros((n_dofs, 0))
-        values = self.parameters.values(self.parameters.start)
-        mass = self.structure.matrix("inertia", values)
-        found = modes(mass, self.structure.matrix("elastic", values))
-        near = found.frequency <= _REACH * self.spectra.frequency[-1]
-        forces = np.zeros((n_dofs, int(near.sum())))
-        place = {code: i for i, code in enumerate(known.numbering.free)}
-        forces[[place[code] for code in self.structure.numbering.free]] = mass @ found.mode_shapes[:, near]
-        return forces
-
-    @cached_property
-    def _powers(self) -> ComplexArray:
-        """s^d of each line and output, (n_frequencies, n_outputs)."""
-        return self.spectra.laplace[:, None] ** self.spectra.orders[None, :]
-
-    @cached_property
-    def _input_powers(self) -> ComplexArray:
-        """What each input holds over what acts: 1 of forces, s^2 of accelerations of supports; (n_frequencies, n_inputs)."""
-        return self.spectra.laplace[:, None] ** (2 * self.spectra.driven)[None, :]
-
-    @cached_property
-    def _relative_laplace(self) -> ComplexArray:
-        """s in parts of its size at the highest line, (n_frequencies,)."""
-        return self.spectra.laplace / abs(self.spectra.laplace[-1])
+    def model(self) -> SpectraModel:
+        """What the structure makes of forces and of the transient."""
+        return SpectraModel(
+            self.structure, self.parameters, self.spectra, self.channels, self.models,
+            self.order if self.transient else None, self.tones,
+        )  # fmt: skip
 
     def predicted(self, theta: FloatArray) -> ComplexArray:
         """The model's FRFs, each in the kind of its sensor, (n_frequencies, n_outputs, n_inputs)."""
-        return self._state(*self._split(self.physical(theta)))[2]
+        return self.model.predicted(self.physical(theta))
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        at = self._evaluated(theta)
-        if at.is_small:
-            self._latest.keep(theta, at)
-        return self._residual(theta, at.data)
+        return self._residual(theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        at, physical = self._latest.taken(theta) or self._evaluated(theta), self.physical(theta)
-        own = physical[: self.parameters.n_params]
-        change = self.model.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
-        if self.spectra.straight:
-            change = change + np.einsum("foi,oip->fop", at.aliased, self._mass_line_change(own))
-        change = at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+        at, change = self.model.changes(self.physical(theta))
         rows = stack_real(change.reshape(-1, change.shape[2]))
         rows -= at.basis @ (at.basis.T @ rows)
         return self._linearized(theta, at.data, rows * self.slope(theta), at.basis.shape[1])
-
-    @cached_property
-    def _latest(self) -> Latest[Evaluation]:
-        """The derivative is asked for where a step was tried."""
-        return Latest()
-
-    def _state(
-        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transient forces, motions under unit sensor forces, and H with errors of channels."""
-        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        fields = self.model.fields_at(own, self._columns)
-        y = fields[:, :, n_in : n_in + n_out]
-        x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
-        sensors = self._columns[:, n_in : n_in + n_out]
-        motions = np.moveaxis(x[:, :, :n_in], 1, 0).reshape(x.shape[1], -1)
-        h = np.swapaxes((sensors.T @ motions).reshape(n_out, -1, n_in), 0, 1)
-        h = h * read[:, :, None] * (self.spectra.straight_share[:, None] / stated)[:, None, :]
-        if self.spectra.straight:
-            h += self._alias_factors(read, stated) * self._mass_line(own)
-        return x, y, h
-
-    def _alias_factors(self, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
-        """What multiplies the response far above all modes in H, errors of channels included."""
-        of_sensors = self.spectra.straight_aliases * read / self._powers
-        return of_sensors[:, :, None] * (self._input_powers / stated)[:, None, :]
-
-    def _mass_line(self, own: FloatArray) -> FloatArray:
-        """Accelerations per unit force (or motion per unit motion of supports) far above all modes, (n_outputs, n_inputs)."""
-        x, _ = self._far_fields(own)
-        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        sensors = self._columns[:, n_in : n_in + n_out]
-        return np.real(self._far_powers * (sensors.T @ x[0]))
-
-    def _mass_line_change(self, own: FloatArray) -> FloatArray:
-        """Its derivative, (n_outputs, n_inputs, n_own_params)."""
-        x, y = self._far_fields(own)
-        return np.real(self._far_powers[:, None] * self._far_model.sensitivity_at(own, x, y)[0])
-
-    def _far_fields(self, own: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        fields = self._far_model.fields_at(own, self._columns[:, : n_in + n_out])
-        return fields[:, :, :n_in], fields[:, :, n_in:]
-
-    @cached_property
-    def _far_powers(self) -> ComplexArray:
-        """s^2 at that line for forces, 1 for accelerations of supports, (n_inputs,)."""
-        s = self.spectra.decay + 2j * np.pi * _FAR / self.spectra.straight
-        return s ** (2.0 * ~self.spectra.driven)
-
-    def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-        """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
-
-        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
-        """
-        own, rest = np.split(physical, [self.parameters.n_params])
-        if self.channels is None:
-            return own, self._powers, self._input_powers
-        sensors, loads = self.channels.readings(rest, self.spectra.laplace)
-        return own, self._powers * sensors, self._input_powers * loads
-
-    def _evaluated(self, theta: FloatArray) -> Evaluation:
-        physical, spectra = self.physical(theta), self.spectra
-        own, read, stated = self._split(physical)
-        x, y, h = self._state(own, read, stated)
-        noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
-        diagonal = np.arange(len(spectra.outputs))
-        noise[:, diagonal, diagonal] += spectra.motion_variance
-        whitening = np.linalg.inv(np.linalg.cholesky(noise) / np.sqrt(2))
-        error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
-        reach = self._reach(y, read)
-        whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
-        basis, unknowns, scale = orthonormal(stack_real(self._whitened_columns(whitening, whitened[:, :, 1:])))
-        misfit = stack_real(whitened[:, :, 0].reshape(-1))
-        given = basis.T @ misfit
-        data = misfit - basis @ given
-        coefficients = -scale * (unknowns @ given)
-        # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
-        own_data = data[: error.size] + 1j * data[error.size :]
-        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ own_data.reshape(*error.shape, 1) / 2
-        force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
-        n = self._transient_forces.shape[1]
-        left = coefficients[:n] + self._relative_laplace[:, None] * coefficients[n : 2 * n]
-        acting = force * self.spectra.straight_share[:, None] / stated
-        motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
-        aliased = self._alias_factors(read, stated) * force[:, None, :]
-        free = (reach @ left[:, :n, None])[:, :, 0]
-        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, basis, data)
-
-    def _reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
-        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
-        return np.swapaxes(y, 1, 2) @ self._transient_forces * read[:, :, None]
-
-    def _whitened_columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Every linear unknown in the whitened motions: jumps of each mode, then each output's polynomial and tones.
-
-        Shape (n_frequencies * n_outputs, n_unknowns).
-        """
-        n_lines, n_out = self.spectra.motion.shape
-        s = self._relative_laplace[:, None, None]
-        own = (whitening[..., None] * self._own_shapes[:, None, None]).reshape(n_lines, n_out, -1)
-        return np.concatenate([reach, s * reach, own], axis=2).reshape(n_lines * n_out, -1)
-
-    @cached_property
-    def _own_shapes(self) -> ComplexArray:
-        """What each output may hold of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
-        s = self._relative_laplace
-        powers = [s**k for k in range(self.order + 1 if self.transient else 0)]
-        for tone in self.tones:
-            off = _OFF_LINE / self.spectra.duration  # a tone on a line has no finite transform
-            pole = s**2 + ((tone + off) / self.spectra.frequency[-1]) ** 2
-            powers += [1 / pole, s / pole, 1 / pole**2, s / pole**2]
-        return np.stack(powers, axis=1) if powers else np.zeros((len(s), 0), dtype=np.complex128)
-
-    def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
-        """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
-
-        That of the transient is read with the sensor's error alone.
-        """
-        if self.channels is None:
-            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
-        rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
-        of_loads = np.einsum("foik,foi->fok", self.channels.log_slopes(rest, laplace), at.forced)
-        changes: ComplexArray = of_loads + self.channels.output_slopes(rest, laplace) * at.free[:, :, None]
-        return changes
 
 
 def spectra_problem(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from structid.records.io.uff.blocks import Dataset, datasets
 from structid.records.io.uff.scales import unit_factors
 
 Point = tuple[float, float, float]
+
+_REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,7 @@ def read_geometry(path: str | Path) -> Geometry:
     path = require_readable(path)
     with damage_told(path, "a geometry that can be read", "export it again"):
         if path.suffix.lower() in (".csv", ".txt"):
-            from structid.records.io.geometry_csv import read_geometry_csv  # which needs Geometry
-
-            return read_geometry_csv(path)
+            return _of_table(path)
         return _of_universal_file(path)
 
 
@@ -82,3 +83,34 @@ def _nodes(path: Path, tables: list[Dataset], scale: float) -> dict[int, Point]:
             if nodes.setdefault(int(label), point) != point:
                 raise FileError(f"{path}: dataset {table['type']} gives node {int(label)} two positions; keep one")
     return nodes
+
+
+def _of_table(path: Path) -> Geometry:
+    """Of rows ``node,x,y,z`` and ``line,1,2``, which joins nodes in order."""
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); {_REMEDY}") from error
+    nodes: dict[int, Point] = {}
+    lines: list[tuple[int, ...]] = []
+    for number, cells in enumerate(rows, 1):
+        words = [cell.strip() for cell in cells]
+        while words and not words[-1]:
+            words.pop()
+        if not words or words[0].startswith("#") or [word.lower() for word in words] == ["node", "x", "y", "z"]:
+            continue
+        try:
+            if words[0].lower() == "line":
+                lines.append(tuple(int(word) for word in words[1:]))
+                continue
+            label, (x, y, z) = int(words[0]), (float(word) for word in words[1:])
+        except ValueError:
+            raise FileError(f"{path}: line {number} reads {','.join(cells)!r}; {_REMEDY}") from None
+        if nodes.setdefault(label, (x, y, z)) != (x, y, z):
+            raise FileError(f"{path}: line {number} gives node {label} a second position; keep one")
+    if not nodes:
+        raise FileError(f"{path}: holds no nodes; {_REMEDY}")
+    try:
+        return Geometry(nodes, tuple(lines))
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from error

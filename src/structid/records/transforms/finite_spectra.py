@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -92,6 +93,16 @@ class FiniteSpectra:
     def laplace(self) -> ComplexArray:
         """s = decay + i omega of each line, 1/s."""
         return self.decay + 2j * np.pi * self.frequency
+
+    @cached_property
+    def output_powers(self) -> ComplexArray:
+        """s^d of each line and output, (n_frequencies, n_outputs)."""
+        return self.laplace[:, None] ** self.orders[None, :]
+
+    @cached_property
+    def input_powers(self) -> ComplexArray:
+        """What each input holds over what acts: 1 of forces, s^2 of accelerations of supports; (n_frequencies, n_inputs)."""
+        return self.laplace[:, None] ** (2 * self.driven)[None, :]
 
     @property
     def straight_share(self) -> ComplexArray:

@@ -58,8 +58,8 @@ def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
     view = np.frombuffer(padded, dtype=np.uint32)
     while at < len(content):
         header, at = _header(path, content, at, kind)
-        start, column, row, words, at = _columns(path, content, at, kind, header)
-        matrix = _matrix(path, view, kind, header, start, column, row, words)
+        columns, at = _columns(path, content, at, kind, header)
+        matrix = _matrix(path, view, kind, header, columns)
         found.append(finished(path, header.name, matrix, header.form))
     return found
 
@@ -92,10 +92,8 @@ def _header(path: Path, content: bytes, at: int, kind: Kind) -> tuple[Header, in
     return Header(columns, rows, form, number, name.replace(" ", "")), start + length + 4
 
 
-def _columns(
-    path: Path, content: bytes, at: int, kind: Kind, header: Header
-) -> tuple[IntArray, IntArray, IntArray, IntArray, int]:
-    """Byte, column, row and number of words of every column record, and where the next matrix begins."""
+def _columns(path: Path, content: bytes, at: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
+    """Byte, column, row and number of words of every column record, (n_records, 4), and where the next matrix begins."""
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
     what = f"column record of matrix {header.name!r}"
@@ -112,25 +110,15 @@ def _columns(
             )
         rows.append((start + 3 * kind.word, column - 1, row, words))
         at = next_at
-    table = np.array(rows, dtype=np.int64).reshape(-1, 4)
-    return table[:, 0], table[:, 1], table[:, 2], table[:, 3], next_at
+    return np.array(rows, dtype=np.int64).reshape(-1, 4), next_at
 
 
-def _matrix(
-    path: Path,
-    view: NDArray[np.uint32],
-    kind: Kind,
-    header: Header,
-    start: IntArray,
-    column: IntArray,
-    row: IntArray,
-    words: IntArray,
-) -> Any:
+def _matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray) -> Any:
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
     shape = (abs(header.rows), header.columns)
     per_real = 2 if kind.word == 4 and not single else 1  # words of a number
-    at, first_row, first_column, length = _string_table(path, view, kind, header, start, column, row, words)
+    at, first_row, first_column, length = _string_table(path, view, kind, header, columns)
     per_entry = per_real * (2 if is_complex else 1)
     if (length % per_entry).any():
         raise FileError(f"{path}: matrix {header.name!r} has a string that ends within a number; {_REMEDY}")
@@ -146,16 +134,10 @@ def _matrix(
 
 
 def _string_table(
-    path: Path,
-    view: NDArray[np.uint32],
-    kind: Kind,
-    header: Header,
-    start: IntArray,
-    column: IntArray,
-    row: IntArray,
-    words: IntArray,
+    path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Byte, row, column and words of every string; the k-th strings of all columns are read together."""
+    start, column, row, words = columns.T
     dense = row > 0
     found = [(start[dense], row[dense] - 1, column[dense], words[dense])]
     at, column, left = start[~dense], column[~dense], words[~dense]
