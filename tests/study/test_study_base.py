@@ -105,7 +105,14 @@ BASE = 'supports = ["0X"]'
         (((BASE, 'supports = ["9X"]'),), ("[[structure.base]]", "supports", "node 9 does not exist")),
         (((BASE, "supports = []"),), ("[[structure.base]]", "supports", "must be a text or a list of texts")),
         ((("[[structure.base]]", "[[structure.bases]]"),), ("bases", "base")),
-        ((("[record.time] ", '[record.time]\nfit = "output_error"\n#'),), ("output_error", "no motion of supports")),
+        (
+            (("[record.time] ", '[record.time]\nfit = "weak"\n#'),),
+            ("'weak' takes no motion of supports", "'output_error'"),
+        ),
+        (
+            (("[record.time] ", '[record.time]\nfit = "output_error"\n#'),),
+            ("at most 1000 noisy samples of a support's motion", "got 3000; take spectra, shorten the record"),
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place(folder, pairs, words):

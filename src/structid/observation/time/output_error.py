@@ -87,9 +87,17 @@ class OutputErrorProblem(RecordProblem):
         if not (self.deviation > 0).all():
             raise InputError("`deviation` must be greater than 0 for every sensor; leave exact channels out of the fit")
         if not self.oscillates and n_times * len(self.noisy_loads) > _MOST_FORCE_SAMPLES:
+            what, way = (
+                ("samples of a support's motion", "take spectra")
+                if self.model.bases
+                else (
+                    "force samples",
+                    "give the force as an Oscillation",
+                )
+            )
             raise InputError(
-                f"at most {_MOST_FORCE_SAMPLES} noisy force samples can be estimated with the parameters, got"
-                f" {n_times * len(self.noisy_loads)}; give the force as an Oscillation, shorten the record, or declare its"
+                f"at most {_MOST_FORCE_SAMPLES} noisy {what} can be estimated with the parameters, got"
+                f" {n_times * len(self.noisy_loads)}; {way}, shorten the record, or declare its"
                 " variance 0 where its noise matters little"
             )
 
