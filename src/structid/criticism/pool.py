@@ -44,8 +44,8 @@ _FACTORS = np.array([0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 _PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Of larger models a part is tried.
 _MOST_NODES, _MOST_ELEMENTS = 60, 150
-#: Degrees of freedom of the largest set that is tried as a whole.
-_MOST_CODES = 150
+#: Degrees of freedom of a set, and in how many ways it, or all sensors together, may move to be tried as a whole.
+_MOST_CODES, _MOST_WAYS = 300, 60
 #: Of larger ones changes of the records alone, which need no Z^-1: it is formed at some forty lines.
 MOST_DOFS = 1200
 #: Strengths of what cannot be negative.
@@ -166,7 +166,8 @@ def _masses(fields: Fields, record: int | None = None, name: str = "") -> Iterat
 def _of_sensors(records: Sequence[Fields]) -> Iterator[Candidate]:
     """The same mass at the node of every sensor, of each record at its own, such as of accelerometers that weigh something."""
     nodes = list(dict.fromkeys(node for fields in records for node in _sensed(fields)))
-    if 1 < len(nodes) <= _MOST_NODES:
+    most = max(len(_moves_of(fields, _sensed(fields))) for fields in records)
+    if len(nodes) > 1 and most <= _MOST_WAYS:
         first = next(fields for fields in records if _sensed(fields))
         scale = min(_scale(first, place_of((dof, 1.0)), _inertia(first)) for dof in _moves_of(first, _sensed(first)))
         of_record = tuple(" ".join(map(str, _sensed(fields))) for fields in records)
@@ -378,15 +379,15 @@ def _apart(fields: Fields) -> Iterator[Candidate]:
     tied = [_sum(items) for sets in groups.values() if len(sets) > 1 for items in sets.values()]
     for one in _spread(tied, _MOST_ELEMENTS):
         if len(one.codes) <= _MOST_CODES:
-            yield from _differing(fields, one, "untied set", one.element)
+            yield from _differing(fields, one, "untied set", one.element, _MOST_WAYS)
 
 
-def _differing(fields: Fields, one: ElementMatrix, kind: str, where: str) -> Iterator[Candidate]:
-    """A stiffness or mass that is not what it is taken for; none where nothing moves that has it."""
+def _differing(fields: Fields, one: ElementMatrix, kind: str, where: str, most: float = np.inf) -> Iterator[Candidate]:
+    """A stiffness or mass that is not what it is taken for; none where nothing moves that has it, or it moves in too many ways."""
     size, vectors = np.linalg.eigh(one.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)
     places = Places(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
-    if keep.any() and len(places.rows(fields)[0]):
+    if 0 < keep.sum() <= most and len(places.rows(fields)[0]):
         law = _inertia if one.kind == "mass" else partial(_lossy, one.loss)
         yield Candidate(kind, (where,), added(places, law), _PARTS, (-1.0, np.inf), others=(one.property,))
 
