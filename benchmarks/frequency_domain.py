@@ -32,6 +32,7 @@ from structid.dynamics.factorization import factorizer, installed_factorizers
 from structid.dynamics.modes import modes
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
+from structid.observation.frf.lines.large import LargeLines
 from structid.observation.frf.response import Models, Response, response
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -149,8 +150,8 @@ def every_element_rows(repeats: int, quick: bool) -> Iterator[Row]:
         few, all_of_them = problem(shape, 4), problem(shape, 4, each=True)
         ten, every = medians(
             [
-                partial(few.model.derivatives_at, few.start),
-                partial(all_of_them.model.derivatives_at, all_of_them.start),
+                partial(few.model.derivatives_at, few.unknowns.start),
+                partial(all_of_them.model.derivatives_at, all_of_them.unknowns.start),
             ],
             repeats,
         )
@@ -209,20 +210,25 @@ def matrix_free_rows(repeats: int, quick: bool) -> Iterator[Row]:
         yield Row(f"J v + J'u without J / one forward line, {label}", (there + back) / line, bar, False, note)
 
 
+def large_lines(model: Response) -> LargeLines:
+    assert isinstance(model.lines, LargeLines)
+    return model.lines
+
+
 def factorizer_rows(repeats: int, quick: bool) -> Iterator[Row]:
     for label, shape in shapes(quick).items():
         if label == "2-D 1k":
             continue
         at = problem(shape, 2)
         model = at.model
-        stiffness = model.stiffness(at.start, model.fixed_coefficients)
-        entries, right = stiffness.entries(1), model.columns.toarray()
+        lines, right = large_lines(model), model.channels.columns.toarray()
+        entries, pattern = (
+            lines.stiffness(at.unknowns.start, model.fixed_coefficients).entries(1),
+            lines.pattern.indices,
+        )
         n = len(right)
-        matrix = sparse.csc_matrix((entries, model.assembled.indices, model.assembled.indptr), (n, n))
-        analyses = {
-            name: factorizer(name).analyse(model.assembled.indices, model.assembled.indptr, right.any(axis=1))
-            for name in installed_factorizers()
-        }
+        matrix = sparse.csc_matrix((entries, *pattern), (n, n))
+        analyses = {name: factorizer(name).analyse(*pattern, right.any(axis=1)) for name in installed_factorizers()}
 
         def ours(name: str, analyses=analyses, entries=entries, right=right) -> np.ndarray:
             return analyses[name].factor(entries).solve(right)
@@ -247,11 +253,11 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
     record = empty_record(structure, np.linspace(0.3 * lowest[0], lowest[10], 50), 20)
     for name in compared():
         model = response(structure, at.parameters, record, models=Models(name))
-        stiffness = model.stiffness(at.start, model.fixed_coefficients)
-        loads = model.columns[:, np.unique(model.inputs[0])].toarray()
-        pattern = model.assembled.indices, model.assembled.indptr
+        lines, channels = large_lines(model), model.channels
+        stiffness, pattern = lines.stiffness(at.unknowns.start, model.fixed_coefficients), lines.pattern.indices
+        loads = channels.columns[:, np.unique(channels.inputs[0])].toarray()
         sides = [
-            lambda s=stiffness, p=pattern, b=loads, m=model: reduced_sweep(s, p, b, m.sensors, 1e-6),
+            lambda s=stiffness, p=pattern, b=loads, c=channels: reduced_sweep(s, p, b, c.sensors, 1e-6),
             lambda m=model: m.values_at(at.unknowns.start),
         ]
         with single_blas():

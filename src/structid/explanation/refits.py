@@ -69,8 +69,7 @@ class Fitted:
     def covariance(self) -> FloatArray:
         """Of the physical values, (n_params, n_params): from noise, or where that is missed from model error."""
         target = self.trial.target
-        found = dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT)
-        return (found.model_error if found.misfit else found.noise).matrix
+        return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT).covariance
 
 
 class Fit(TypedDict, total=False):

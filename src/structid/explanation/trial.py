@@ -34,6 +34,7 @@ from structid.plain import Plain
 from structid.records import FrfRecord
 from structid.study.run.start import loaded
 from structid.study.schema.study import Study, edited_study
+from structid.unknowns.named_unknowns import begun_at
 
 #: Keys of a record that change its model, not what was measured.
 _OF_MODEL = ("structure", "channel_error", "name")
@@ -215,14 +216,9 @@ class Trial:
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
     """The problem with its start at physical values by name, its own start for those not known."""
-    parts = []
     common = {own: name for one in problem.parameters.scatters for own, name in zip(one.own, one.common, strict=True)}
     known = {**{own: known[name] for own, name in common.items() if name in known}, **known}
-    for part in problem.parts:
-        values = np.array([known.get(name, start) for name, start in zip(part.names, part.start, strict=True)])
-        inside = (values > part.transforms.lower) & (values < part.transforms.upper)
-        parts.append(part.started_at(np.where(inside, values, part.start)))
-    return problem.with_parts(parts)
+    return problem.with_parts([begun_at(part, known) for part in problem.parts])
 
 
 def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: FloatArray) -> Trial:

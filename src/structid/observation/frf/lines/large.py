@@ -92,7 +92,7 @@ class LargeLines:
                 yield slice(line, line + 1), sweep.fields(line)[None]
             return
         stiffness, right = (
-            self._stiffness(physical, coefficients),
+            self.stiffness(physical, coefficients),
             (self.channels.columns if loads is None else loads).toarray(),
         )
         with single_blas():
@@ -110,12 +110,12 @@ class LargeLines:
             return known[:, :, columns]
         loads = sparse.csc_array(self.channels.columns[:, columns])
         if self.reduced is not None and len(self.frequency) < FEWEST_LINES and not self.channels.n_contacts:
-            stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+            stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
             with single_blas():
                 full = FieldSweep(stiffness, self.pattern.indices, right).in_full()
                 return np.stack([self.channels.reader @ fields for fields in full])
         if self.reduced is not None and self.channels.n_contacts:
-            stiffness, right = self._stiffness(physical, coefficients), loads.toarray()
+            stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
             with single_blas():
                 return reduced_sweep(stiffness, self.pattern.indices, right, self.channels.sensors, self.reduced).values
         found = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
@@ -142,7 +142,7 @@ class LargeLines:
         few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
         direct = few and sweep is None
         right = sides.columns[:, used].toarray() if direct else sides.columns.toarray()
-        stiffness = sweep.stiffness if sweep is not None else self._stiffness(physical, coefficients)
+        stiffness = sweep.stiffness if sweep is not None else self.stiffness(physical, coefficients)
         n_sensors = sides.sensors.shape[1]
         with single_blas():
             for line in range(len(self.frequency)):
@@ -177,7 +177,7 @@ class LargeLines:
             return None
 
         def begun() -> FieldSweep:
-            stiffness = self._stiffness(physical, coefficients)
+            stiffness = self.stiffness(physical, coefficients)
             return FieldSweep(stiffness, self.pattern.indices, self.channels.columns.toarray())
 
         forces = self.slopes.forces_at(physical, coefficients)
@@ -190,7 +190,8 @@ class LargeLines:
         part, power = np.frexp(physical)
         return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
 
-    def _stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+    def stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+        """Z at all lines."""
         data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
         return DynamicStiffness(self.pattern.analysis, data, coefficients, self.frequency)
 
