@@ -24,7 +24,7 @@ from structid.explanation.trial import QUICK
 from structid.identification.setups.setup import titles
 from structid.observation import FrfProblem, ModalProblem
 
-_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 34
+_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 38
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
 _AT_FIT = 2
 _LEAST_DROP = 0.02
