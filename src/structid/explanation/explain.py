@@ -139,7 +139,7 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=np.isfinite(room))
+    pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=bool(np.isfinite(room)))
     others, is_from_second = list(found.causes[1:]), True
     for _ in range(0 if pair.is_single else _MORE_PAIRS):
         second = pair.further
