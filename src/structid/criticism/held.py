@@ -121,7 +121,12 @@ def is_clear(held: Sequence[HeldValue]) -> bool:
 
 
 def influences(
-    jacobian: FloatArray, residual: FloatArray, parameters: Sequence[str], names: Sequence[str], scale: float
+    jacobian: FloatArray,
+    residual: FloatArray,
+    parameters: Sequence[str],
+    names: Sequence[str],
+    std: FloatArray,
+    scale: float,
 ) -> tuple[HeldValue, ...]:
     """What each held value does to the parameters, and what the residual asks of it: a score test of each alone.
 
@@ -135,6 +140,8 @@ def influences(
     residual : (n_rows,) float array
     parameters, names : sequence of str
         Of the parameters, and of the held values.
+    std : (n_params,) float array
+        Standard deviations of the parameters, in parts of them.
     scale : float
         Standard deviation of a row.
 
@@ -153,7 +160,6 @@ def influences(
     if not np.abs(np.diag(own)).min(initial=np.inf) > _TOLD * np.linalg.norm(own, axis=0).max(initial=0.0):
         return ()
     inverse = np.linalg.inv(own)
-    std = scale * np.linalg.norm(inverse, axis=1)
     columns, rest = r[:, n_params:-1], r[n_params:, -1]
     found = []
     for name, column in zip(names, columns.T, strict=True):

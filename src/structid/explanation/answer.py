@@ -152,12 +152,13 @@ def _told(
     is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
     judgement = judged(found, accepted, explanation.tried, lowering, held=held, work=work)
-    if judgement.verdict == "approximate" and not held:
-        held = held_values(ready, found)
+    wider = _wider(ready, result, likely)
+    if judgement.verdict == "approximate":
+        held = held_values(ready, wider.identification)
     judgement = replace(judgement, reasons=(*judgement.reasons, *unlooked(explanation)))
     is_used = judgement.verdict in ("sound", "approximate")
     criticism = Criticism(judgement, accepted, lowering, explanation.tried, held if is_used else ())
-    return replace(_wider(ready, result, likely), criticism=criticism), tuple(one for one, _ in ranked)
+    return replace(wider, criticism=criticism), tuple(one for one, _ in ranked)
 
 
 def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> StudyResult:

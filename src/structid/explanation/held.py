@@ -50,11 +50,14 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     relative = np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)
     place = {name: i for i, name in enumerate(target.names)}
     free = [name for name, is_free in zip(found.estimate.names, found.estimate.is_free, strict=True) if is_free]
-    names = [one.where[0] for one in held]
-    columns = [*(place[name] for name in free), *(i for name, i in place.items() if name not in known)]
+    names = [name for name in target.names if name not in known]
+    columns = [place[name] for name in (*free, *names)]
     estimate = found.estimate
     scale = 1.0 if estimate.covariance_basis == "noise" else max(1.0, float(np.sqrt(estimate.chi_square_per_dof)))
-    return influences((at.jacobian * relative)[:, columns], at.residual, free, names, scale)
+    std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
+        estimate.is_free
+    ]
+    return influences((at.jacobian * relative)[:, columns], at.residual, free, names, std, scale)
 
 
 def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known: dict[str, float]) -> Problem | None:
