@@ -153,6 +153,56 @@ def motion(name):
     return repeat
 
 
+def component(seed):
+    """FRFs of a chain whose last mass hangs on a part that is known by its own measured FRFs, with stated errors of 2 %."""
+    rng = np.random.default_rng(seed)
+    structure, truth = chain()
+    frequency = np.linspace(0.5, 11.0, 60)
+    s = 2j * np.pi * frequency
+    inner = 1 / (
+        0.6 * s**2 + 2.0 * s + 900.0
+    )  # of a mass on a spring to the ground, by which a second spring holds the chain
+    own = (inner + 1 / (700.0 + 0.5 * s))[:, None, None]
+    noise = rng.standard_normal(own.shape) + 1j * rng.standard_normal(own.shape)
+    parts = [
+        sid.MeasuredComponent("part", ["4X"], frequency, y, variance=variance)
+        for y, variance in ((own, None), (own * (1 + 0.02 * noise / np.sqrt(2)), (0.02 * np.abs(own)) ** 2))
+    ]
+    true, known = (replace(structure, measured=(part,)) for part in parts)
+    like = sid.FrfRecord(frequency, np.ones((60, 2, 1)), ["1X", "3X"], ["2X"], "receptance")
+    record = sid.simulated_record(true, truth, like, 0.01, rng)
+    found = sid.estimate(sid.FrfProblem(known, truth, record))
+    return {"component": inside(found.interval(), truth.start, found)}
+
+
+def ground(seed):
+    """Output error of two storeys on ground whose motion is known, solved for by steps that are not structid's."""
+    from scipy import signal
+
+    rng, rate, n = np.random.default_rng(seed), 25.0, 150
+    truth, losses = np.array([2e4, 2e4, 30.0]), 30.0
+    stiffness, damping = (np.array([[2.0, -1.0], [-1.0, 1.0]]) * size for size in (2e4, losses))
+    moved = rng.standard_normal(n)
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness / 10.0, -damping / 10.0]])
+    entry, reads = np.array([[0.0], [0.0], [-1.0], [-1.0]]), np.concatenate([-stiffness, -damping], axis=1) / 10.0
+    floors = signal.lsim((state, entry, reads, np.zeros((2, 1))), moved, np.arange(n) / rate, interp=True)[1]
+    values = np.column_stack([moved, floors + 0.1 * rng.standard_normal(floors.shape)])
+    below, above = ["0X", "1X"], ["1X", "2X"]
+    sets = [
+        sid.PointMass("floors", [1, 2], 10.0),
+        sid.Spring("storeys", below, above, stiffness=2e4),
+        sid.Dashpot("losses", below, above, viscous_damping=losses),
+    ]
+    base = [sid.Base("ground", "0X")]
+    structure = sid.Structure(dict.fromkeys(range(3), 0.0), sets, ["0X"], active=["X"], bases=base)
+    unknowns = [sid.Unknown("stiffness", "storeys", each=True), sid.Unknown("viscous_damping", "losses")]
+    made = sid.parameters(structure, unknowns)
+    kinds = ("support_acceleration", "acceleration", "acceleration")
+    record = sid.TimeRecord(rate, values, ["0X", *above], kinds, variance=np.array([0.0, 0.1, 0.1]) ** 2)
+    found = sid.identify_time(structure, made.started_at(made.start * [1.1, 1.1, 0.7]), record)
+    return {"ground": inside(found.interval(), truth, found)}
+
+
 @dataclass(frozen=True, eq=False)
 class Oscillator(BaseProblem):
     """Mass (kg), damper (N s/m) and spring (N/m) from a receptance with noise of one size: a `Problem` of its own.
@@ -317,6 +367,8 @@ CASES = {
     "motion-bias": Case(
         motion("motion-motion"), {"motion-motion": ("identify_motion, noise on the motion: biased", SHOWN)}
     ),
+    "component": Case(component, {"component": ("FRFs, a measured component with stated errors of 2 %", AIM)}),
+    "ground": Case(ground, {"ground": ("output error, ground whose motion is known", AIM)}),
     "near": Case(
         hard("near", NEAR),
         {
