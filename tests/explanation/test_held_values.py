@@ -197,3 +197,6 @@ def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identif
     assert not wider.estimate.identified[found.estimate.names.index("stiffness[lower]")]
     assert wider.intervals.notes[-1].startswith("these disagree by more than the value about ")
     assert "stiffness[lower]" in wider.intervals.notes[-1]
+    assert "stiffness[lower] is not identified: its standard deviation is larger than its value" in wider.warnings
+    assert wider.estimate.status_words.startswith("the search converged; models that are about as likely leave ")
+    assert found.estimate.status_words == "the search converged and the data determine every parameter"

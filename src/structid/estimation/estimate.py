@@ -181,8 +181,11 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """What happened, and what helps."""
         few = self.uncertainty.has_matrix
         if self.status is Status.CONVERGED and self.at_bound:
-            listed = ", ".join(one.name for one in self.at_bound)
-            return f"the search converged with {listed} at a bound, and the data determine every other parameter"
+            at_bound = ", ".join(one.name for one in self.at_bound)
+            return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
+        if self.status is Status.CONVERGED and few and not self.identified.all():
+            lost = listed([name for name, known in zip(self.names, self.identified, strict=True) if not known])
+            return f"the search converged; models that are about as likely leave {lost} open"
         return self.status.words if few else _WORDS_WITH_PRIORS.get(self.status, self.status.words)
 
     @property

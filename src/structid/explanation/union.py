@@ -12,6 +12,7 @@ from structid.estimation.uncertainty import DenseCovariance
 from structid.explanation.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
+from structid.identification.warning_words import estimate_warnings
 from structid.shown import listed
 
 Ends = dict[str, tuple[float, float]]
@@ -71,9 +72,12 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     ]
     notes = (words, f"these disagree by more than the value about {listed(lost)}: not identified") if lost else (words,)
     wider = replace(estimate, model_error=union, covariance_basis="model_error", identified=known)
+    before, now = estimate_warnings(estimate), estimate_warnings(wider)
+    kept = [one for one in found.warnings if one in now or one not in before]
     return replace(
         found,
         estimate=wider,
+        warnings=(*(one for one in now if one not in kept), *kept),
         intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
         total_mass_std=total_mass(found.problems[0], wider, direction)[1],
     )
