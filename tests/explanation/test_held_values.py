@@ -191,7 +191,7 @@ def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identif
     [one] = with_freed(base, ["stiffness[upper]"], 3).near
     assert widened(found, [one], None).estimate.identified.all()
     names = list(one.trial.target.names)
-    far = one.theta + 2.0 * (np.arange(len(names)) == names.index("stiffness[lower]"))
+    far = one.theta + 0.8 * (np.arange(len(names)) == names.index("stiffness[lower]"))
     wider = widened(found, [replace(one, theta=far)], None)
     assert found.estimate.identified.all()
     assert not wider.estimate.identified[found.estimate.names.index("stiffness[lower]")]
