@@ -9,14 +9,15 @@ import numpy as np
 from scipy import special
 
 from structid.arrays import FloatArray
+from structid.estimation.linearization import triangle_of
 from structid.shown import counted
 
 #: Chance that any held value of a right model is doubted.
 _RISK = 0.05
 #: The same where all that may be wrong is looked through.
 _CLEAR_RISK = 1e-3
-#: How far what the record would have must move a value, in its deviations and as a part of it.
-_MATTERS, _SHIFTS = 2.2, 0.01
+#: How far a change of the model must move a value to matter, in its deviations and as a part of it.
+MATTERS, SHIFTS = 2.2, 0.01
 #: Standard deviations by which 1 % of a held value moves a parameter from where on it is told.
 _TELLING = 0.5
 #: Part of a column's length that is left off the parameters' columns, below which the data do not tell it from them.
@@ -58,7 +59,7 @@ class HeldValue:
     def moved_by_pull(self) -> int | None:
         """Position of the parameter that the pull moves farthest, where that is beyond its interval and 1 %."""
         moves = 100 * np.abs(self.distance * self.pull)
-        matters = (moves > _MATTERS) & (np.abs(self.influence * self.pull) > _SHIFTS)
+        matters = (moves > MATTERS) & (np.abs(self.influence * self.pull) > SHIFTS)
         return int(np.argmax(np.where(matters, moves, 0.0))) if matters.any() else None
 
     @property
@@ -74,11 +75,9 @@ class HeldValue:
         more = f"{_percent(self.pull)} (deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record would have {self.name}, which the model holds, {more}"
         at = self.moved_by_pull
-        return (
-            words
-            if at is None
-            else f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
-        )
+        if at is None:
+            return words
+        return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = _RISK) -> bool:
         """Whether the record would have another value, beyond the chance that it does so with any of `among`, and it matters."""
@@ -154,7 +153,7 @@ def influences(
     ----------
     Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
     """
-    r = np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r"))
+    r = triangle_of(np.column_stack([jacobian, residual]))
     n_params = len(parameters)
     own = r[:n_params, :n_params]
     if not np.abs(np.diag(own)).min(initial=np.inf) > _TOLD * np.linalg.norm(own, axis=0).max(initial=0.0):

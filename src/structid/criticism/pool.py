@@ -158,9 +158,8 @@ def _masses(fields: Fields, record: int | None = None, name: str = "") -> Iterat
             nodes.setdefault(dof.node, []).append(place_of((dof, 1.0)))
     for node, ways in nodes.items():
         scale = min(_scale(fields, at, _inertia(fields)) for at in ways)
-        every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
         where = (str(node),) if record is None else (str(node), name)
-        yield Candidate("mass", where, added(every, _inertia), steps(scale, (1, -1)), record=record)
+        yield Candidate("mass", where, added(_all_of(ways), _inertia), steps(scale, (1, -1)), record=record)
 
 
 def _of_sensors(records: Sequence[Fields]) -> Iterator[Candidate]:
@@ -191,8 +190,12 @@ def _weighing(fields: Fields, strengths: FloatArray) -> ComplexArray:
     ways = [place_of((dof, 1.0)) for dof in _moves_of(fields, _sensed(fields))]
     if not ways:
         return np.zeros((len(strengths), *fields.frf.shape), complex)
-    every = Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
-    return added(every, _inertia)(fields, strengths)
+    return added(_all_of(ways), _inertia)(fields, strengths)
+
+
+def _all_of(ways: Sequence[Places]) -> Places:
+    """Some single directions, each by itself."""
+    return Places(np.concatenate([at.codes for at in ways]), np.eye(len(ways)))
 
 
 def _turning(fields: Fields, nodes: Collection[int]) -> Iterator[Candidate]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
-from structid.criticism.held import HeldValue, doubted
+from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
 from structid.estimation import Status
 from structid.estimation.averaging import expected_square
 from structid.estimation.search.work import ALONE, Work
@@ -42,9 +42,8 @@ _LARGE = 0.02
 _FEW = 15
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
-#: Of causes of small misfits: part of what goes beyond the noise, and how far a value moves, in standard deviations and as
-#: a part of itself.
-_NEARLY_ALL, _MATTERS, _SHIFTS = 0.85, 2.2, 0.01
+#: Of causes of small misfits: part of what goes beyond the noise.
+_NEARLY_ALL = 0.85
 #: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
 _OF_A_PAIR = 4.0
 #: By what part elements of one group differ though nothing is wrong.
@@ -271,7 +270,7 @@ def _is_scatter(cause: Cause) -> bool:
 
 
 def _matters(value: Moved) -> bool:
-    return value.distance > _MATTERS and abs(value.after - value.before) > _SHIFTS * abs(value.before)
+    return value.distance > MATTERS and abs(value.after - value.before) > SHIFTS * abs(value.before)
 
 
 def judged(

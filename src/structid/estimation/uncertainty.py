@@ -315,7 +315,10 @@ def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
 
 def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
     """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
-    sizes = problem.sizes(problem.physical(theta))
-    scale = np.where(sizes != 0, sizes, 1.0)
-    slope = problem.slope(theta)
-    return at.jacobian[: problem.n_data] * np.divide(scale, slope, out=np.zeros(len(slope)), where=slope != 0)
+    return at.jacobian[: problem.n_data] * relative_steps(problem, theta)
+
+
+def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
+    """Changes of the free variables that change each physical parameter by its size, (n_params,); 0 where none does."""
+    sizes, slope = problem.sizes(problem.physical(theta)), problem.slope(theta)
+    return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

@@ -12,6 +12,7 @@ from structid.criticism.held import HeldValue, influences
 from structid.criticism.pool import MOST_DOFS
 from structid.errors import StructidError
 from structid.estimation import Problem
+from structid.estimation.uncertainty import relative_steps
 from structid.explanation.by_study import held_candidates
 from structid.explanation.edits import edit
 from structid.explanation.trial import read_study, started_at, weighed_like
@@ -45,9 +46,6 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
         return ()
     theta = target.theta_start
     at = target.linearize(theta)
-    slope = target.slope(theta)
-    sizes = target.sizes(target.physical(theta))
-    relative = np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)
     place = {name: i for i, name in enumerate(target.names)}
     free = [name for name, is_free in zip(found.estimate.names, found.estimate.is_free, strict=True) if is_free]
     names = [name for name in target.names if name not in known]
@@ -57,7 +55,7 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
         estimate.is_free
     ]
-    return influences((at.jacobian * relative)[:, columns], at.residual, free, names, std, scale)
+    return influences((at.jacobian * relative_steps(target, theta))[:, columns], at.residual, free, names, std, scale)
 
 
 def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known: dict[str, float]) -> Problem | None:
