@@ -200,3 +200,12 @@ def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identif
     assert "stiffness[lower] is not identified: its standard deviation is larger than its value" in wider.warnings
     assert wider.estimate.status_words.startswith("the search converged; models that are about as likely leave ")
     assert found.estimate.status_words == "the search converged and the data determine every parameter"
+
+
+def test_what_a_wrong_model_pulls_at_has_no_deviation(tmp_path):
+    ready, result = building(tmp_path, 1, upper=0.85 * UPPER)
+    assert not is_sound(result.identification)
+    held = held_values(ready, result.identification)
+    assert len(held) == 3
+    assert all(np.isnan(one.pull_std) and np.isfinite(one.influence).all() for one in held)
+    assert not doubted(held)

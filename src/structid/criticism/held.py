@@ -142,7 +142,7 @@ def influences(
     std : (n_params,) float array
         Standard deviations of the parameters, in parts of them.
     scale : float
-        Standard deviation of a row.
+        Standard deviation of a row; NaN where it is not that of noise.
 
     Returns
     -------

@@ -10,6 +10,7 @@ import numpy as np
 from structid.criticism.candidate import Candidate
 from structid.criticism.held import HeldValue, influences
 from structid.criticism.pool import MOST_DOFS
+from structid.criticism.verdict import fits_noise
 from structid.errors import StructidError
 from structid.estimation import Problem
 from structid.estimation.uncertainty import relative_steps
@@ -51,7 +52,7 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     names = [name for name in target.names if name not in known]
     columns = [place[name] for name in (*free, *names)]
     estimate = found.estimate
-    scale = 1.0 if estimate.covariance_basis == "noise" else max(1.0, float(np.sqrt(estimate.chi_square_per_dof)))
+    scale = 1.0 if fits_noise(found) else np.nan  # what a wrong model pulls at says nothing of a held value
     std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
         estimate.is_free
     ]
