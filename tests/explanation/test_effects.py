@@ -439,7 +439,7 @@ def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):
 
 
 def test_places_that_move_alike_are_looked_at_once(trial):
-    fields, chosen = candidates(trial)
+    _, chosen = candidates(trial)
     spring = next(one for one in chosen if one.kind == "spring")
     looks = []
 
