@@ -85,11 +85,11 @@ class Explanation:
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     spent : float
-        Iterations on all data that its near fits took.
+        Processor time of its fits, about, in seconds.
     left_out : int
         How many changes a linear look promises something of, and were not fitted for want of room.
     is_single : bool
-        Whether a second cause, or other pairs than the likeliest, were not looked for for want of room.
+        Whether other pairs than the likeliest were not looked for for want of room.
     """
 
     base: Fitted
@@ -117,8 +117,8 @@ def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explana
     base : Fitted
     work : Work
     room : float
-        Iterations on all data that fits may take, about: half of them for the first causes, what these leave for second ones.
-        Where it is finite, other pairs are not looked for.
+        Processor time that fits may take, about, in seconds: half of it for the first causes, what these leave for second ones.
+        Other pairs are looked for as long as it suffices for one more.
     """
     if base.trial.is_large:
         return _of_records(base, work)
@@ -139,13 +139,21 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=bool(np.isfinite(room)))
+    pair = replace(found, further=_beside(found.causes[0], work, "second ", room))
     others, is_from_second = list(found.causes[1:]), True
-    for _ in range(0 if pair.is_single else _MORE_PAIRS):
+    for _ in range(_MORE_PAIRS):
         second = pair.further
         if second is None or not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
             break
-        better = _from_second(found, second, work) if is_from_second else _from_next(found, second, others.pop(0), work)
+        room -= second.spent
+        if room < second.spent:
+            pair = replace(pair, is_single=True)
+            break
+        better = (
+            _from_second(found, second, work, room)
+            if is_from_second
+            else _from_next(found, second, others.pop(0), work, room)
+        )
         pair, is_from_second = better or pair, better is not None
     return _second_alone(found, pair, work) or pair
 
@@ -160,10 +168,10 @@ def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanat
     return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
 
 
-def _from_second(found: Explanation, second: Explanation, work: Work) -> Explanation | None:
+def _from_second(found: Explanation, second: Explanation, work: Work, room: float) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more."""
     alone = _alone(found, second.causes[0], work)
-    again = None if alone is None else _beside(alone, work, "beside the second, first ")
+    again = None if alone is None else _beside(alone, work, "beside the second, first ", room)
     if again is None or not _is_better(again, second):
         return None
     both = again.causes[0]
@@ -174,9 +182,9 @@ def _from_second(found: Explanation, second: Explanation, work: Work) -> Explana
     return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
 
 
-def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work) -> Explanation | None:
+def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work, room: float) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ")
+    further = _beside(first, work, "beside the next, second ", room)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
@@ -264,7 +272,8 @@ def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explana
     others += [item for one in fits for item in _lossy(base, one)]
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
-    spent = sum(one.get("iterations", 0.0) for k, one in enumerate(near) if alike[k] == k)
+    taken = [one["seconds"] for k, one in enumerate(near) if one and alike[k] == k]
+    spent = sum(taken) + len(fits) * _REFIT * float(np.mean(taken or [0.0]))
     return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None))
 
 
@@ -308,7 +317,7 @@ def _approached(
     costs = sorted(one["cost"] for k, one in known.items() if one and changes[k][0].kind not in _ALWAYS)
     above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
     items = [(*change, np.inf if k in kept else above) for k, change in enumerate(changes)]
-    each = sum(one.get("iterations", 0.0) for one in fits) / max(len(fits), 1)
+    each = sum(one.get("seconds", 0.0) for one in fits) / max(len(fits), 1)
     rest = sorted((k for k in own if k not in known), key=lambda k: k not in kept)
     most = (room - len(fits) * each) / each - _FINALISTS * _REFIT if each else np.inf
     out = set(rest[max(int(most), 0) :]) if most < len(rest) else set()
