@@ -31,8 +31,7 @@ from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, record
 from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
 from structid.observation.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.observation.time.model import ORDERS, TimeModel
-from structid.observation.time.options import Oscillation, TimeOptions
-from structid.observation.time.output_error import OutputErrorProblem
+from structid.observation.time.options import TimeOptions
 from structid.observation.time.problem import declared_variance, time_model
 from structid.records import TimeRecord
 from structid.structure import Structure
@@ -74,7 +73,7 @@ class InstrumentalFit:
 
     def first(self, n_times: int) -> InstrumentalFit:
         """The same with the first samples only."""
-        force = self.force if isinstance(self.model.force, Oscillation) else self.force[:n_times]
+        force = self.force if self.model.drive.oscillates else self.force[:n_times]
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
     def rows(self, values: FloatArray) -> WhitenedRows:
@@ -148,11 +147,7 @@ def instrumental_fit(
     orders = np.repeat([ORDERS[q] for q in simulated], structure.n_dofs)
     model = replace(base, sensors=dofs * len(simulated), orders=orders)
     loads = [i for i, q in enumerate(record.quantities) if q == "force"]
-    force, initial = record.values[:, loads], None
-    if isinstance(options.force, Oscillation):
-        blank = np.zeros((len(force), len(model.sensors)))
-        problem = OutputErrorProblem(model, blank, np.ones(len(model.sensors)), force, np.zeros(len(loads)))
-        force = problem.known_force
+    force, initial = model.drive.known(record.values[:, loads]), None
     if options.initial == "unknown":
         if motion.velocity is None or motion.displacement is None:
             raise InputError(
