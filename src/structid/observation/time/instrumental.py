@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg, sparse, special
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
@@ -27,7 +27,7 @@ from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
 from structid.observation.motion.equations import TimeEquations, time_equations
 from structid.observation.motion.fit import identify_motion
-from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, recorded_motion
+from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
 from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
 from structid.observation.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.observation.time.model import ORDERS, TimeModel
@@ -163,13 +163,9 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
     """Error covariance of each quantity at the free degrees of freedom, as `recorded_motion` makes it from channels."""
     variance, found = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
-        chosen = [i for i, q in enumerate(record.quantities) if q == quantity]
-        columns = structure.selection([record.channels[i] for i in chosen]).toarray()
-        if quantity == "force":
-            found[quantity] = (columns * variance[chosen]) @ columns.T
-        elif chosen:
-            inverse = np.linalg.pinv(columns.T)
-            found[quantity] = (inverse * variance[chosen]) @ inverse.T
+        reader = field_map(structure, record, quantity)
+        if reader is not None:
+            found[quantity] = (reader @ sparse.diags_array(variance) @ reader.T).toarray()
     return found
 
 
