@@ -18,7 +18,7 @@ from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
-from structid.identification.ran_away import ran_away_words
+from structid.identification.warning_words import ran_away_words
 from structid.shown import counted
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]

@@ -443,8 +443,7 @@ def merged_shape(
     for s in _order(index):  # a first shape: each part scaled to those before it
         own = np.isin(index[s], done)
         if own.any():
-            there, weight = shape[index[s][own]], 1 / errors[s][own] ** 2
-            factors[s] = np.sum(weight * there.conj() * parts[s][own]) / np.sum(weight * np.abs(there) ** 2)
+            factors[s] = _best_factor(parts[s][own], errors[s][own], shape[index[s][own]])
         new = ~own
         shape[index[s][new]] = parts[s][new] / factors[s]
         done += index[s][new].tolist()
