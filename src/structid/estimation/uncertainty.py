@@ -257,8 +257,7 @@ def dense_uncertainty(
     misfit = misfits(problem, theta, at, misfit_probability)
     noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
     held = at_bounds(problem, theta, at, noise_scale)
-    free = np.ones(len(values), dtype=bool)
-    free[[one.index for one in held]] = False
+    free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
     noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
     model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))

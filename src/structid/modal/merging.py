@@ -38,8 +38,8 @@ class Merging:
         Number (from 0) of the mode in every set-up.
     frequency, damping_ratio : (n_setups, n_modes) float arrays
         Of every set-up, Hz and 1.
-    frequency_spread, damping_spread : (n_modes,) float arrays
-        Standard deviation over the set-ups.
+    frequency_spread : (n_modes,) float array
+        Standard deviation over the set-ups, Hz.
     chi_square : (n_modes,) float array
         Of the frequencies about their weighted mean, n_setups - 1 degrees of freedom; NaN without covariance.
     probability : (n_modes,) float array
@@ -51,7 +51,6 @@ class Merging:
     frequency: FloatArray
     damping_ratio: FloatArray
     frequency_spread: FloatArray
-    damping_spread: FloatArray
     chi_square: FloatArray
     probability: FloatArray
 
@@ -246,7 +245,7 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
     )  # fmt: skip
     return Merging(
         modes, members[:, order], frequency[:, order], damping[:, order], frequency[:, order].std(axis=0, ddof=1),
-        damping[:, order].std(axis=0, ddof=1), chi_square[order], probability[order],
+        chi_square[order], probability[order],
     )  # fmt: skip
 
 
@@ -303,14 +302,7 @@ def _lost_deviations(
 ) -> list[str]:
     """What set-ups that state no deviation have no part in; nothing where none is stated of that kind at all.
 
-    Parameters
-    ----------
-    values, variance : (n_setups, 2 n_modes) float arrays
-        Of frequencies, then damping ratios.
-    frequency : (n_modes,) float array
-        Of the merged modes, Hz.
-    bare : (n_setups, n_modes) bool array
-        Shapes that have entries without a deviation.
+    `values` and their variance are of frequencies, then damping ratios; `bare` are shapes that have entries without a deviation.
     """
     n = len(frequency)
     counts, known = _stated(variance), ~np.isnan(values)

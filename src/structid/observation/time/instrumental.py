@@ -28,7 +28,7 @@ from structid.estimation.search.work import ALONE, Work
 from structid.observation.motion.equations import TimeEquations, time_equations
 from structid.observation.motion.fit import identify_motion
 from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
-from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
+from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.observation.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.observation.time.model import ORDERS, TimeModel
 from structid.observation.time.options import TimeOptions
@@ -95,15 +95,8 @@ class InstrumentalFit:
         if self.initial is not None:
             instruments[0] = 0.0  # it starts from the noisy state of this sample
         weight = self._whitening(values, right - regressors @ values)
-        lines, series = np.divmod(np.arange(n_times * n), n)
-        flat = (n_times * n, self.equations.unknown.n_params)
-        return WhitenedRows(
-            self.equations.unknown,
-            (weight @ regressors).reshape(flat),
-            (right @ weight.T).ravel(),
-            (weight @ instruments).reshape(flat),
-            lines,
-            2 * series,
+        return whitened_rows(
+            self.equations.unknown, weight @ regressors, right @ weight.T, np.asarray(weight @ instruments)
         )
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
@@ -265,15 +258,11 @@ def _iterated(
 
 def _no_rows(unknown: Parameters) -> WhitenedRows:
     """What says whose values are kept."""
-    none = np.zeros((0, unknown.n_params))
-    counts = np.zeros(0, dtype=np.int64)
-    return WhitenedRows(unknown, none, np.zeros(0), none, counts, counts)
+    none = np.zeros((0, 1, unknown.n_params))
+    return whitened_rows(unknown, none, np.zeros((0, 1)), none)
 
 
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
     """The equations as they are, with the noisy regressors in place of instruments."""
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
-    n_times, n, n_params = regressors.shape
-    lines, series = np.divmod(np.arange(n_times * n), n)
-    flat = regressors.reshape(-1, n_params)
-    return WhitenedRows(fit.equations.unknown, flat, right.ravel(), flat, lines, 2 * series)
+    return whitened_rows(fit.equations.unknown, regressors, right, regressors)
