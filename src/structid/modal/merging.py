@@ -20,6 +20,7 @@ from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
 from structid.shown import listed
 from structid.similarity import mac
+from structid.similarity.pairing import assigned, pairing_worth
 
 _DOUBT = 0.01
 _LEAST_WORTH = 0.5  # of a pair of modes
@@ -169,21 +170,17 @@ def _worth(
     first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
 ) -> tuple[FloatArray, FloatArray]:
     """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
-    distance = np.log(second.frequency[None, :] / first.frequency[:, None]) / guard
     likeness = np.nan_to_num(mac(_rows(first, shared), _rows(second, shared)))
-    return likeness, likeness / (1 + distance**2)
+    return likeness, pairing_worth(likeness, first.frequency, second.frequency, guard)
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
     """Numbers of the modes that all set-ups have, (n_setups, n_modes)."""
-    from scipy.optimize import linear_sum_assignment
-
     first = setups[0]
     pairs = [{i: i for i in range(first.n_modes)}]
     for setup in setups[1:]:
         worth = _worth(first, setup, shared, guard)[1]
-        chosen = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
-        pairs.append({int(i): int(j) for i, j in chosen if worth[i, j] >= _LEAST_WORTH})
+        pairs.append({int(i): int(j) for i, j in zip(*assigned(worth), strict=True) if worth[i, j] >= _LEAST_WORTH})
     kept = [i for i in range(first.n_modes) if all(i in own for own in pairs)]
     return np.array([[own[i] for i in kept] for own in pairs], dtype=int)
 
