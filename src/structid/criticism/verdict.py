@@ -218,9 +218,18 @@ def fits_noise(found: Identification) -> bool:
 
 def is_sound(found: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
-    estimate = found.estimate
-    forced = found.ran_away or any(one.is_pushed for one in estimate.at_bound)
-    return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
+    return _is_unforced(found) and fits_noise(found)
+
+
+def _is_quiet(found: Identification) -> bool:
+    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    return _is_unforced(found) and _is_below_noise(found)
+
+
+def _is_unforced(found: Identification) -> bool:
+    """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
+    forced = found.ran_away or any(one.is_pushed for one in found.estimate.at_bound)
+    return found.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
@@ -317,6 +326,12 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = found.estimate
+    if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
+        said = estimate.disagreement.words
+        words = (
+            f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
+        )
+        return Judgement("approximate", words, (said, *(one.words for one in doubts)))
     if is_sound(found) and not causes and doubts:
         told = tuple(one.words for one in doubts)
         words = (

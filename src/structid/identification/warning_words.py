@@ -88,9 +88,9 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
         warnings.append(
             f"{found.names[i]} is not told from 0: its 95 % interval ends at {found.interval()[i, 1]:.2g}{unit}"
         )
-    if found.residual_tests is not None:
-        larger = "larger than the noise allows"  # which is told below, with what is done about it
-        warnings.extend(w for w in found.residual_tests.words if larger not in w)
+    tests = () if found.residual_tests is None else found.residual_tests.words
+    too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
+    warnings.extend(w for w in tests if w not in too_large)
     if found.n_fitting > 1:
         warnings.append(_several_fits(found))
     elif found.n_agreeing < found.n_starts:
@@ -98,11 +98,13 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
             f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
-    if found.covariance_basis == "model_error":
+    carried = "standard deviations are those that carry model error"
+    if found.disagreement is not None:
+        warnings.append(f"{found.disagreement.words}: {carried}, each mode left out in turn")
+    if found.covariance_basis == "model_error" and (too_large or found.disagreement is None):
         warnings.append(
             f"the model does not fit to within the noise (chi-square per degree of freedom"
-            f" {found.chi_square_per_dof:.3g}, residual correlated over {found.residual_correlation:.0f} lines):"
-            " standard deviations are those that carry model error"
+            f" {found.chi_square_per_dof:.3g}, residual correlated over {found.residual_correlation:.0f} lines): {carried}"
         )
     return tuple(warnings)
 
