@@ -436,3 +436,25 @@ def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):
     own = np.ix_(rotations, rotations)
     expected = 0.5 * strength * (stiffness + omega**2 * mass)
     assert damping[own] == pytest.approx(expected[own], rel=1e-4, abs=1e-4 * np.abs(expected[own]).max())
+
+
+def test_places_that_move_alike_are_looked_at_once(trial):
+    _, chosen = candidates(trial)
+    spring = next(one for one in chosen if one.kind == "spring")
+    looks = []
+
+    def counted(own, strengths):
+        looks.append(len(strengths))
+        return spring.effect(own, strengths)
+
+    point = point_at([trial.views[0].problem], trial.views[0].problem.theta_start)
+    one = replace(spring, effect=counted)
+    [alone], n_alone = point.screened([one]), sum(looks)
+    looks.clear()
+    both = point.screened([one, replace(one, where=("a place beside it",))])
+    assert sum(looks) == n_alone
+    assert [(each.strength, each.left) for each in both] == [(alone.strength, alone.left)] * 2
+    assert [each.candidate.where for each in both] == [spring.where, ("a place beside it",)]
+    looks.clear()
+    point.screened([one, replace(one, places=None)])
+    assert sum(looks) == 2 * n_alone

@@ -58,9 +58,13 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         return JointData(self.problems, self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        if self._is_one:
+            return self.problems[0].residual(theta)
         return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        if self._is_one:
+            return self.problems[0].linearize(theta)
         parts = [problem.linearize(theta[index]) for problem, index in self._members()]
         n_params = len(self.names)
         wide = [
@@ -130,6 +134,17 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         priors = [problem.prior_rows(self.theta_start[index]) for problem, index in self._members()]
         kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
+
+    @cached_property
+    def _is_one(self) -> bool:
+        """Whether there is one problem alone, with its parameters in their order and each of its priors once."""
+        if len(self.problems) > 1:
+            return False
+        [index], [rows], [problem] = self.unknowns.columns, self._kept_priors, self.problems
+        n_rows = problem.n_data + len(problem.prior_rows(self.theta_start)[0])
+        return np.array_equal(index, np.arange(len(problem.names))) and np.array_equal(
+            rows, np.arange(problem.n_data, n_rows)
+        )
 
     def _members(self) -> list[tuple[Problem, IntArray]]:
         return list(zip(self.problems, self.unknowns.columns, strict=True))
