@@ -13,7 +13,7 @@ from structid.cli import app as cli
 from structid.comparison.comparing import CompareOptions, compare
 from structid.comparison.state import stored_state
 from structid.comparison.states import carried, unchanged_parameters
-from structid.report.comparison.text import comparison_table
+from structid.report.comparison import comparison_table
 from study_cases import chain_record, replaced, write_chain
 
 RUN = CliRunner()

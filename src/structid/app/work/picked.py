@@ -18,7 +18,7 @@ from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file,
 from structid.plain import Entry
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
-from structid.report.modes.page import modes_page
+from structid.report.modes import modes_page
 from structid.shown import file_names
 from structid.similarity import mac
 from structid.similarity.shapes import most_real

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from structid.cli.base import Png
 from structid.cli.progress import run_progress
 from structid.cli.tables import new_table, number, show
-from structid.report.reproduce.page import write_reproduction
+from structid.report.reproduce import write_reproduction
 from structid.reproduce import run
 from structid.reproduce.item import Item
 

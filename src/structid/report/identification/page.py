@@ -9,7 +9,7 @@ from pathlib import Path
 from structid.criticism.verdict import Criticism
 from structid.estimation import Status
 from structid.identification.identified import Identification
-from structid.report.correlation.chapter import side_by_side_chapter
+from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
