@@ -18,6 +18,7 @@ from structid.shown import counted, listed
 from structid.study.results.plan import PLAN_PAGE
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
+_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 
 def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
@@ -67,9 +68,6 @@ def assumption_lines(found: Plan) -> list[str]:
         f"these std rest on noise of {_noise_words(found)} and on a model without any damping, whose resonances are endlessly high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]"
     ]
-
-
-_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 
 def test_table(found: Plan) -> Table:

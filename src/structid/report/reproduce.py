@@ -26,6 +26,7 @@ _CLASSES = {
 }
 #: Digits of the numbers in the JSON file; later ones depend on the machine.
 _JSON_DIGITS = 10
+_MORE_DECIMALS = 2
 
 
 def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -> Path:
@@ -123,9 +124,6 @@ def _item_view(item: Item) -> dict[str, object]:
 def _slug(item: Item) -> str:
     """Name of `item` in files and links: lower case, and one underscore for what is no letter or digit."""
     return re.sub(r"\W+", "_", item.name.lower()).strip("_")
-
-
-_MORE_DECIMALS = 2
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from structid.app.folder import OpenFolder
-from structid.app.work.looking import LOOKING
+from structid.app.work.model import LOOKING
 from structid.errors import InputError, StructidError
 
 if TYPE_CHECKING:  # NumPy comes with it, which the server does without

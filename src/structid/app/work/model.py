@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from structid.app.work.looking import LOOKING
 from structid.errors import InputError
+from structid.estimation.search.work import Alone, StageProgress, Task
+from structid.solver.runs import Solver
 from structid.structure import Structure
 from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.model.structure import read_structure
@@ -87,3 +90,28 @@ def _record(root: Section, number: int) -> Section | None:
     if not 0 <= number < max(len(listed), 1):
         raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
     return listed[number] if listed else None
+
+
+class Looking(Alone):
+    """Work that refuses to run solvers; runs that are kept are read all the same."""
+
+    def map(
+        self,
+        name: str,
+        task: Task,
+        shared: Any,
+        items: Sequence[Any],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Any]:
+        """As `Work.map`, except for runs of a solver."""
+        if isinstance(shared, Solver):
+            raise InputError(
+                f"[structure.solver] names a program that has yet to run {len(items)} times ({shared.command}), and looking at a"
+                " study runs none: where you trust the study, start a run, or `structid check` in a terminal; both keep what"
+                " the program gives"
+            )
+        return super().map(name, task, shared, items, progress, first)
+
+
+LOOKING = Looking()
