@@ -15,7 +15,7 @@ from structid.criticism.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
-from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.structure import Structure
 from structid.study.results.result import StudyResult
 from structid.study.schema.model.structure import read_structure
@@ -149,12 +149,12 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     places = ("outputs", "inputs") if record == "frf/" else ("channels",)
     wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
     found = hdf5_fields(path, wanted)
-    texts = {name: _texts(found[f"parameters/{name}"]) for name in names}
+    texts = {name: texts_of(found[f"parameters/{name}"]) for name in names}
     values = np.asarray(found["parameters/values"], dtype=float)
     covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
-    channels = {"outputs": _texts(found[record + places[0]]), "inputs": ()}
+    channels = {"outputs": texts_of(found[record + places[0]]), "inputs": ()}
     if record == "frf/":
-        channels["inputs"] = _texts(found["frf/inputs"])
+        channels["inputs"] = texts_of(found["frf/inputs"])
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
@@ -162,10 +162,6 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status
     )
     return estimate, channels
-
-
-def _texts(field: Field) -> tuple[str, ...]:
-    return (field,) if isinstance(field, str) else tuple(str(text) for text in field)
 
 
 def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:

@@ -14,7 +14,6 @@ from structid.correlation.modes import correlated_modes
 from structid.dof import parse_dofs, renamed
 from structid.errors import InputError
 from structid.modal import ModalRecord
-from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.results.values import stored_values
 from structid.study.schema.records.sensors import channel_names, used_names
 from structid.study.schema.unknowns import read_parameters
@@ -47,7 +46,7 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
     structure, unknown = model.structure, read_parameters(model.root, model.structure)
     known = {} if results is None else stored_values(results)
     values = unknown.values(values_at(unknown.names, unknown.start, known))
-    aimed = channel_names([tie for tie in structure.ties if isinstance(tie, AimedSensor)])
+    aimed = channel_names(structure)
     given = {} if model.record is None else model.record.inner("relabel").table
     relabel = {name: str(own) for name, own in given.items()}
     channels = measured.channels
