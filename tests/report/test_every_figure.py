@@ -37,9 +37,8 @@ from structid.report.planning import plan_page
 from structid.report.rendering import browser, plot, png
 from structid.report.reproduce import reproduction_page
 from structid.reproduce.item import Curve, Item, Panel, Verdict
-from structid.study.run.plan import planned
 from structid.study.run.run import run_study
-from structid.study.schema.plan import load_plan
+from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 

@@ -180,8 +180,7 @@ def _needs(opened: OpenFolder, study: str) -> Entry:
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
-    from structid.study.run.plan import planned
-    from structid.study.schema.plan import load_plan
+    from structid.study.schema.plan import load_plan, planned
 
     found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
     rows = zip(found.parameters.names, found.chosen.std, strict=True)

@@ -13,8 +13,7 @@ from structid.cli.tables import show
 from structid.report.planning import plan_page, plan_text
 from structid.study.results.folder import staged_folder
 from structid.study.results.plan import PLAN_PAGE, write_plan
-from structid.study.run.plan import planned
-from structid.study.schema.plan import load_plan
+from structid.study.schema.plan import load_plan, planned
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,18 @@ import numpy as np
 
 from structid.declared import NotNegative
 from structid.dof import Dof, parse_dofs, renamed
+from structid.errors import SingularModelError
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.planning.options import resolved
-from structid.planning.planned import PlanOptions
+from structid.planning.plan import plan
+from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.shown import listed
 from structid.structure import Structure
-from structid.structure.places.aimed_sensor import AimedSensor
+from structid.structure.places import AimedSensor
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure
@@ -255,3 +257,19 @@ def _noise(
         relative = float(np.hypot(relative, model_error))
         notes = (*notes, f"the model error of [method], {100 * model_error:.3g} %, counts as noise")
     return relative, absolute, notes
+
+
+def planned(study: PlanStudy) -> Plan:
+    """The plan that a study file asks for.
+
+    Raises
+    ------
+    StudyError, SingularModelError
+        If it cannot be made; with the place in the file.
+    """
+    try:
+        with (study.root.section("plan") or study.root).located():
+            return plan(study.structure, study.parameters, study.options)
+    except SingularModelError as error:
+        place = study.root.section("structure") or study.root
+        raise SingularModelError(str(place.error(str(error)))) from error

@@ -13,7 +13,7 @@ from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
-from structid.structure.places.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
+from structid.structure.places import AimedSensor, nearest_nodes, unit_direction
 from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
