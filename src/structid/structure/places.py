@@ -16,8 +16,8 @@ from structid.structure.meshes import Mesh
 from structid.structure.structure import Structure
 from structid.structure.supports import Constraint, Equations
 
-#: Part of a force that is rounding.
-_NOTHING = 1e-12
+#: Part of a force that is rounding, and of the largest eigenvalue of a correlation matrix what counts as 0.
+_NOTHING, _SAME = 1e-12, 1e-8
 
 
 @dataclass(frozen=True)
@@ -204,14 +204,12 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
     return tuple(dof_of_code(code).direction for code in codes[codes // 6 == node].tolist())
 
 
-def together(values: FloatArray, tolerance: float = 1e-8) -> FloatArray | None:
+def together(values: FloatArray) -> FloatArray | None:
     """The least number of series of which others are made, as columns of their parts; None where all are needed.
 
     Parameters
     ----------
     values : (n_samples, n_series) float array
-    tolerance : float
-        Smallest eigenvalue of the correlation matrix in parts of the largest, below which it counts as 0.
 
     Returns
     -------
@@ -222,7 +220,7 @@ def together(values: FloatArray, tolerance: float = 1e-8) -> FloatArray | None:
     if values.shape[1] < 2 or not (size > 0).all():
         return None
     strength, ways = np.linalg.eigh((values / size).T @ (values / size) / len(values))
-    kept = strength > tolerance * strength[-1]
+    kept = strength > _SAME * strength[-1]
     if kept.all():
         return None
     parts: FloatArray = np.linalg.qr(size[:, None] * ways[:, kept])[0]
