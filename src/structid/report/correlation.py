@@ -9,10 +9,9 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.correlation.correlating import CORRELATION_PAGE, StudyCorrelation, before_and_after
+from structid.correlation.correlating import CORRELATION_PAGE, StudyCorrelation, before_and_after, expansion_sizes
 from structid.correlation.modes import ModesCorrelation
 from structid.correlation.responses import ResponsesCorrelation
-from structid.correlation.summary import expansion_sizes
 from structid.identification.identified import Identification
 from structid.report.figures.correlation import (
     ALONE,

@@ -9,10 +9,9 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
 from structid.cli.tables import show
-from structid.correlation.correlating import CORRELATION_PAGE
+from structid.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
 from structid.correlation.correlating import correlate as correlated
 from structid.correlation.options import CorrelateOptions
-from structid.correlation.summary import correlation_summary, expanded_record
 from structid.modal.files.files import write_modes
 from structid.plain import json_text
 from structid.report.correlation import correlation_page, correlation_text
