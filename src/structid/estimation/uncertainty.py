@@ -212,8 +212,9 @@ class Spread:
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation matrix of the parameters."""
-        return self.covariance / np.outer(self.std, self.std)
+        """Correlation matrix of the parameters; NaN where a variance is not known, or 0."""
+        scale = np.outer(self.std, self.std)
+        return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=scale > 0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
