@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.criticism.between import between_nodes
 from structid.criticism.candidate import (
     Candidate,
     Places,
@@ -436,6 +437,7 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         for place, column in _other_directions(fields, dof):
             pushed, held = partial(_pushed, j, dof.sign * column), fields.structure.active or ()
             yield Candidate("load_direction", (dof.place, place), pushed, *angles, record=number, others=held)
+    yield from between_nodes(fields, number)
 
 
 def _other_directions(fields: Fields, dof: Dof) -> Iterator[tuple[str, FloatArray]]:

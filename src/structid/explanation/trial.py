@@ -117,6 +117,11 @@ class Trial:
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
+    def is_small(self) -> bool:
+        """Whether a linear look beside a change takes little."""
+        return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in self.setups)
+
+    @property
     def is_of_modes(self) -> bool:
         """Whether all records are of modes."""
         return all(isinstance(problem, ModalProblem) for problem in self.problems)

@@ -181,24 +181,7 @@ def _kept_prior_rows(
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """Of each problem the rows of those priors that no earlier problem states: residual and derivative tell.
-
-    Parameters
-    ----------
-    priors : sequence of (residual, sparse derivative)
-        Rows of the priors of each problem at the start.
-    columns : sequence of (n_own,) int arrays
-        Positions of each problem's parameters among all.
-    names : tuple of str
-        All parameters.
-    first_counts : bool
-        Whether the first of several different priors of one parameter is taken instead of an error raised.
-
-    Raises
-    ------
-    InputError
-        If two problems state different priors of one parameter.
-    """
+    """Of each problem the rows of those priors that no earlier problem states: residual and derivative at the start tell."""
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):
