@@ -43,6 +43,11 @@ MODELS = {
 }
 
 
+def said(found: sid.Estimate) -> str:
+    """Whether the modes ask for different values, as words that follow others."""
+    return "" if found.disagreement is None else f"\n  {found.disagreement.words}"
+
+
 def report_models(arrangements: Sequence[int]) -> None:
     """Each model on the healthy state, judged by arrangements held out."""
     print("\nHEALTHY: models, error of frequencies in % (f1 ... f5, all), fitted and held out (thirds in turn)")
@@ -68,13 +73,13 @@ def report_healthy(arrangements: Sequence[int], model: Model) -> sid.Estimate:
     print(
         f"\nHEALTHY: {len(arrangements)} arrangements together; {found.status.value}, std from {found.covariance_basis}"
     )
-    print(f"  chi-square per dof {found.chi_square_per_dof:.2f} with errors of {100 * ERROR:g} %")
-    rows = zip(found.names, found.values, found.interval(), found.std, found.std_model_error, found.units, strict=True)
-    for name, value, (low, high), std, robust, unit in rows:
+    print(f"  chi-square per dof {found.chi_square_per_dof:.2f} with errors of {100 * ERROR:g} %{said(found)}")
+    rows = zip(found.names, found.values, found.interval(), found.std, found.std_noise, found.units, strict=True)
+    for name, value, (low, high), std, noise, unit in rows:
         scale, word = (100 / LENGTH, "% of the beam") if name.startswith("mass") else (1.0, unit)
         print(
             f"  {name:30s} {scale * value:10.4g} [{scale * low:.4g}, {scale * high:.4g}] {word};"
-            f" std {100 * std / value:.0f} %, by arrangements {100 * robust / value:.0f} %"
+            f" std {100 * std / value:.0f} %, by noise alone {100 * noise / value:.0f} %"
         )
     index = [found.names.index(f"mass[{m}]") for m in MASSES]
     print("  correlations of m1 ... m6, stiffness, tip mass")
@@ -95,7 +100,7 @@ def report_states(arrangements: Sequence[int], model: Model) -> None:
     for state, reference in STATES.items():
         found, changes = both_states(state, arrangements, model)
         print(f"\n{state}: joint fit with the healthy state; {found.status.value}, std from {found.covariance_basis}")
-        print(f"  chi-square per dof {found.chi_square_per_dof:.2f}; {changes.words}")
+        print(f"  chi-square per dof {found.chi_square_per_dof:.2f}; {changes.words}{said(found)}")
         for i, name in enumerate(changes.names):
             scale = 100 / LENGTH if name.startswith("mass") else 1.0
             print(
@@ -104,10 +109,10 @@ def report_states(arrangements: Sequence[int], model: Model) -> None:
             )
         for words, tip in (("beam and masses", False), ("beam, masses and accelerometer", True)):
             share, std, total = loss(found, tip)
-            robust = loss(found, tip, found.covariance_model_error)[1]
+            noise = loss(found, tip, found.covariance_noise)[1]
             print(
                 f"  lost {share:.2f} % of {words} ({total:.3f} beams), 95 % [{share - 1.96 * std:.2f},"
-                f" {share + 1.96 * std:.2f}]; std {std:.2f}, by arrangements {robust:.2f}; reference {reference:.2f} %"
+                f" {share + 1.96 * std:.2f}]; std {std:.2f}, by noise alone {noise:.2f}; reference {reference:.2f} %"
             )
         errors = scatter_later(found, state, arrangements, model)
         print(f"  errors of its frequencies {rms(errors)} %", flush=True)

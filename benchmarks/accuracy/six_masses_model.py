@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -170,6 +170,18 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
     )
 
 
+@lru_cache(maxsize=512)
+def mass_and_stiffness(structure: sid.Structure, parameters: sid.Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Each as the part without parameters and the derivatives, (1 + n_params, n, n)."""
+    found = []
+    for law in ("inertia", "elastic"):
+        points = np.vstack([np.zeros(parameters.n_params), np.eye(parameters.n_params)])
+        parts = np.array([structure.matrix(law, parameters.values(p)).toarray() for p in points])
+        parts[1:] -= parts[0]
+        found.append(parts)
+    return found[0], found[1]
+
+
 @dataclass(frozen=True, eq=False)
 class ResonanceProblem(RecordProblem):
     """Parameters of an undamped structure from its lowest resonance frequencies: log(model / measured) / error."""
@@ -189,19 +201,16 @@ class ResonanceProblem(RecordProblem):
         n = len(self.measured)
         return DataRows(np.arange(n), np.zeros(n, dtype=int), ("frequency",))
 
+    @property
+    def quantities(self) -> np.ndarray:
+        return np.array(self.modes)
+
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> ResonanceProblem:
         return replace(self, parameters=parts[0])
 
-    @cached_property
+    @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mass and stiffness, each as the part without parameters and the derivatives, (2, 1 + n_params, n, n)."""
-        found = []
-        for law in ("inertia", "elastic"):
-            points = np.vstack([np.zeros(len(self.names)), np.eye(len(self.names))])
-            parts = np.array([self.structure.matrix(law, self.parameters.values(p)).toarray() for p in points])
-            parts[1:] -= parts[0]
-            found.append(parts)
-        return found[0], found[1]
+        return mass_and_stiffness(self.structure, self.parameters)
 
     def predicted(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies in Hz and mode shapes of unit modal mass."""

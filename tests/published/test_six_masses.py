@@ -71,13 +71,21 @@ def test_one_arrangement_does_not_determine_the_masses(six):
 
 
 def test_last_state_lost_the_first_third_and_fifth_mass(six):
-    """All 24 arrangements of both states; the loss is what was found (std 0.17 %), the reference says 8.87 %."""
+    """All 24 arrangements of both states: the loss is what was found, 8.19 %, and the reference, 8.87 %, is inside its interval."""
     found, changes = six.both_states("d887", range(24), six.Model())
-    assert found.status is sid.Status.CONVERGED
     change = dict(zip(changes.names, changes.relative_change, strict=True))
     declared = dict(zip(changes.names, changes.changed, strict=True))
     for mass in six.MASSES:
         assert (change[f"mass[{mass}]"] < -0.75) == (mass in ("m1", "m3", "m5")), (mass, change)
-    assert all(declared[f"mass[{mass}]"] for mass in ("m1", "m3", "m5"))
+        assert declared[f"mass[{mass}]"] == (mass in ("m1", "m3", "m5"))
     share, std, total = six.loss(found, accelerometer=False)
-    assert (share, std, total) == pytest.approx((8.19, 0.17, 1.188), abs=0.01)
+    assert (share, std, total) == pytest.approx((8.19, 0.77, 1.188), abs=0.01)
+    assert six.loss(found, accelerometer=False, covariance=found.covariance_noise)[1] == pytest.approx(0.17, abs=0.01)
+
+
+def test_modes_ask_for_different_masses_though_chi_square_is_as_it_should_be(six):
+    """The error of 0.3 % is set from the scatter, so that chi-square cannot tell; the test among the modes does not use it."""
+    found = six.fitted("healthy", range(24), six.Model())
+    assert found.chi_square_per_dof == pytest.approx(1.0, abs=0.01)
+    assert found.covariance_basis == "model_error"
+    assert found.disagreement.probability < 1e-3

@@ -18,7 +18,7 @@ from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
-from structid.identification.ran_away import ran_away_words
+from structid.identification.warning_words import ran_away_words
 from structid.shown import counted
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
@@ -45,7 +45,7 @@ _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
 _NEARLY_ALL = 0.85
 #: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
-_OF_A_PAIR = 4.0
+OF_A_PAIR = 4.0
 #: By what part elements of one group differ though nothing is wrong.
 _SCATTER = 0.02
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -218,9 +218,18 @@ def fits_noise(found: Identification) -> bool:
 
 def is_sound(found: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
-    estimate = found.estimate
-    forced = found.ran_away or any(one.is_pushed for one in estimate.at_bound)
-    return estimate.status is Status.CONVERGED and not forced and fits_noise(found)
+    return _is_unforced(found) and fits_noise(found)
+
+
+def _is_quiet(found: Identification) -> bool:
+    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    return _is_unforced(found) and _is_below_noise(found)
+
+
+def _is_unforced(found: Identification) -> bool:
+    """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
+    forced = found.ran_away or any(one.is_pushed for one in found.estimate.at_bound)
+    return found.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
@@ -245,7 +254,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
     if not causes or _is_scatter(causes[0]):
         return False
     return _explains(causes[0], misfit, expected, is_hidden) or (
-        misfit > _OF_A_PAIR * expected and _completing(causes, expected) is not None
+        misfit > OF_A_PAIR * expected and _completing(causes, expected) is not None
     )
 
 
@@ -317,6 +326,12 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = found.estimate
+    if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
+        said = estimate.disagreement.words
+        words = (
+            f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
+        )
+        return Judgement("approximate", words, (said, *(one.words for one in doubts)))
     if is_sound(found) and not causes and doubts:
         told = tuple(one.words for one in doubts)
         words = (

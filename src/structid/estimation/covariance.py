@@ -12,6 +12,7 @@ from structid.estimation.problem import Problem
 
 _FEWEST_BLOCKS = 10
 _FEWEST_CHANNELS = 4
+_ROUNDED = 1e-12
 
 #: Least degrees of freedom of Student's t: with one the intervals of simulated truths held them all.
 LEAST_FREEDOM = 2.0
@@ -127,6 +128,9 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     freedom less than there are effective blocks (at least two), fewer than blocks where a parameter is seen at few
     resonances. It needs no noise level, but no error that is the same in all blocks can show in it.
 
+    Where several records repeat the same quantities, such as each mode, it is raised in every direction to
+    `left_out_covariance`: errors of a quantity go together in all records.
+
     References
     ----------
     Liang and Zeger (1986), Biometrika 73, Eq. (5); Carter, Schnepel and Steigerwald (2017), Rev. Econ. Stat. 99,
@@ -156,7 +160,74 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     along[np.diag_indices_from(along)] = size = np.where(size > 0, size, least)  # rounding, where nothing is left over
     scale = np.maximum(scale, np.sqrt(least / size))
     covariance[inner] = along * np.outer(scale, scale)
-    return covariance
+    quantities = repeated_quantities(problem)
+    return covariance if quantities is None else larger_covariance(covariance, left_out_covariance(at, quantities))
+
+
+def repeated_quantities(problem: Problem) -> IntArray | None:
+    """Which quantity each data row measures, 0, 1, ..., -1 for none, (n_data,), where several records repeat them.
+
+    None where there are fewer than four, or where one is measured at one line only, which is a block already.
+    """
+    numbers = problem.quantities
+    if numbers is None:
+        return None
+    found, block = np.unique(numbers, return_inverse=True)
+    block = block - int(np.count_nonzero(found < 0))
+    pairs = np.unique(np.stack([block, problem.lines])[:, block >= 0], axis=1)
+    if len(found[found >= 0]) < _FEWEST_CHANNELS or (np.bincount(pairs[0]) < 2).any():
+        return None
+    return np.maximum(block, -1)
+
+
+def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
+    """Jackknife over blocks of rows: (B - 1) / B times the sum of d_b d_b', d_b the step of all parameters when b is left out.
+
+    To first order d_b = (A - A_b)^-1 J_b' r_b. With few blocks that carry much each it is rather too large than too small, and is
+    not widened by Student's t besides. NaN for a parameter that one block alone carries.
+
+    Parameters
+    ----------
+    at : Linearization
+    block : (n_data,) int array
+        Block of each data row from 0; rows of -1, and priors, stay.
+
+    References
+    ----------
+    Efron and Stein (1981), Ann. Stat. 9, Eq. (1.6), for its sign; MacKinnon, Nielsen and Webb (2023), J. Econometrics 232,
+    Eq. (16).
+    """
+    n_blocks, n_data = int(block.max()) + 1, len(block)
+    moved = []
+    for number in range(n_blocks):
+        out = np.zeros(len(at.residual), dtype=bool)
+        out[:n_data] = block == number
+        score = at.jacobian[out].T @ at.residual[out]
+        rest = inverse_information(at.jacobian[~out])
+        lost = np.isnan(np.diag(rest))
+        moved.append(np.where(lost, np.nan, np.nan_to_num(rest) @ score))
+    steps = np.array(moved)
+    return steps.T @ steps * ((n_blocks - 1) / n_blocks)
+
+
+def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
+    """`first` raised so that the variance of no combination of parameters is below that by either.
+
+    With first = L L' and L^-1 second L^-T = V diag(w) V' it is L V diag(max(w, 1)) V' L'. Where one of the two is NaN, `first`
+    stays.
+    """
+    both = np.isfinite(np.diag(first)) & np.isfinite(np.diag(second))
+    inner = np.ix_(both, both)
+    found = first.copy()
+    scale = np.sqrt(np.diag(first)[both])
+    values, vectors = np.linalg.eigh(first[inner] / np.outer(scale, scale))
+    values = np.maximum(values, _ROUNDED * values.max(initial=0.0))
+    root = (vectors * np.sqrt(values)) * scale[:, None]
+    back = (vectors / np.sqrt(values)).T / scale
+    ratios, turned = np.linalg.eigh(back @ second[inner] @ back.T)
+    more = root @ turned * np.sqrt(np.maximum(ratios - 1, 0.0))
+    found[inner] += more @ more.T
+    return found
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:

@@ -384,6 +384,7 @@ def estimate(
         determined=found.determined,
         bound_initial=found.bound_initial,
         at_bound=found.at_bound,
+        disagreement=found.disagreement,
         chi_square=float(data @ data),
         n_data=problem.n_data,
         degrees_of_freedom=found.freedom,

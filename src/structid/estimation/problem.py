@@ -74,6 +74,14 @@ class Data(Protocol):
         ...
 
     @property
+    def quantities(self) -> IntArray | None:
+        """What each data row measures that other records may measure too, such as the k-th mode, (n_data,) numbers.
+
+        The same number is the same quantity in all records; negative where a row has none, None where no row has.
+        """
+        ...
+
+    @property
     def averages(self) -> FloatArray | None:
         """How many averages tell the variance of each data row, (n_data,), infinite where it is known; None for all rows."""
         ...
@@ -209,6 +217,10 @@ class OfData(ABC):
         return self.data.series
 
     @property
+    def quantities(self) -> IntArray | None:
+        return self.data.quantities
+
+    @property
     def averages(self) -> FloatArray | None:
         return self.data.averages
 
@@ -226,6 +238,10 @@ class BaseProblem(BaseUnknowns):
         """Without what is cached: it can be made again, and factorizations cannot go to another process."""
         kept = (name for name in vars(self) if not isinstance(getattr(type(self), name, None), cached_property))
         return {name: vars(self)[name] for name in kept}
+
+    @property
+    def quantities(self) -> IntArray | None:
+        return None
 
     @property
     def averages(self) -> FloatArray | None:

@@ -11,6 +11,7 @@ from scipy import sparse, special
 from structid.arrays import FloatArray, locked
 from structid.errors import InputError
 from structid.estimation.covariance import chi_square_law, model_error_covariance, noise_covariance, row_law
+from structid.estimation.diagnostics.agreement import Agreement, agreement
 from structid.estimation.diagnostics.bounds import AtBound, at_bounds, is_free
 from structid.estimation.diagnostics.identifiability import Identifiability, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
@@ -159,6 +160,8 @@ class Spread:
     at_bound : tuple of AtBound
         Parameters that ended at a bound. They have no standard deviation; those of the others, rank and directions are
         with them held there.
+    disagreement : Agreement or None
+        The test by which quantities that several records repeat ask for different parameters, where they do.
     """
 
     noise: Covariance
@@ -169,6 +172,7 @@ class Spread:
     determined: float = float("nan")
     bound_initial: FloatArray | None = None
     at_bound: tuple[AtBound, ...] = ()
+    disagreement: Agreement | None = None
 
     @property
     def is_free(self) -> np.ndarray:
@@ -251,7 +255,7 @@ def dense_uncertainty(
     converged : bool
         Whether the search did.
     misfit_probability : float
-        Below this probability of its chi-square the fit holds model error.
+        Below this probability of its chi-square, or of the disagreement of what several records repeat, the fit holds model error.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     data, sizes = at.residual[: problem.n_data], problem.sizes(values)
@@ -259,13 +263,15 @@ def dense_uncertainty(
     misfit = misfits(problem, theta, at, misfit_probability)
     noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
     held = at_bounds(problem, theta, at, noise_scale)
-    free = np.ones(len(values), dtype=bool)
-    free[[one.index for one in held]] = False
+    free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
+    tested = agreement(problem, at)
+    disagreement = None if tested is None or tested.probability >= misfit_probability else tested
+    is_doubted = misfit or disagreement is not None
     noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
     model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
     found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale, free)
-    adopted = (model if misfit else noise).std
+    adopted = (model if is_doubted else noise).std
     initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
     at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
     identified = at_start & (adopted <= sizes)
@@ -276,7 +282,7 @@ def dense_uncertainty(
     return Uncertainty(
         noise=noise,
         model_error=model,
-        covariance_basis=basis(misfit),
+        covariance_basis=basis(is_doubted),
         identified=identified,
         carried=at_start,
         identifiability=found,
@@ -285,6 +291,7 @@ def dense_uncertainty(
         freedom=freedom,
         words=(refusal,),
         at_bound=held,
+        disagreement=disagreement,
     )
 
 

@@ -148,6 +148,16 @@ class JointData:
         """Channel of each data row; those of another part are other channels."""
         return _laid_out([np.asarray(part.series) for part in self.parts], 2)
 
+    @cached_property
+    def quantities(self) -> IntArray | None:
+        """Of each data row; None where parts do not have the same ones, whose numbers may then mean others in each."""
+        own = [part.quantities for part in self.parts]
+        told = [set(one[one >= 0].tolist()) for one in own if one is not None]
+        if not told or any(one != told[0] for one in told):
+            return None
+        pairs = zip(self.parts, own, strict=True)
+        return np.concatenate([np.full(part.n_data, -1) if one is None else one for part, one in pairs])
+
     @property
     def averages(self) -> FloatArray | None:
         """Of each data row; infinite in parts with known variances."""

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
@@ -149,6 +149,11 @@ class ModalProblem(MeasuredProblem):
         lines.append(np.tile(self.data.measured, len(scalars)))
         series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
         return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
+
+    @property
+    def quantities(self) -> IntArray:
+        """The modes, by their place in the record."""
+        return self.rows.lines
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
