@@ -20,7 +20,9 @@ from structid.structure.measured import joined_receptance
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
-_FEWEST_LINES, _MOST_LINES = 40, 90
+_FEWEST_LINES = 40
+#: Lines that a screen looks at where time counts.
+MOST_LINES = 90
 
 
 class ElementMatrix(NamedTuple):
@@ -198,7 +200,7 @@ class Fields:
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 
-def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
+def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: float = MOST_LINES) -> Fields:
     """The fields of a problem at free variables, on so many of its lines as memory allows.
 
     Parameters
@@ -206,9 +208,13 @@ def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
     problem : FrfProblem
     theta : (n_params,) float array
         Of this problem.
+    most_lines : float
+        No more than these, for the time that they take.
     """
     n_lines = len(problem.frequency)
-    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, _MOST_LINES))
+    room = int(
+        np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, min(most_lines, n_lines + _FEWEST_LINES))
+    )
     if n_lines > room:
         problem = problem.with_lines(np.unique(np.linspace(0, n_lines - 1, room).round().astype(int)))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
